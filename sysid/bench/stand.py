@@ -282,7 +282,17 @@ class Bench:
     def report(
         self, weight: float | None = None, voltage: float | None = None, motors: int | None = None
     ) -> BenchReport:
-        """Return coefficients at the tested voltages, and trim at a weight and voltage, as bench.json has them."""
+        """Return coefficients at the tested voltages, and trim at a weight and voltage, as bench.json has them.
+
+        Parameters
+        ----------
+        weight : float, optional
+            That the motors carry together at trim, N; None leaves trim out.
+        voltage : float, optional
+            V; besides those that were tested.
+        motors : int, optional
+            How many share the weight; as many as were tested by default, or four where one motor was.
+        """
         volts: list[float | None] = [*self.voltages] or [None]
         if voltage is not None and voltage not in volts:
             volts.append(voltage)

@@ -22,7 +22,15 @@ def coherence_weight(coherence: Floats) -> Floats:
 
 
 def cost(measured: Complex, modelled: Complex, coherence: Floats) -> float:
-    """Compute J, the weighted mean of squared dB and degrees, times 20 (Tischler and Remple 2012, eq. 11.3)."""
+    """Compute J, the weighted mean of squared dB and degrees, times 20 (Tischler and Remple 2012, eq. 11.3).
+
+    Parameters
+    ----------
+    measured, modelled : ndarray of complex, shape (n,)
+        Frequency responses.
+    coherence : ndarray, shape (n,)
+        Of the measured response, from 0 to 1.
+    """
     ratio = measured / modelled
     gain, phase = 20.0 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))
     return float(20.0 * np.mean(coherence_weight(coherence) * (gain**2 + PHASE_WEIGHT * phase**2)))

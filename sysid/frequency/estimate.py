@@ -220,6 +220,17 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
 def ordinary_record(log: FlightLog, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    axis : Axis
+        The axis.
+    within : (float, float) or None
+        Stretch of time to use, s; None for the whole flight.
+    bursts : bool
+        Whether gyro samples of the batch sampler may stand for the rates.
+
     Raises
     ------
     FrequencyError

@@ -180,7 +180,22 @@ def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
 
 
 def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
-    """Interpolate a chirp as it was added at the times `t`; zero outside it."""
+    """Interpolate a chirp as it was added at the times `t`; zero outside it.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    t : ndarray, shape (N,)
+        s.
+    chirp : Chirp
+        Which of its chirps.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        In the unit of `Tables.systemid`.
+    """
     table = log.tables.systemid
     assert table is not None
     times = table.index.to_numpy(np.float64)
@@ -189,7 +204,17 @@ def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
 
 
 def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
-    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest."""
+    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    chirp : Chirp
+        Which of its chirps.
+    step : float
+        Time between rows, s.
+    """
     table = log.tables.systemid
     assert table is not None
     times = table.index.to_numpy(np.float64)
@@ -207,6 +232,19 @@ def record_of_chirp(
 
     The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
     frequencies, must not be in it.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    chirp : Chirp
+        Which of its chirps.
+    t : ndarray, shape (N,)
+        Times within the chirp, s.
+    command, answer : ndarray, shape (N,)
+        Input and output at these times.
+    added : callable
+        Returns what the chirp added at times, s.
     """
     _refuse_scattered(log, t)
     clock, values, usable = on_uniform_clock(t, [command, answer])
@@ -267,6 +305,17 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
 def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp) -> AxisRecord:
     """Cut the record of one chirp: the axis' controller output, its answer, and the chirp as instrument.
 
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    signals : RateSignals
+        Of the log's rate controllers.
+    axis : Axis
+        The axis, which need not be that of the chirp.
+    chirp : Chirp
+        Which of the log's chirps.
+
     Raises
     ------
     FrequencyError
@@ -293,6 +342,20 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
 
     Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
 
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    first, last : float
+        Times of the first and last row, s, for a log that tells of no flight.
+    within : (float, float), optional
+        Stretch of time to use, s.
+
+    Returns
+    -------
+    (float, float)
+        s.
+
     Raises
     ------
     FrequencyError
@@ -315,6 +378,17 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
     Without it the rate target is, of which a part comes from the angle loop.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    signals : RateSignals
+        Of the log's rate controllers.
+    axis : Axis
+        The axis.
+    within : (float, float), optional
+        Stretch of time to use, s.
 
     Raises
     ------

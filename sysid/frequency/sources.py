@@ -196,6 +196,15 @@ def _turning(angles: pd.DataFrame) -> pd.DataFrame:
 def on_one_clock(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
     """Bring the faster table to the times of the slower, below half of its rate.
 
+    Parameters
+    ----------
+    driven : DataFrame
+        What motors got or did, indexed by t, s.
+    answer : DataFrame
+        What gyros felt, rad/s, indexed by t, s.
+    pieces : ndarray, shape (len(answer),)
+        Number of the stretch without holes that each row of `answer` is of (`pieces_of`).
+
     Raises
     ------
     FrequencyError

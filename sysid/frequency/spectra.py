@@ -75,7 +75,15 @@ class WindowEstimate:
 
 
 def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
-    """Choose window lengths, s, longest first: five or more, from half of a record down to what `high` needs."""
+    """Choose window lengths, s, longest first: five or more, from half of a record down to what `high` needs.
+
+    Parameters
+    ----------
+    shortest_record : float
+        s.
+    low, high : float
+        Band of interest, Hz.
+    """
     longest = min(0.5 * shortest_record, 8.0 / low)
     shortest = min(max(20.0 / high, 0.4), longest / 2.0)
     count = max(5, int(np.ceil(np.log2(longest / shortest))) + 1)
@@ -83,7 +91,21 @@ def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
 
 
 def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.bool_]:
-    """Return which frequencies windows of one length serve; the longest and the shortest serve what is left."""
+    """Return which frequencies windows of one length serve; the longest and the shortest serve what is left.
+
+    Parameters
+    ----------
+    length : float
+        s.
+    lengths : ndarray, shape (windows,)
+        All lengths, s, longest first.
+    hz : ndarray, shape (n,)
+        Frequencies, Hz.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
     low = 1.5 / length if length == lengths[0] else FEWEST_CYCLES / length
     high = np.inf if length == lengths[-1] else MOST_CYCLES / length
     return np.asarray((hz >= low) & (hz <= high))

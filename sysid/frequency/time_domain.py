@@ -179,6 +179,15 @@ def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | No
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
     one, is judged by a fit to the others.
 
+    Parameters
+    ----------
+    found : FrequencyFit
+        A fit of one axis.
+    logs : sequence of FlightLog
+        Those that it was made from.
+    within : (float, float), optional
+        Stretch of time that it was made from, s.
+
     Raises
     ------
     FrequencyError
@@ -259,7 +268,15 @@ def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualT
 
 
 def largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:
-    """Return the largest correlation of an error with the command within half a second, in its standard deviations."""
+    """Return the largest correlation of an error with the command within half a second, in its standard deviations.
+
+    Parameters
+    ----------
+    error, command : ndarray, shape (N,)
+        The model's error and what moves the axis, both above the same frequency.
+    record : AxisRecord
+        Whose time step they have.
+    """
     reach = min(max(int(0.5 / record.dt), 1), len(error))
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.
     worth = independent_samples([error * command / np.sqrt(np.mean((error * command) ** 2))])

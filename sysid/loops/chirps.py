@@ -102,6 +102,22 @@ def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: f
     """Return which part of its magnitude a chirp of SYSTEMID has when it passes a frequency; 0 outside its band.
 
     It holds the lowest frequency for two cycles, then sweeps evenly in the logarithm of frequency.
+
+    Parameters
+    ----------
+    hz : ndarray, shape (n,)
+        Frequencies, Hz.
+    low, high : float
+        Band of the chirp, Hz.
+    seconds : float
+        Its length, s.
+    fade_in : float
+        Time over which it grows, s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        From 0 to 1.
     """
     held = 2.0 / low
     inside = (hz >= low) & (hz <= high)
@@ -113,7 +129,26 @@ def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: f
 def chirp_energy(
     hz: Floats, low: float, high: float, magnitude: float, seconds: float, fade_in: float = FADE_OUT
 ) -> Floats:
-    """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band."""
+    """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band.
+
+    Parameters
+    ----------
+    hz : ndarray, shape (n,)
+        Frequencies, Hz.
+    low, high : float
+        Band of the chirp, Hz.
+    magnitude : float
+        Its amplitude A, in the unit of what it is added to.
+    seconds : float
+        Its length, s.
+    fade_in : float
+        Time over which it grows, s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Square of the magnitude's unit, over Hz^2.
+    """
     passing = (seconds - 2.0 / low) / (hz * np.log(high / low))
     return np.asarray(0.25 * passing * (magnitude * chirp_window(hz, low, high, seconds, fade_in)) ** 2, np.float64)
 
@@ -216,6 +251,15 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
 
     Low frequencies tell of the rejection of disturbances, which gains that `tune` tries move down.
 
+    Parameters
+    ----------
+    loop : RateLoop
+        As it was flown.
+    limits : Limits
+        What the chirp may ask of the craft.
+    seconds : float
+        Length of the chirp, s.
+
     Raises
     ------
     LoopError
@@ -270,6 +314,15 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
 
     Where the loop is tight the rate per unit of the chirp is one over the controller's gain; elsewhere less, but for
     the loop's resonance, for which a factor of `_RESONANCE` is allowed.
+
+    Parameters
+    ----------
+    settings : LoopSettings
+        Gains and filters of the axis.
+    limits : Limits
+        What the chirp may ask of the craft.
+    seconds : float
+        Length of the chirp, s.
     """
     low, high = DEFAULT_BAND
     hz = np.geomspace(low, high, 200)

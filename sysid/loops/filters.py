@@ -71,7 +71,19 @@ def second_order(rate: float, cutoff: float) -> DigitalFilter:
 
 
 def notch(rate: float, centre: float, attenuation: float, quality: float) -> DigitalFilter:
-    """Return a notch of a given quality factor; `attenuation` is the square root of its gain at the centre."""
+    """Return a notch of a given quality factor; `attenuation` is the square root of its gain at the centre.
+
+    Parameters
+    ----------
+    rate : float
+        Sample rate, Hz.
+    centre : float
+        Frequency that it takes away, Hz.
+    attenuation : float
+        Square root of the gain at the centre.
+    quality : float
+        Centre over bandwidth.
+    """
     omega = 2.0 * math.pi * centre / rate
     alpha = math.sin(omega) / (2.0 * quality)
     squared = attenuation * attenuation

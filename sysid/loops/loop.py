@@ -196,7 +196,17 @@ def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLo
 
 
 def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSettings) -> RateLoop:
-    """Identify a loop from records that are already cut."""
+    """Identify a loop from records that are already cut.
+
+    Parameters
+    ----------
+    name : str
+        What the records are of.
+    records : tuple of LoopRecord
+        Chirps on one axis.
+    settings : LoopSettings
+        Gains and filters with which they were flown.
+    """
     frf = plant_response(records, settings.axis, settings.gyro.low_pass or None)
     return RateLoop(
         name=name,
@@ -210,7 +220,17 @@ def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSe
 
 
 def summarise(hz: Floats, response: Complexes, draws: Complexes) -> Margins:
-    """Compute the margins of a broken-loop response, shape (n,), with errors from draws of it, shape (DRAWS, n)."""
+    """Compute the margins of a broken-loop response, shape (n,), with errors from draws of it, shape (DRAWS, n).
+
+    Parameters
+    ----------
+    hz : ndarray, shape (n,)
+        Frequencies, Hz.
+    response : ndarray of complex, shape (n,)
+        The loop, broken.
+    draws : ndarray of complex, shape (DRAWS, n)
+        What it may be within its errors.
+    """
     best, drawn_set = margins_of(hz, response), margins_of(hz, draws)
     estimates, intervals = {}, {}
     for name, (unit, reason) in MARGINS.items():

@@ -108,7 +108,19 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
 
 def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one."""
+    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one.
+
+    Parameters
+    ----------
+    experiments : iterable
+        Others of the same flight.
+    trajectory : Trajectory
+        Of the flight.
+    tables : Tables
+        Of the log.
+    t : ndarray, shape (N,)
+        Clock, s.
+    """
     same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
     found = next(same, None)
     return flight_context(trajectory, tables, t) if found is None else found

@@ -431,6 +431,13 @@ def require_alike(experiments: Experiment | Sequence[Experiment]) -> tuple[Exper
 def require_signals(experiment: Experiment, input_names: Sequence[str], output_names: Sequence[str]) -> None:
     """Check that a record has the inputs and outputs of a model, in its order.
 
+    Parameters
+    ----------
+    experiment : Experiment
+        The record.
+    input_names, output_names : sequence of str
+        Inputs and outputs of the model.
+
     Raises
     ------
     ExperimentError

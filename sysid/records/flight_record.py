@@ -66,7 +66,25 @@ def record_flight(
     beside: Iterable[Clocked] = (),
     within: tuple[float, float] | None = None,
 ) -> FlightPiece:
-    """Cut the piece; parameters and errors are those of `Experiment.from_flight`."""
+    """Cut the piece; errors are those of `Experiment.from_flight`.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    trajectory : Trajectory
+        Of the same log.
+    rate : float
+        Samples per second.
+    inputs, outputs, frame : str
+        Which signals in which axes, see `Experiment.from_flight`.
+    name : str or None
+        Of the piece; None for the file's name.
+    beside : iterable
+        Others of the same log and trajectory, whose context may be shared.
+    within : (float, float), optional
+        First and last time to use, s.
+    """
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")

@@ -55,7 +55,17 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
 
 
 def thrust_commands(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> pd.DataFrame:
-    """Return what PWM outputs [us] ask of each motor, in parts of its full thrust; parameters as for `project`."""
+    """Return what PWM outputs [us] ask of each motor, in parts of its full thrust.
+
+    Parameters
+    ----------
+    motors : DataFrame
+        PWM in us, columns ``m1 ...``.
+    vehicle : Vehicle
+        Whose PWM range and thrust curve it is.
+    voltage : ndarray, shape (N,), or None
+        V, on the same index; None when unknown.
+    """
     command = np.clip(motor_commands(motors.to_numpy(np.float64), vehicle), 0.0, 1.0)
     if voltage is not None and vehicle.battery_voltage_max > 0.0:
         command = command * (voltage / vehicle.battery_voltage_max)[:, None]

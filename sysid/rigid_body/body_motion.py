@@ -107,7 +107,24 @@ class Motion:
         )
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
-        """Positions and velocities from the measured state at sample `start`; shape (stop - start, 6)."""
+        """Positions and velocities from the measured state at sample `start`; shape (stop - start, 6).
+
+        Parameters
+        ----------
+        theta : ndarray
+            Shared parameters (`THETA`), then wind exponent, thrust scale and wind of the flight.
+        shapes : ndarray, shape (N, w)
+            Functions of time that the wind is a sum of.
+        law : int
+            Law of drag, as the kernels number it.
+        start, stop : int
+            First sample, and the one after the last; None for all.
+
+        Returns
+        -------
+        ndarray, shape (stop - start, 6)
+            NED, m and m/s.
+        """
         stop = len(self.t) if stop is None else stop
         out = np.empty((stop - start, 6))
         initial = np.concatenate([self.position[start], self.velocity[start]])
@@ -202,7 +219,13 @@ def _attitude_sigma(context: pd.DataFrame) -> Floats:
 
 
 def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
-    """Matrices from body to NED, ``Rz(yaw) Ry(pitch) Rx(roll)``; shape (N, 3, 3)."""
+    """Matrices from body to NED, ``Rz(yaw) Ry(pitch) Rx(roll)``; shape (N, 3, 3).
+
+    Parameters
+    ----------
+    roll, pitch, yaw : ndarray, shape (N,)
+        rad.
+    """
     sr, cr, sp, cp, sy, cy = (f(a) for a in (roll, pitch, yaw) for f in (np.sin, np.cos))
     rows = [
         [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],

@@ -92,7 +92,25 @@ def judge_parameters(
     turning: RotationFit | None,
     curved: TorqueCurve,
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
-    """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
+    """Judge every parameter; return them with the covariance, and the names, of those that were estimated.
+
+    Parameters
+    ----------
+    fine : FilterErrorFit
+        Of translation.
+    prior : Prior
+        What was known beforehand.
+    records : sequence of Experiment
+        Those that were fitted.
+    vehicle : Vehicle
+        Motors and thrust curve.
+    voltage : float or None
+        Reference voltage, V; None where it was not logged.
+    turning : RotationFit or None
+        Of rotation; None where it could not be fitted.
+    curved : TorqueCurve
+        Thrust curve under which rotation was fitted.
+    """
     result: dict[str, BodyParameter] = {}
     sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
@@ -186,7 +204,17 @@ def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> str:
 
 
 def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Finding]:
-    """Report when thrust clearly follows another curve than the parameters say."""
+    """Report when thrust clearly follows another curve than the parameters say.
+
+    Parameters
+    ----------
+    fine : FilterErrorFit
+        Of translation, with the curve that fits best.
+    prior : Prior
+        What was known of the curve beforehand.
+    vehicle : Vehicle
+        With the curve of the parameters.
+    """
     at = THETA.index("thrust_expo")
     value, sigma = float(fine.values[at]), float(np.sqrt(max(fine.covariance[at, at], 0.0)))
     reason = _contradiction(value, sigma, vehicle) if prior.sigma[at] >= EXPO_SIGMA else ""
@@ -333,7 +361,19 @@ def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) ->
 def in_si(
     parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None, over_thrust: float
 ) -> BodyParameter:
-    """Add what the mass turns a parameter into; `over_thrust` is of a gain (`thrust_over`)."""
+    """Add what the mass turns a parameter into.
+
+    Parameters
+    ----------
+    parameter : BodyParameter
+        Per unit of mass.
+    all_of_them : mapping of str to BodyParameter
+        By name.
+    mass : float or None
+        kg; None where not known.
+    over_thrust : float
+        Relative 1-sigma of thrust over the gain (`thrust_over`); read for gains only.
+    """
     name, value, sigma = parameter.name, parameter.value, parameter.sigma
     if mass is None or value is None or sigma is None:
         return parameter
@@ -390,7 +430,19 @@ def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 def drag_apart(
     parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: FilterErrorFit, covariance: Floats
 ) -> list[Finding]:
-    """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart."""
+    """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart.
+
+    Parameters
+    ----------
+    parameters : mapping of str to BodyParameter
+        By name.
+    motions : sequence of Motion
+        The flights.
+    fine : FilterErrorFit
+        Of translation.
+    covariance : ndarray, shape (p, p)
+        Of all parameters, those of `THETA` first.
+    """
     findings = []
     for place, axis in enumerate("xyz"):
         names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")

@@ -24,6 +24,19 @@ def fit_best_law(
     under the disturbances of the first. What laws that can hardly be told from the best find otherwise is added to its
     covariance: each may be the true one.
 
+    Parameters
+    ----------
+    motions : sequence of Motion
+        The flights.
+    prior : Prior
+        What is known beforehand.
+    rough : EquationErrorFit
+        Start values, and the laws that may be true, likeliest first.
+    deadline : float
+        `time.monotonic` at which to stop, s.
+    report : callable
+        Takes a stage and the share of the whole that is done.
+
     Returns
     -------
     FilterErrorFit

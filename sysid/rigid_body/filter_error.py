@@ -183,6 +183,20 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
 
     Over a whole flight the velocity changes by what the mean forces make it. The wind parameter of the fit is the mean
     of a process of which the flight is a sample; this is the sample's.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+        The flights.
+    fit : FilterErrorFit
+        Of these flights.
+    law : int
+        Law of drag, as the kernels number it.
+
+    Returns
+    -------
+    list of MeanWind
+        Of each flight.
     """
     result = []
     for k, (motion, (gusts, _)) in enumerate(zip(motions, fit.disturbances, strict=True)):

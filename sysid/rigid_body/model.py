@@ -318,7 +318,17 @@ class RigidBodyModel(Summarised):
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
     ) -> RigidBodyModel:
-        """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
+        """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name.
+
+        Parameters
+        ----------
+        experiments : sequence of Experiment
+            The flights.
+        seconds : float, optional
+            Use the beginning of each flight only, s; None for all of it.
+        wind_spacing : float, optional
+            Time between the points of a varying wind, s; None for constant wind.
+        """
         flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
         how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
         return replace(

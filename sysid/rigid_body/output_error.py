@@ -224,6 +224,22 @@ def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats,
 
     What stands at its limit and is pulled outward stays; what would step over its limit stops there, and the others
     step anew as is best for them with that, lest they follow a step that is not taken.
+
+    Parameters
+    ----------
+    hessian : ndarray, shape (n, n)
+        Of the cost, by Gauss and Newton.
+    uphill : ndarray, shape (n,)
+        Direction of descent, the negative gradient of the cost.
+    damping : float
+        Of Levenberg and Marquardt, relative to the hessian's diagonal.
+    values, low, high : ndarray, shape (n,)
+        Parameters and their limits.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        New parameters.
     """
     stopped = ((values <= low) & (uphill < 0.0)) | ((values >= high) & (uphill > 0.0))
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))

@@ -100,7 +100,17 @@ class TorqueCurve:
 
     @classmethod
     def of(cls, vehicle: Vehicle, expo: float, variance: float) -> TorqueCurve:
-        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain."""
+        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            With the curve of the parameters (`thrust_expo`).
+        expo : float
+            Curve of the fit.
+        variance : float
+            Of it.
+        """
         part = EXPO_SIGMA**2 / (EXPO_SIGMA**2 + variance)
         return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
 
@@ -122,7 +132,17 @@ def levers(motors: Sequence[Motor]) -> dict[str, Floats]:
 
 
 def thrust_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Floats:
-    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors)."""
+    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors).
+
+    Parameters
+    ----------
+    record : Experiment
+        With voltage and density in its context.
+    vehicle : Vehicle
+        PWM range and thrust curve.
+    voltage : float or None
+        Reference voltage, V; None leaves the voltage out.
+    """
     assert record.context is not None
     thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
     voltages = record.context["voltage"].to_numpy(np.float64)
@@ -139,6 +159,15 @@ def centre_of_gravity(
 
     Over a flight the craft does not turn faster and faster, so that the thrust's moment vanishes on average; motors
     that pull unequally show in the same way.
+
+    Parameters
+    ----------
+    records : sequence of Experiment
+        Flights of one craft.
+    vehicle : Vehicle
+        Whose frame is known.
+    voltage : float or None
+        Reference voltage, V; None leaves the voltage out.
     """
     ahead, right = [], []
     for record in records:

@@ -47,6 +47,19 @@ class FlightData:
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> FlightData:
         """Read what the equations need from a record.
 
+        Parameters
+        ----------
+        record : Experiment
+            The record.
+        law : Law
+            What thrust goes with.
+        voltage : float or None
+            Reference voltage, V; None leaves the voltage out.
+        expo : float
+            Curvature of thrust over command.
+        time_constant : float
+            First-order lag of the motors, s.
+
         Raises
         ------
         MissingDataError
@@ -129,7 +142,17 @@ def gyroscopic(data: FlightData, inertia: tuple[float, float, float] | None) -> 
 
 
 def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float, float, float] | None) -> list[Window]:
-    """Cut a flight into windows with outputs and sensitivities; without inertia products of rates are projected out."""
+    """Cut a flight into windows with outputs and sensitivities; without inertia products of rates are projected out.
+
+    Parameters
+    ----------
+    data : FlightData
+        The flight.
+    geometry : MotorGeometry
+        Where the motors are.
+    inertia : (float, float, float) or None
+        About x, y and z, kg m^2; None where not known.
+    """
     size = min(max(round(WINDOW / data.dt), 8), len(data.t))
     result = []
     for first in range(0, len(data.t) - size + 1, size):
@@ -184,7 +207,19 @@ def _without(basis: Floats, values: Floats) -> Floats:
 def output_error(
     windows: Sequence[Window], share: Floats, known: tuple[float, float] | None, start: Estimate | None = None
 ) -> Estimate:
-    """Fit thrust coefficients (`share` maps them to motors, (q, n)) and, unless known, both levers."""
+    """Fit thrust coefficients and, unless known, both levers.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        Of all flights.
+    share : ndarray, shape (q, n)
+        Which of the q coefficients each of the n motors has.
+    known : (float, float) or None
+        Levers of roll and pitch; None to fit them.
+    start : Estimate, optional
+        Where to start.
+    """
     q = len(share)
     gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
     outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]

@@ -147,7 +147,22 @@ def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: floa
 
 
 def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> Moments | None:
-    """Read the moments that motor outputs make, and what else explains them; None where rows are few or slow."""
+    """Read the moments that motor outputs make, and what else explains them; None where rows are few or slow.
+
+    Parameters
+    ----------
+    tables : Tables
+        With motors and IMU.
+    vehicle : Vehicle
+        Whose frame is known.
+    start, stop : float
+        Airborne interval, s.
+
+    Raises
+    ------
+    MissingDataError
+        Without the frame, the outputs of all its motors, or the IMU.
+    """
     names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names:
         raise MissingDataError("the frame is unknown, so that no motor can be told from another; log parameters")

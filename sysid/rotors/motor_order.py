@@ -172,7 +172,16 @@ class OrderChange:
 def find_order_change(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> OrderChange | None:
     """Find outputs that changed places within a flight, as its whole does not show.
 
-    Parameters are those of `motor_order`. None where the order stays, or where nothing tells it.
+    None where the order stays, or where nothing tells it.
+
+    Parameters
+    ----------
+    tables : Tables
+        With the motors' outputs, and the rate controller's outputs or angular rates.
+    vehicle : Vehicle
+        Whose frame is known.
+    start, stop : float
+        Airborne interval, s.
     """
     count = min(_PARTS, int((stop - start) // _PART_SECONDS))
     edges = np.linspace(start, stop, count + 1)

@@ -106,6 +106,17 @@ class Motion:
     def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> Motion:
         """Read what the equations need from a record, its motors' signals and rates.
 
+        Parameters
+        ----------
+        record : Experiment
+            With the trajectory in its context.
+        geometry : MotorGeometry
+            Where the motors are.
+        signals : ndarray, shape (N, n)
+            What the thrust of each motor goes with, s.
+        rates : ndarray, shape (N, 3)
+            Body rates, rad/s.
+
         Raises
         ------
         MissingDataError
@@ -233,7 +244,19 @@ def _events(t: Floats) -> NDArray[np.intp]:
 
 
 def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
-    """Return the mean of the instants that are kept, with its spread between manoeuvres, or the reason for none."""
+    """Return the mean of the instants that are kept, with its spread between manoeuvres, or the reason for none.
+
+    Parameters
+    ----------
+    t : ndarray, shape (M,)
+        s.
+    values : ndarray, shape (M,)
+        Estimates of the instants.
+    kept : ndarray of bool, shape (M,)
+        Which are not degenerate.
+    reason : str
+        Why instants are degenerate.
+    """
     used = values[kept]
     number = _events(t[kept])
     events = int(number[-1]) + 1 if len(number) else 0

@@ -107,7 +107,21 @@ def body_down(record: Experiment) -> Floats:
 def blocks_of(
     record: Experiment, vehicle: Vehicle, voltage: float | None, law: Law = Law.COMMAND, expo: float | None = None
 ) -> Blocks:
-    """Average a record over seconds in which every motor stays inside its range (or does not move at all)."""
+    """Average a record over seconds in which every motor stays inside its range (or does not move at all).
+
+    Parameters
+    ----------
+    record : Experiment
+        The record.
+    vehicle : Vehicle
+        PWM range and thrust curve.
+    voltage : float or None
+        Reference voltage, V; None leaves the voltage out.
+    law : Law
+        What thrust goes with.
+    expo : float, optional
+        Curvature of thrust over command; None for that of the parameters.
+    """
     command = motor_commands(record.u, vehicle)
     inside = np.all((command > 0.0) & (command < 1.0), axis=1) | (np.ptp(record.u, axis=0) == 0.0).any()
     size = max(round(BLOCK_SECONDS / record.dt), 1)

@@ -76,7 +76,17 @@ class Part:
 
 
 def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
-    """Discretise the denominators, and respond to initial states as long as the longest record."""
+    """Discretise the denominators, and respond to initial states as long as the longest record.
+
+    Parameters
+    ----------
+    problem : Problem
+        The records.
+    theta : ndarray, shape (groups, lags)
+        Parameters of the poles (`sysid.transfer_functions.sections`).
+    delays : ndarray, shape (m,)
+        Of each input, s.
+    """
     k = problem.integrators
     a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
     a = np.hstack([np.zeros((len(a), k)), a]) if k else a
@@ -85,7 +95,19 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
 
 
 def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
-    """Form a record's normal equations and eliminate what is its own."""
+    """Form a record's normal equations and eliminate what is its own.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the records share.
+    basis : Basis
+        Responses at the poles.
+    u : ndarray, shape (N, m)
+        Inputs of the record.
+    y : ndarray, shape (N,)
+        Its output.
+    """
     k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
     states = basis.system.forced(u, problem.group, delays=basis.delays if basis.delays.any() else None)
     # Views and small products: one array of all regressors would take as long to fill as to multiply.
@@ -114,6 +136,15 @@ def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
 def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
     """Express the derivatives by the poles' parameters in the states.
 
+    Parameters
+    ----------
+    problem : Problem
+        What the records share.
+    basis : Basis
+        Responses at the poles.
+    numerators : ndarray, shape (numerators, m)
+        Coefficients.
+
     Returns
     -------
     forced : ndarray, shape (2 n, lags, m)
@@ -129,7 +160,23 @@ def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Float
 def jacobian(
     problem: Problem, basis: Basis, slopes: tuple[Floats, Floats], numerators: Floats, u: Floats, part: Part
 ) -> Floats:
-    """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`."""
+    """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the records share.
+    basis : Basis
+        Responses at the poles.
+    slopes : tuple of ndarray
+        Of `slopes_at`.
+    numerators : ndarray, shape (numerators, m)
+        Coefficients.
+    u : ndarray, shape (N, m)
+        Inputs of the record.
+    part : Part
+        The record, finished.
+    """
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
     forced, weights = slopes
     initial = part.local[1 + k :].reshape(lags, groups)
@@ -265,7 +312,17 @@ def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, sta
 
 
 def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
-    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
+    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q).
+
+    Parameters
+    ----------
+    basis : Basis
+        Responses at the poles.
+    part : Part
+        The record.
+    columns : ndarray, shape (N, p)
+        Further regressors, such as those of `jacobian`.
+    """
     locals_, first = len(part.local), part.trends.shape[1] - 1
     along = np.hstack([part.gram[:locals_, locals_:-1], part.along(columns)[:locals_]])
     taken = backward(part.factor, forward(part.factor, along))

@@ -156,7 +156,19 @@ class Discretised:
 
 
 def delayed(inputs: Floats, dt: float, delays: Floats, more: int = 0) -> Floats:
-    """Shift inputs by the whole samples of their delays and by `more` samples; before the record they are constant."""
+    """Shift inputs by the whole samples of their delays and by `more` samples; before the record they are constant.
+
+    Parameters
+    ----------
+    inputs : ndarray, shape (N, m)
+        The record.
+    dt : float
+        s.
+    delays : ndarray, shape (m,)
+        Of each input, s.
+    more : int
+        Further samples.
+    """
     rows = np.arange(len(inputs))[:, None] - whole_and_part(delays, dt)[0] - more
     return np.ascontiguousarray(np.take_along_axis(inputs, np.clip(rows, 0, len(inputs) - 1), axis=0))
 
@@ -227,7 +239,21 @@ def _companions(
 
 
 def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
-    """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower."""
+    """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower.
+
+    Parameters
+    ----------
+    a : ndarray, shape (groups, n)
+        Denominators, each in its own unit of frequency.
+    orders : sequence of int
+        Poles of each.
+    integrators : int
+        How many poles of every denominator are zero; here they leak, lest the products be infinite.
+
+    Returns
+    -------
+    ndarray, shape (groups, n, n)
+    """
     groups, n = a.shape
     if integrators == 0 and min(orders) == n:
         return _gramian(a)

@@ -250,7 +250,21 @@ def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Gen
 
 
 def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Floats:
-    """Sections spread over the band; the first attempt evenly, later ones at random."""
+    """Sections spread over the band; the first attempt evenly, later ones at random.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose band it is.
+    rng : Generator
+        Source of the random numbers.
+    attempt : int
+        Number of the attempt, from 0.
+
+    Returns
+    -------
+    ndarray, shape (groups, lags)
+    """
     band, groups = _starting_band(problem), problem.groups
     theta = np.zeros((groups, problem.lags))
     low, high = np.log(band.lowest), np.log(band.highest)

@@ -86,7 +86,17 @@ class Point:
 
 
 def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
-    """Solve for the linear parameters at given poles and delays, by default those of the problem."""
+    """Solve for the linear parameters at given poles and delays, by default those of the problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The records.
+    theta : ndarray, shape (groups, lags)
+        Parameters of the poles.
+    delays : ndarray, shape (m,), optional
+        Of each input, s.
+    """
     basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
     parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
     point = solve_again(problem, basis, sum_of([part.information for part in parts]), parts)
@@ -96,7 +106,19 @@ def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Poin
 
 
 def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
-    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
+    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are.
+
+    Parameters
+    ----------
+    problem : Problem
+        The records, with the ridge to use.
+    basis : Basis
+        Responses at the poles.
+    information : ndarray, shape (numerators m + 1, numerators m + 1)
+        Sum of what the records contribute.
+    parts : tuple of Part
+        The records.
+    """
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
     normal, scale = _normalised(information[:shared, :shared], penalty)
@@ -149,6 +171,15 @@ def reduced_information(
     problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
 ) -> tuple[Floats, Floats]:
     """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
+
+    Parameters
+    ----------
+    problem : Problem
+        The records.
+    point : Point
+        Poles and linear parameters.
+    jacobians : tuple of ndarray, optional
+        Of each record (`sensitivities`); None to compute them.
 
     Returns
     -------

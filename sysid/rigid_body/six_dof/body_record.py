@@ -183,7 +183,17 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
 
 
 def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
-    """Compute what the inputs do in each sample interval, (N, 8 + further inputs), see `_kernels.DRIVES`."""
+    """Compute what the inputs do in each sample interval, (N, 8 + further inputs), see `_kernels.DRIVES`.
+
+    Parameters
+    ----------
+    record : BodyRecord
+        The record.
+    kinds : InputKinds
+        How its inputs act.
+    shape : InputShape
+        Delays, lags, shares and thrust curve.
+    """
     n, dt = len(record.t), record.dt
     out = np.zeros((n, len(DRIVES) + len(kinds.further)))
     moved, *ends = (_moved(record, kinds, shape, side) for side in (0.0, -0.5, 0.5))

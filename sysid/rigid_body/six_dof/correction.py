@@ -107,7 +107,23 @@ def upright_axes(record: BodyRecord, starts: np.ndarray) -> Floats:
 def features(
     record: BodyRecord, starts: np.ndarray, steps: int, memory: float, missed: Floats | None, given: bool
 ) -> Floats:
-    """Features of each start, (S, F); see `HorizonCorrection.corrected`."""
+    """Compute the features of each start, (S, F).
+
+    Parameters
+    ----------
+    record : BodyRecord
+        The record.
+    starts : ndarray of int, shape (S,)
+        Samples at which predictions start.
+    steps : int
+        Samples of the horizon.
+    memory : float
+        Samples over which errors are averaged; 0 for none.
+    missed : ndarray, shape (N, 6), or None
+        See `observer.missed_accelerations`; None without a memory.
+    given : bool
+        Attitude and rates are inputs.
+    """
     n = len(record.t)
     state = record.states[starts]
     rotation = state[:, 6:15].reshape(-1, 3, 3)

@@ -152,7 +152,19 @@ def learn_correction(
 def gains_of_order(
     table: Sequence[Floats], goals: Sequence[Floats], states: Sequence[int], ridge: float
 ) -> list[float]:
-    """By how many percent errors of records left out become smaller, by state; every record counts alike."""
+    """By how many percent errors of records left out become smaller, by state; every record counts alike.
+
+    Parameters
+    ----------
+    table : sequence of ndarray, shape (S, F)
+        Features of each record.
+    goals : sequence of ndarray, shape (S, steps, states, 3)
+        Errors of each record, S as in `table`.
+    states : sequence of int
+        Which of the states to learn.
+    ridge : float
+        Weight of the ridge regression.
+    """
     every = max(sum(map(len, table)) // _TRIED, 1)
     gains = np.zeros((len(table), len(states)))
     for out in np.array_split(np.arange(len(table)), min(_FOLDS, len(table))):

@@ -176,7 +176,22 @@ class SixDofModel(Summarised):
         return out
 
     def ahead(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray) -> Floats:
-        """States at the marked numbers of samples after each start, (S, M, 18)."""
+        """States at the marked numbers of samples after each start, (S, M, 18).
+
+        Parameters
+        ----------
+        record : BodyRecord
+            The record.
+        starts : ndarray of int, shape (S,)
+            Samples at which predictions start.
+        marks : ndarray of int, shape (M,)
+            Numbers of samples after each start.
+
+        Returns
+        -------
+        ndarray, shape (S, M, 18)
+            States as in `BodyRecord.states`.
+        """
         dt = record.dt
         push = np.zeros((len(starts), 6))
         missed = None
