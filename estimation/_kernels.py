@@ -126,22 +126,24 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
 @inner(nogil=True, fastmath=_FLAGS)
 def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float) -> None:
     """Compute lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
+    s0, s1, s2 = S[0], S[1], S[2]
     for j in range(3):
-        lam[9 + j] -= C[0, j] * lam[6] + C[1, j] * lam[7] + C[2, j] * lam[8]
-        lam[12 + j] -= C[0, j] * lam[3] + C[1, j] * lam[4] + C[2, j] * lam[5]
+        c0, c1, c2 = C[0, j], C[1, j], C[2, j]
+        lam[9 + j] -= c0 * lam[6] + c1 * lam[7] + c2 * lam[8]
+        lam[12 + j] -= c0 * lam[3] + c1 * lam[4] + c2 * lam[5]
         lam[19 + j] *= a
-    lam[6] += S[1] * lam[5] - S[2] * lam[4]
-    lam[7] += S[2] * lam[3] - S[0] * lam[5]
-    lam[8] += S[0] * lam[4] - S[1] * lam[3]
+        for k in range(N):
+            Lam[9 + j, k] -= c0 * Lam[6, k] + c1 * Lam[7, k] + c2 * Lam[8, k]
+            Lam[12 + j, k] -= c0 * Lam[3, k] + c1 * Lam[4, k] + c2 * Lam[5, k]
+    lam[6] += s1 * lam[5] - s2 * lam[4]
+    lam[7] += s2 * lam[3] - s0 * lam[5]
+    lam[8] += s0 * lam[4] - s1 * lam[3]
     for j in range(3):
         lam[3 + j] += T * lam[j]
     for k in range(N):
-        for j in range(3):
-            Lam[9 + j, k] -= C[0, j] * Lam[6, k] + C[1, j] * Lam[7, k] + C[2, j] * Lam[8, k]
-            Lam[12 + j, k] -= C[0, j] * Lam[3, k] + C[1, j] * Lam[4, k] + C[2, j] * Lam[5, k]
-        Lam[6, k] += S[1] * Lam[5, k] - S[2] * Lam[4, k]
-        Lam[7, k] += S[2] * Lam[3, k] - S[0] * Lam[5, k]
-        Lam[8, k] += S[0] * Lam[4, k] - S[1] * Lam[3, k]
+        Lam[6, k] += s1 * Lam[5, k] - s2 * Lam[4, k]
+        Lam[7, k] += s2 * Lam[3, k] - s0 * Lam[5, k]
+        Lam[8, k] += s0 * Lam[4, k] - s1 * Lam[3, k]
         Lam[3, k] += T * Lam[0, k]
         Lam[4, k] += T * Lam[1, k]
         Lam[5, k] += T * Lam[2, k]
@@ -150,9 +152,9 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
         for j in range(3):
             r[9 + j] -= C[0, j] * r[6] + C[1, j] * r[7] + C[2, j] * r[8]
             r[12 + j] -= C[0, j] * r[3] + C[1, j] * r[4] + C[2, j] * r[5]
-        r[6] += S[1] * r[5] - S[2] * r[4]
-        r[7] += S[2] * r[3] - S[0] * r[5]
-        r[8] += S[0] * r[4] - S[1] * r[3]
+        r[6] += s1 * r[5] - s2 * r[4]
+        r[7] += s2 * r[3] - s0 * r[5]
+        r[8] += s0 * r[4] - s1 * r[3]
         r[3] += T * r[0]
         r[4] += T * r[1]
         r[5] += T * r[2]
@@ -619,10 +621,12 @@ def _unfuse(
     c = nu * (inv if used else 1.0 / S)
     s = inv
     for i in range(N):
-        total = 0.0
+        u[i] = 0.0
+    # Two rows at a time, as in `_take_outer_product`: Lam is symmetric.
+    for i in range(0, N, 2):
+        first, second = K[i], K[i + 1]
         for j in range(N):
-            total += Lam[i, j] * K[j]
-        u[i] = total
+            u[j] += first * Lam[i, j] + second * Lam[i + 1, j]
     for i in range(N):
         c += K[i] * lam[i]
         s += K[i] * u[i]
