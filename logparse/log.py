@@ -124,7 +124,7 @@ class FlightLog(Summarised):
             )
         return {name: value for name, value in found.items() if _possible(value)}
 
-    @property
+    @cached_property
     def parameters_flown(self) -> Mapping[str, float]:
         """Parameters as they were when `flight` ended: what was set after it belongs to flights to come."""
         flight = self.flight
@@ -202,6 +202,7 @@ class FlightLog(Summarised):
             raise LogError(f"{self.path.name} holds {count} flight{'' if count == 1 else 's'}, not {number}")
         shown = copy(self)
         shown._shown = number - 1
+        vars(shown).pop("parameters_flown", None)
         return shown
 
     @property

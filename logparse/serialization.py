@@ -104,13 +104,16 @@ def _unpacked(value: Any) -> Any:
 
 
 def _finite(value: Any, text: Callable[[str], str]) -> Any:
+    # What there is most of comes first: a result holds tens of thousands of numbers.
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str):
+        return text(value)
     if isinstance(value, dict):
         return {text(key): _finite(item, text) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item, text) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return text(value) if isinstance(value, str) else value
+    return value
 
 
 def _with_nan(value: Any, kind: Any) -> Any:

@@ -32,6 +32,7 @@ from typing import Any, Self, TypeVar
 import psutil
 
 from pipeline.execution.machine import available_memory, pin_threads, processors
+from pipeline.execution.memory import collect_seldom
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -361,6 +362,7 @@ def _work(pipe: Connection, scratch: Path) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started us, who ends us.
     threading.Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
     tempfile.tempdir = str(scratch)
+    collect_seldom()
     own = psutil.Process()
     at_start = own.memory_info().rss
     while True:

@@ -4,7 +4,6 @@ Each command is a file in `rotorid.cli`; heavy packages are imported inside the 
 errors come at once.
 """
 
-import gc
 import logging
 import os
 import sys
@@ -14,6 +13,7 @@ import typer
 from typer.completion import install_callback, show_callback
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from pipeline.execution.memory import collect_seldom
 from rotorid.cli.analyze import analyze
 from rotorid.cli.as_given import AsGiven
 from rotorid.cli.backup import backup, restore
@@ -118,8 +118,7 @@ def main() -> NoReturn:
     """Run the command line; whatever happens, the user reads a sentence and not a traceback."""
     # Our matrices are small: more BLAS threads than one only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Imports and results are millions of objects that stay: searching them for cycles took a twelfth of an analysis.
-    gc.set_threshold(100_000, 20, 20)
+    collect_seldom()
     guard_terminal()
     debug = bool(os.environ.get("ROTORID_DEBUG"))
     logging.basicConfig(level=logging.DEBUG if debug else logging.CRITICAL, stream=sys.stderr)
