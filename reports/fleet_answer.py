@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from logparse.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
 from pipeline.results.verdict import PredictionUse
 from reports import summary
@@ -86,39 +87,35 @@ def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer:
     return _line("Loops", "not known", Tone.UNKNOWN, "", "no flight shows how the attitude follows")
 
 
+def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
+    """Return the joint model that predicts furthest, with its craft; None where none predicts."""
+    able = [(craft, model) for craft in numbers.groups for model in craft.models if model.uses.prediction.horizon_s]
+    return max(able, key=lambda each: each[1].uses.prediction.horizon_s or 0.0, default=None)
+
+
 def _ahead(numbers: FleetReport) -> ShownAnswer:
     """Answer with the joint model that predicts furthest, else with the best flight."""
-    joint = [
-        (
-            model.uses.prediction.horizon_s,
-            _reach(model.uses.prediction),
-            f"by {model.title.partition(' →')[0]}, {_judges(craft)}",
-        )
-        for craft in numbers.groups
-        for model in craft.models
-        if model.uses.prediction.horizon_s is not None
-    ]
-    own = [
-        (shown.line.value, shown.number, f"by the model of {name}")
-        for name, shown in _said(numbers.flights, "Predict ahead")
-        if shown.line.value is not None
-    ]
-    if not joint and not own:
-        reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])
-        return _line("Predict ahead", "no model", Tone.UNKNOWN, "", next(iter(reasons)))
-    longest, reach, text = max(joint or own, key=lambda each: each[0])
+    joint = furthest(numbers)
+    if joint is not None:
+        craft, model = joint
+        use = model.uses.prediction
+        of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
+        longest, reach = use.horizon_s or 0.0, _reach(use)
+        text = f"by {model.title.partition(' →')[0]}, on {counted(len(craft.held_out), 'flight')} held out{of}"
+    else:
+        own = [(name, shown) for name, shown in _said(numbers.flights, "Predict ahead") if shown.line.value is not None]
+        if not own:
+            reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])
+            return _line("Predict ahead", "no model", Tone.UNKNOWN, "", next(iter(reasons)))
+        name, shown = max(own, key=lambda each: each[1].line.value or 0.0)
+        longest, reach = shown.line.value or 0.0, shown.number
+        text = f"by the model of {name}; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
     word, tone = ("yes", Tone.GOOD) if longest >= _USEFUL else ("briefly", Tone.CARE)
-    if not joint:
-        text += f"; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
     return _line("Predict ahead", word, tone, reach, text)
 
 
 def _reach(use: PredictionUse) -> str:
     return f"{use.horizon_s:g} s" if use.reach_s is None else uncertain(use.reach_s, use.reach_sigma_s, "s")
-
-
-def _judges(craft: CraftReport) -> str:
-    return f"on {counted(len(craft.held_out), 'flight')} held out"
 
 
 def _parameters(numbers: FleetReport) -> ShownAnswer:

@@ -22,7 +22,7 @@ from reports.details import settings
 from reports.drift_figures import drift_figures
 from reports.drift_views import drift_sentences, drift_table
 from reports.figure import Figure
-from reports.fleet_answer import fleet_answer
+from reports.fleet_answer import fleet_answer, furthest
 from reports.fleet_views import FlightRow, ShownFinding
 from reports.model_board import Board
 from reports.model_figures import horizon_figure
@@ -54,7 +54,7 @@ class FleetPage:
     facts: str
     crafts: Sequence[CraftSection]
     answer: Sequence[ShownAnswer]  #: The first screen, a line for each purpose.
-    first_figures: Sequence[Figure]  #: What matters most of the craft with most flights.
+    first_figures: Sequence[Figure]  #: What matters most, of the craft whose models predict furthest.
     health: Table | None
     flights: Sequence[FlightRow]
     unfolded: bool  #: Whether the table of flights is short enough to stand open.
@@ -82,10 +82,11 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         section, drawn = _section(each, place, pages)
         figures += drawn
         sections.append(section)
+    told = furthest(numbers)
+    named = sections[:1] if told is None else [each for each in sections if each.name == told[0].name][:1]
+    of = f" {named[0].name}." if named and len(sections) > 1 else ""
     first = [
-        replace(each.ahead, id="first-ahead", height=_FIRST_HEIGHT, caption=_AHEAD)
-        for each in sections[:1]
-        if each.ahead
+        replace(each.ahead, id="first-ahead", height=_FIRST_HEIGHT, caption=_AHEAD + of) for each in named if each.ahead
     ]
     figures = [*first, *figures]
     serious, notes = fleet_views.common_findings(numbers)

@@ -84,13 +84,15 @@ def sentence(health: HealthReport) -> str:
     for event in health.events:
         if event.notable:
             kinds.setdefault(event.id.replace("-", " "), []).append(event.t)
+    # What serves models is a part of the flight: without a flight there is none.
+    flown = health.sound is not None
     if not kinds:
-        return "Nothing notable happened in flight."
+        return "Nothing notable happened in flight." if flown else "The log shows no flight; nothing notable happened."
     parts = [
         f"{kind} at {times[0]:.1f} s" if len(times) == 1 else f"{kind} ({len(times)}, first at {times[0]:.1f} s)"
         for kind, times in kinds.items()
     ]
-    return "Happened in flight: " + ", ".join(parts) + "."
+    return f"Happened {'in flight' if flown else 'without a flight'}: " + ", ".join(parts) + "."
 
 
 def _shown(event: FlightEvent) -> ShownEvent:

@@ -8,6 +8,7 @@ import pytest
 from logparse import FlightEvent, Severity, read_log
 from pipeline.flight.health_signals import health_signals, thin
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
+from pipeline.results.report import HealthReport
 from pipeline.results.span import Span
 from reports.health_figures import health_figures
 from reports.health_views import sentence, timeline
@@ -125,3 +126,11 @@ def test_a_million_events_do_not_fill_the_page(flight, health):
     assert len(view.rows) == 40
     assert view.more == 20_000 - 40
     assert len(sentence(crowded)) < 200
+
+
+def test_a_log_without_a_flight_is_not_told_what_happened_in_flight():
+    quiet = HealthReport(events=(), sound=None, motors_missing="")
+    assert sentence(quiet) == "The log shows no flight; nothing notable happened."
+    assert sentence(dataclasses.replace(quiet, sound=Span(1.0, 2.0))) == "Nothing notable happened in flight."
+    noticed = dataclasses.replace(quiet, events=(event("battery-low", 60.0),))
+    assert sentence(noticed) == "Happened without a flight: battery low at 60.0 s."
