@@ -14,6 +14,7 @@ import json
 import socket
 import ssl
 import threading
+import unicodedata
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -82,10 +83,16 @@ def check_address(url: str, webhooks: Webhooks) -> None:
         raise ForbiddenAddressError("it must hold no user or password")
     if webhooks is Webhooks.PUBLIC and port not in (None, 443, 8443):
         raise ForbiddenAddressError("its port must be 443 or 8443")
+    host = unicodedata.normalize("NFKC", parts.hostname)
+    if webhooks is Webhooks.PUBLIC and (host == "localhost" or host.endswith(".localhost")):
+        raise ForbiddenAddressError(f"{host} is this computer")
     try:
-        literal = ipaddress.ip_address(parts.hostname)
+        literal = ipaddress.ip_address(host)
     except ValueError:
-        return
+        try:  # 127.1, 0x7f000001 and the like are no names either
+            literal = ipaddress.IPv4Address(socket.inet_aton(host))
+        except (OSError, ValueError):
+            return
     _check(literal, webhooks)
 
 
