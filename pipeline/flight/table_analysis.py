@@ -46,6 +46,8 @@ def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig)
     model = fit_six_dof(training, mass=mass, indoors=declared.indoors)
     if max(record.duration for record in training) > 2.0 * AHEAD:
         model = choose_observer(model, training, AHEAD)
+    if len(records) == 1:
+        model = model.with_rest(training[0], judged[0])
     validation = validate_states(model, judged)
     findings = (*(finding for record in records for finding in record.findings), *model.findings)
     return TableResult(

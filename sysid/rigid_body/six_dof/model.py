@@ -246,12 +246,29 @@ class SixDofModel(Summarised):
         return replace(self, observer=observer)
 
     def as_for_a_stranger(self) -> SixDofModel:
-        """Return the model as it predicts records that it was not fitted to, whose batteries it does not know."""
-        return replace(self, shape=replace(self.shape, charges={}))
+        """Return the model as it predicts records that it was not fitted to: their battery and wind it does not know."""
+        told = {name: wind for name, wind in self.winds.items() if name not in self.wind_sigma}
+        return replace(self, shape=replace(self.shape, charges={}), winds=told)
+
+    def with_rest(self, first: Experiment, rest: Experiment) -> SixDofModel:
+        """Return the model with the wind and the battery of a record's rest, as they were in its first part.
+
+        Parameters
+        ----------
+        first : Experiment
+            One of those fitted.
+        rest : Experiment
+            What follows it, on the same clock.
+        """
+        later = 0.5 * float(rest.t[0] + rest.t[-1] - first.t[0] - first.t[-1])
+        charge = self.shape.charges.get(first.name, 1.0) * (1.0 + self.shape.drift * later)
+        shape = replace(self.shape, charges={**self.shape.charges, rest.name: charge})
+        return replace(self, shape=shape).with_wind({rest.name: self.winds.get(first.name, np.zeros(2))})
 
     def with_wind(self, winds: Mapping[str, Floats]) -> SixDofModel:
         """Return the model with the wind of more records, north and east, m/s."""
-        return replace(self, winds={**self.winds, **winds})
+        sigma = {name: each for name, each in self.wind_sigma.items() if name not in winds}
+        return replace(self, winds={**self.winds, **winds}, wind_sigma=sigma)
 
     def _wind(self, record: BodyRecord) -> Floats:
         wind = np.zeros((len(record.t), 3))
