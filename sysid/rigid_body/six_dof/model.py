@@ -246,7 +246,7 @@ class SixDofModel(Summarised):
         return replace(self, observer=observer)
 
     def as_for_a_stranger(self) -> SixDofModel:
-        """Return the model as it predicts records that it was not fitted to: their battery and wind it does not know."""
+        """Return the model as it predicts records that it was not fitted to: it knows neither battery nor wind."""
         told = {name: wind for name, wind in self.winds.items() if name not in self.wind_sigma}
         return replace(self, shape=replace(self.shape, charges={}), winds=told)
 
