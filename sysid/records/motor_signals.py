@@ -14,6 +14,7 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
+from sysid.records.mixer_curve import known_slope
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, column, thrust_signals
 
@@ -60,6 +61,8 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
     if law is Law.SPEED:
         return MotorSignals(signals, rates, _fast(record, signals), "ESC speeds")
     outputs = np.column_stack([column(record, f"out_{name}") for name in ("thrust", "roll", "pitch", "yaw")])
+    # Where motor outputs follow the controller by another factor than the parameters say, motors do so.
+    outputs[:, 1:] *= known_slope(record.findings)
     controller = np.column_stack([column(record, f"rate_{axis}") for axis in "xyz"])
     known = {f"m{motor.number}": motor for motor in vehicle.motors}
     if not (np.isfinite(outputs).all() and np.isfinite(controller).all() and set(record.input_names) <= set(known)):

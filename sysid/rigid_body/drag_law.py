@@ -21,8 +21,8 @@ def fit_best_law(
     """Fit by filter error under every law of drag; return the likeliest.
 
     Equation error rules none out: in gusts it took the right one for 1.5 times as bad as another. All are compared
-    under the disturbances of the first. What laws that can hardly be told from the best find otherwise is added to its
-    covariance: each may be the true one.
+    under the disturbances of the first. Laws that can hardly be told from the best may each be the true one: the
+    covariance is that of their mixture, the mean of theirs and of what they find otherwise.
 
     Parameters
     ----------
@@ -56,14 +56,16 @@ def fit_best_law(
     law = min(fits, key=lambda each: fits[each].cost)
     best = fits[law]
     chances = {other: _chance(best, fit) for other, fit in fits.items()}
-    spread = np.zeros_like(best.covariance)
-    for other, chance in chances.items():
-        off = (fits[other].values - best.values)[:SHARED]
-        spread[:SHARED, :SHARED] += chance / sum(chances.values()) * np.outer(off, off)
+    weights = {other: chance / sum(chances.values()) for other, chance in chances.items()}
+    mixed = np.zeros_like(best.covariance)
+    for other, fit in fits.items():
+        off = (fit.values - best.values)[:SHARED]
+        mixed[:SHARED, :SHARED] += weights[other] * np.outer(off, off)
+        mixed += 0.0 if other == law else weights[other] * fit.covariance
     if law != rough.laws[0]:
         report("gusts", 0.6)
         best = fit_filter_error(motions, best.values, prior, law, deadline=deadline)
-    return replace(best, covariance=best.covariance + spread), law
+    return replace(best, covariance=weights[law] * best.covariance + mixed), law
 
 
 def _chance(best: FilterErrorFit, other: FilterErrorFit) -> float:

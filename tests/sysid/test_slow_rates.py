@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import Vehicle
+from logparse import Finding, Severity, Vehicle
 from logparse.frames import motor_table
 from sysid import Experiment
+from sysid.records.mixer_curve import MIXER_DIFFERS
 from sysid.records.motor_signals import motor_signals
 from sysid.records.resampling import logged_rate
 from sysid.records.slow_rows import join_rows
@@ -59,6 +60,18 @@ def chirped(rate):
         rates[:, k] = np.cumsum(GAIN * levers * torque) * FINE
     rates += 2e-3 * np.random.default_rng(3).standard_normal(rates.shape)
     return hovering(outputs, rates, rate)
+
+
+def test_methods_take_the_mixer_that_flew():
+    """With MOT_THST_EXPO wrong in the log alone Kim's and Refinement's inertia kept the mixer's error."""
+    record = chirped(50.0)
+    finding = Finding(MIXER_DIFFERS, Severity.WARNING, "", "", {"slope": 1.2})
+    plain, told = (
+        motor_signals(each, Law.COMMAND, each.vehicle, 16.0, 0.0).signals
+        for each in (record, replace(record, findings=(*record.findings, finding)))
+    )
+    mean = plain.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(told - mean, 1.2 * (plain - mean), atol=1e-9)
 
 
 def test_the_rate_of_rows_shows_in_the_straight_lines_between_them():
