@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from logparse.cells import as_cell
 from logparse.errors import RotoridError
 from logparse.lazy import lazy
 from logparse.tables import COLUMNS
@@ -135,7 +136,10 @@ def _write(frame: pd.DataFrame, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     frame = _flat(frame)
     if path.suffix == ".csv":
-        _spread(frame).to_csv(path, index=False)
+        cells = _spread(frame)
+        for name in cells.select_dtypes(exclude=["number", "bool"]):
+            cells[name] = [as_cell(value) if isinstance(value, str) else value for value in cells[name]]
+        cells.rename(columns=as_cell).to_csv(path, index=False)
         return path
     units: Mapping[str, str] = frame.attrs.get("units", {})
     bare = frame.copy(deep=False)

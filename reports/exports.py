@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from logparse.cells import as_cell
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
-from reports.cells import as_cell
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
 _COLUMNS = ["owner", "model", "output", "input", "part", "power", "value", "std", "relative", "determined"]

@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from logparse.cells import as_cell
 from logparse.serialization import as_json
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports import html
-from reports.cells import as_cell
 from reports.exports import write_exports
 from reports.figure import Figure
 from reports.model_board import Board, model_board

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from logparse.cells import as_cell
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
-from reports.cells import as_cell
 from sysid.rigid_body.physical import quantity
 
 COLUMNS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "determined", "reason")

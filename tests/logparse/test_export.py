@@ -67,6 +67,16 @@ def test_csv_of_a_part(log, tmp_path):
     assert pd.read_csv(attitude)["Roll"].tolist() == [1.0, 2.0, 3.0]
 
 
+def test_texts_of_a_log_are_no_formulas_of_a_spreadsheet(tmp_path):
+    """Whoever made the log chose them: a message of the autopilot, the name of a field."""
+    made = frame([1.0, 2.0], **{"=x": [1.0, -2.0], "Message": ['=HYPERLINK("http://a")', "Takeoff"]})
+    log = SimpleNamespace(path=Path("a.bin"), messages={"MSG": made}, tables=Tables())
+    (path,) = export(log, tmp_path, format="csv", messages=["MSG"])
+    read = pd.read_csv(path)
+    assert read["Message"].tolist() == ['\'=HYPERLINK("http://a")', "Takeoff"]
+    assert read["'=x"].tolist() == [1.0, -2.0]
+
+
 def test_matlab(log, tmp_path):
     (path,) = export(log, tmp_path, format="mat")
     assert path.name == "some_log.mat"
