@@ -154,7 +154,7 @@ def _costs(when: Array, measured: Array, spans: list[slice], shifted: list[Array
         x = when[span] - when[span].mean()
         basis, _ = np.linalg.qr(np.column_stack([np.ones_like(x), x]))
         each = np.stack([measured[span] - v[span] for v in shifted])
-        left.append(each - np.einsum("ij,kj,lkc->lic", basis, basis, each))
+        left.append(each - basis @ (basis.T @ each))
     best = [each[(each**2).sum(axis=(1, 2)).argmin()].ravel() for each in left]
     usual = 1.4826 * float(np.median(np.abs(np.concatenate(best))))
     correlated = max(LASTING / float(np.median(np.diff(when))), 1.0)

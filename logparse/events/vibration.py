@@ -167,19 +167,20 @@ def _rise(part: pd.DataFrame, levels: VibrationLevels, number: int, flight: Flig
     if len(t) < 20 or t[-1] - t[0] < _USUAL + _STAYS:
         return None
     for begin in np.arange(t[0] + _USUAL, t[-1] - _STAYS, 0.5):
-        later = worst[(t >= begin) & (t < begin + _STAYS)]
+        first, last = np.searchsorted(t, (begin, begin + _STAYS))
+        later = worst[first:last]
         risen = float(np.percentile(later, 20.0)) if len(later) else 0.0
         # Before all that came before is sorted again, at every half second of a long log.
         if risen <= _PART * levels.acceptable:
             continue
-        usual = float(np.percentile(worst[t < begin], 95.0))
+        usual = float(np.percentile(worst[:first], 95.0))
         if risen > _TIMES * usual:
             quiet = np.flatnonzero((worst <= 1.5 * usual) & (t < begin + 0.5))
-            first = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
-            level = float(np.median(worst[t >= begin]))
+            since = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
+            level = float(np.median(worst[first:]))
             return FlightEvent(
                 id="vibration-rise",
-                t=first,
+                t=since,
                 end=float(t[-1]),
                 severity=Severity.WARNING,
                 reason=f"Vibration rose from {usual:.1f} to {level:.0f} m/s² (accelerometer {number}) and stayed.",

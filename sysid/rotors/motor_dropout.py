@@ -128,10 +128,12 @@ def _steady(tables: Tables, t: Floats) -> Flags:
     asked = tables.setpoints[["roll", "pitch"]].dropna()
     at = asked.index.to_numpy(np.float64)
     first, last = np.searchsorted(at, t - _BEFORE), np.searchsorted(at, t + _BEFORE)
-    angles = asked.to_numpy(np.float64)
-    return np.array(
-        [a >= b or bool(np.all(np.ptp(angles[a:b], axis=0) < _STEP)) for a, b in zip(first, last, strict=True)]
-    )
+    if not len(at):
+        return np.ones(len(t), dtype=bool)
+    # One row more, so that a stretch may end with the last one.
+    angles, edges = np.pad(asked.to_numpy(np.float64), ((0, 1), (0, 0))), np.column_stack([first, last]).ravel()
+    highest, lowest = (reduce.reduceat(angles, edges)[::2] for reduce in (np.maximum, np.minimum))
+    return np.asarray((first >= last) | np.all(highest - lowest < _STEP, axis=1))
 
 
 def _candidates(
