@@ -66,7 +66,7 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     """
     covariance = fit.covariance.copy()
     places = np.flatnonzero(~held)
-    errors, part = _form_and_attitude(motions, fit.values), folded(motions, fit.values)
+    errors, part = form_and_attitude(motions, fit.values), folded(motions, fit.values)
     errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
     covariance[places, places] += errors[places] ** 2
     curved = np.zeros(SHARED)
@@ -82,7 +82,7 @@ def unlike_motors(count: int) -> float:
     return UNLIKE_MOTORS / float(np.sqrt(2.0 * max(count, 1)))
 
 
-def _form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
+def form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
     """Compute standard deviations of errors that the laws and the attitude make in the shared parameters, (SHARED,)."""
     sigma = np.zeros(SHARED)
     for name, part in FORM.items():
@@ -95,7 +95,9 @@ def _form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
         linear, square = (THETA.index(f"drag_{law}_{axis}") for law in ("linear", "quadratic"))
         drag = DRAG_PART * (values[linear] * speed + values[square] * speed**2)
         late = APART * _swing(motions, place) ** 2
-        sigma[linear] = float(np.hypot(np.sqrt(0.5) * drag / speed, late))
+        # An error of attitude that goes with the speed, by an unknown part of it between -1 and 1, is drag.
+        leant = STANDARD_GRAVITY * tilt * np.sqrt(len(motions) / 3.0) / speed if axis != "z" else 0.0
+        sigma[linear] = float(np.linalg.norm((np.sqrt(0.5) * drag / speed, late, leant)))
         sigma[square] = np.sqrt(0.5) * drag / speed**2
     return sigma
 
