@@ -16,11 +16,11 @@ _FILE_HEADER = 16
 #: Place of the offsets of appended data in the file and their number: they stand in the first message.
 _APPENDED, _MOST_APPENDED = _FILE_HEADER + 3 + 16, 3
 
-_KNOWN = np.zeros(256, np.bool_)
-_KNOWN[list(b"BFIMPQARDLCSO")] = True
+#: Bytes of a message of each kind with its header: at least, or (negative) always; 0 where the kind is not known.
+_KNOWN = np.zeros(256, np.int32)
+_KNOWN[list(b"BFIMPQADLC")] = [43, 5, 6, 7, 6, 7, 7, 13, 12, 14]
+_KNOWN[list(b"RSO")] = [-5, -11, -5]
 _DATA, _SUBSCRIPTION = ord("D"), ord("A")
-#: Bytes of data in a message at least: its topic's number and its time.
-_LEAST_DATA = 10
 #: Bytes that a message which is no data has at most, where nothing else says that its length is right.
 _MOST_OTHER = 1024
 
@@ -36,9 +36,8 @@ def whole_messages(buffer: Buffer) -> tuple[Buffer, int]:
     data = np.frombuffer(buffer, np.uint8)
     # Of each topic: how long its messages are, how often they were, and whether it was subscribed to.
     lengths = np.zeros((3, 1 << 16), np.int32)
-    gaps = _gaps(data, lengths, certain=False)
-    if gaps:
-        gaps = _gaps(data, lengths, certain=True)
+    _gaps(data, lengths, certain=False)
+    gaps = _gaps(data, lengths, certain=True)
     if not gaps:
         return buffer, 0
     skipped = sum(stop - start for start, stop in gaps)
@@ -67,7 +66,8 @@ def _gaps(data: Bytes, lengths: Int32s, *, certain: bool) -> list[tuple[int, int
             if stop == following:
                 at = stop
                 continue
-            if _KNOWN[data[at + 2]] and data[at + 2] != _DATA and stop - at <= _MOST_OTHER:
+            least = int(_KNOWN[data[at + 2]])
+            if stop - at == -least or (0 < least <= stop - at <= _MOST_OTHER and data[at + 2] != _DATA):
                 at = stop
                 following = _find(data, at, lengths, _KNOWN, certain)
         gaps.append((at, following))
@@ -86,35 +86,43 @@ def _topic(data: Bytes, at: int) -> int:
 
 
 @inner()
-def _sound(data: Bytes, at: int, lengths: Int32s, known: npt.NDArray[np.bool_], certain: bool) -> bool:
+def _fits(data: Bytes, at: int, known: Int32s) -> bool:
+    """Return whether a header's kind is known and may have its length."""
+    asked, length = known[data[at + 2]], _length(data, at)
+    return bool(length >= asked if asked > 0 else asked != 0 and length == -asked)
+
+
+@inner()
+def _sound(data: Bytes, at: int, lengths: Int32s, known: Int32s, certain: bool) -> bool:
     """Return whether what stands here may be the header of a message."""
-    if at + 3 > len(data) or not known[data[at + 2]]:
-        return False
-    length = _length(data, at)
-    if length == 3 or at + length > len(data):
+    if at + 3 > len(data) or not _fits(data, at, known) or at + _length(data, at) > len(data):
         return False
     if data[at + 2] != _DATA:
         return True
-    if length < 3 + _LEAST_DATA:
-        return False
+    length = _length(data, at)
     topic = _topic(data, at)
     return not certain or (lengths[0, topic] == length and lengths[2, topic] > 0)
 
 
 @njit(cache=True)
-def _follow(data: Bytes, at: int, lengths: Int32s, known: npt.NDArray[np.bool_], certain: bool) -> int:
+def _follow(data: Bytes, at: int, lengths: Int32s, known: Int32s, certain: bool) -> int:
     """Return where the chain breaks that begins here, or the file's end."""
-    while at + 3 <= len(data) and known[data[at + 2]]:
+    while at + 3 <= len(data) and _fits(data, at, known):
         length = _length(data, at)
         stop = at + length
         is_data = data[at + 2] == _DATA
-        if stop > len(data) or length < 3 + _LEAST_DATA * is_data or (length > _MOST_OTHER and not is_data):
+        if stop > len(data):
             return at
         topic = _topic(data, at) if is_data else 0
         other = is_data and lengths[0, topic] != length
-        if other and lengths[1, topic] > 1:
+        if other and (certain or lengths[1, topic] > 1):
             return at
-        if stop == len(data) or _sound(data, stop, lengths, known, certain):
+        follows = stop == len(data) or _sound(data, stop, lengths, known, certain)
+        if length > _MOST_OTHER and not is_data:
+            # So long a message is rare, and names what it holds; a damaged length is not rare.
+            for place in range(at + 5, at + 9):
+                follows = follows and 32 <= data[place] < 127
+        if follows:
             if is_data and not certain:
                 lengths[0, topic] = length
                 lengths[1, topic] = 1 if other else lengths[1, topic] + 1
@@ -127,10 +135,10 @@ def _follow(data: Bytes, at: int, lengths: Int32s, known: npt.NDArray[np.bool_],
 
 
 @njit(cache=True)
-def _find(data: Bytes, at: int, lengths: Int32s, known: npt.NDArray[np.bool_], certain: bool) -> int:
+def _find(data: Bytes, at: int, lengths: Int32s, known: Int32s, certain: bool) -> int:
     """Return where the next message begins that others follow, or the file's end."""
     for start in range(at, len(data) - 2):
-        if not known[data[start + 2]] or not _sound(data, start, lengths, known, certain):
+        if known[data[start + 2]] == 0 or not _sound(data, start, lengths, known, certain):
             continue
         second = start + _length(data, start)
         if second == len(data):
