@@ -129,11 +129,11 @@ def tune(
     noise : SensorNoise
         Settings to begin with, those that `aligned` was made with.
     """
+    wide = replace(noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
     known = _Search(signal, observations, aligned, world, noise)
-    likelihood = known.begin()
-    wide = replace(known.noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
+    # Each finds how its compass wanders: about a wrong start it seems to, and that would spoil the other.
     far_off = _Search(signal, observations, with_priors(aligned, noise, wide), world, wide)
-    looks_better = far_off.begin() - likelihood > DECISIVE
+    looks_better = far_off.begin() - known.begin() > DECISIVE
     known.search()
     if not looks_better:
         return known.found
@@ -202,7 +202,7 @@ class _Search:
         self.x, self.P, self.noise = self.aligned.x, self.aligned.P, self.given
         self.white_scale = np.ones(_kernels.KINDS)
         started = self._started(self.lay_out(self.observations))
-        if "mag" in self.lags and self.noise.hard_iron_walk <= COMPASS_CLASS:
+        if "mag" in self.lags:
             ladder = LADDERS["hard_iron_walk"][LADDERS["hard_iron_walk"].index(COMPASS_CLASS) :]
             likelihoods, likeliest = _climb(
                 lambda walk: replace(started, noise=replace(started.noise, hard_iron_walk=walk)),
