@@ -1,7 +1,7 @@
 """Follow the chain of message headers through a PX4 log, and cut out what is no message.
 
 A message says how long it is, and so where the next one begins. Behind a damaged length pyulog goes astray until a
-sync message, or to the end: of logs with one damaged place it lost up to nine messages in ten.
+sync message (46 to 203 messages of a real log were lost so), or to the end where there are none: up to nine in ten.
 """
 
 import struct

@@ -124,7 +124,7 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
 
 @pytest.mark.parametrize("length", [0, 5, 300, 60_000])
 def test_a_damaged_length_costs_its_own_message_and_no_other(length):
-    """Behind one, pyulog went astray: 20 to 90 % of a log were lost."""
+    """Behind one, pyulog goes astray until a sync message, which this log does not have."""
     log = bytearray(small_log())
     at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
     log[at : at + 2] = struct.pack("<H", length)
