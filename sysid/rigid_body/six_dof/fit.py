@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from logparse import Finding, Severity
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.rigid_body.model_record import BodyParameter
@@ -24,7 +23,7 @@ from sysid.rigid_body.six_dof.body_record import (
 )
 from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, substeps
 from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, state_errors
-from sysid.rigid_body.six_dof.signs import refuse_impossible
+from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 
 #: Horizons at which runs are compared with the record, s.
 HORIZONS = (0.05, 0.15, 0.3, 0.5)
@@ -219,7 +218,8 @@ def fit_six_dof(
     theta, moved, wind = unpack(found.values)
     parameters = refuse_impossible(_parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt))
     scales = spreads(errors_of(found.values))
-    findings = _findings(parameters)
+    spread = dict(zip((each.name for each in unknowns), np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
+    findings = wrong_turns(parameters, spread)
     return SixDofModel(
         name=name,
         parameters=parameters,
@@ -529,24 +529,3 @@ def _wind_sigma(unknowns: Sequence[_Unknown], found: ShootingFit) -> dict[str, F
         if unknown.kind == "wind":
             out.setdefault(unknown.record, np.zeros(2))[unknown.at] = spread[k]
     return out
-
-
-def _findings(parameters: Mapping[str, BodyParameter]) -> tuple[Finding, ...]:
-    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made."""
-    gains = {axis: parameters[f"{axis}_gain"] for axis in ("roll", "pitch", "yaw")}
-    wrong = [axis for axis, gain in gains.items() if gain.used < 0.0]
-    if not wrong:
-        return ()
-    sure = any(gains[axis].value is not None for axis in wrong)
-    return (
-        Finding(
-            "motor-signs",
-            Severity.ERROR if sure else Severity.WARNING,
-            f"motors {'turn' if sure else 'seem to turn'} the craft the wrong way in {', '.join(wrong)}: "
-            + ", ".join(f"{gains[axis].used:.3g} rad/s^2" for axis in wrong)
-            + " where it must be positive"
-            + ("" if sure else "; the record turns too little to be sure"),
-            "check the order of the motor columns, the frame and the signs of the rates",
-            {axis: float(gains[axis].used) for axis in wrong},
-        ),
-    )

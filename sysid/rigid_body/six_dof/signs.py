@@ -1,10 +1,14 @@
-"""What no air does: drag that pushes and damping that drives are not determined, however small the standard error."""
+"""What no craft does: drag that pushes and damping that drives are not determined, however small the standard error.
+
+Gains of the wrong sign are motors that stand elsewhere than declared.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
 
+from logparse import Finding, Severity
 from sysid.rigid_body.model_record import BodyParameter
 
 #: Standard errors below zero beyond which chance does not explain a sign.
@@ -39,6 +43,35 @@ def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, Body
                 out[name], value=None, sigma=None, determined=False, reason=reason, si_value=None, si_sigma=None
             )
     return out
+
+
+def wrong_turns(parameters: Mapping[str, BodyParameter], spread: Mapping[str, float]) -> tuple[Finding, ...]:
+    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made.
+
+    Parameters
+    ----------
+    parameters : mapping of str to BodyParameter
+    spread : mapping of str to float
+        Standard errors, also of what is not determined: a gain that is wrong by less than chance explains is no sign of
+        anything (elevons pitch a tail-sitter, and leave its motors nothing to show).
+    """
+    gains = {axis: parameters[f"{axis}_gain"] for axis in ("roll", "pitch", "yaw")}
+    wrong = [axis for axis, gain in gains.items() if gain.used < -_BEYOND * spread.get(gain.name, 0.0)]
+    if not wrong:
+        return ()
+    sure = any(gains[axis].value is not None for axis in wrong)
+    return (
+        Finding(
+            "motor-signs",
+            Severity.ERROR if sure else Severity.WARNING,
+            f"motors {'turn' if sure else 'seem to turn'} the craft the wrong way in {', '.join(wrong)}: "
+            + ", ".join(f"{gains[axis].used:.3g} rad/s^2" for axis in wrong)
+            + " where it must be positive"
+            + ("" if sure else "; the record turns too little to be sure"),
+            "check the order of the motor columns, the frame and the signs of the rates",
+            {axis: float(gains[axis].used) for axis in wrong},
+        ),
+    )
 
 
 def _below_zero(each: BodyParameter) -> bool:

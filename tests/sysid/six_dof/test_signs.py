@@ -1,7 +1,9 @@
-"""Drag below zero: a table of a windy flight said "Drag known, -0.23 ± 0.05 1/s"."""
+"""Drag below zero: a table of a windy flight said "Drag known, -0.23 ± 0.05 1/s"; and gains below zero."""
+
+import pytest
 
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof.signs import refuse_impossible
+from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 
 
 def known(**values):
@@ -27,3 +29,20 @@ def test_drag_that_pushes_is_not_determined_nor_what_leans_on_it():
 def test_drag_about_zero_stays():
     assert refuse_impossible(known(drag_rotor_x=(-0.05, 0.05)))["drag_rotor_x"].determined
     assert not refuse_impossible(known(roll_damping=(-3.0, 0.5)))["roll_damping"].determined
+
+
+@pytest.mark.parametrize(("value", "severity"), [(-5.5, None), (-13.0, "warning"), (5.0, None)])
+def test_a_gain_below_zero_by_chance_is_no_wrong_turn(value, severity):
+    """A tail-sitter that its elevons pitch, with the motors as they are: -5.5 +- 4.6 rad/s^2 was warned of."""
+    gains = {
+        f"{axis}_gain": BodyParameter(f"{axis}_gain", "rad/s^2", None, None, False, "unsure", used)
+        for axis, used in (("roll", 80.0), ("pitch", value), ("yaw", 10.0))
+    }
+    found = wrong_turns(gains, dict.fromkeys(gains, 4.6))
+    assert [(each.id, str(each.severity)) for each in found] == ([("motor-signs", severity)] if severity else [])
+
+
+def test_a_gain_below_zero_that_is_determined_is_an_error():
+    gains = known(roll_gain=(80.0, 2.0), pitch_gain=(-90.0, 2.0), yaw_gain=(10.0, 1.0))
+    [found] = wrong_turns(gains, dict.fromkeys(gains, 2.0))
+    assert (str(found.severity), dict(found.evidence)) == ("error", {"pitch": -90.0})
