@@ -45,6 +45,9 @@ _DRIVEN = 0.3
 #: declared must explain.
 _TURNING, _BEHIND = 0.15, 0.6
 
+#: Most motors whose orders are all tried.
+_MOST_ORDERED = 4
+
 #: Movement below which a check has nothing to go by: m/s, rad/s, m/s^2.
 _STILL_SPEED, _STILL_RATE, _STILL_FORCE = 0.05, 0.05, 0.3
 
@@ -149,7 +152,12 @@ def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: floa
         Finding(
             "table-motor-order",
             Severity.INFO,
-            f"columns {names}: this record turns too little to show whether the motors stand in the order declared",
+            f"columns {names}: "
+            + (
+                f"the order of {count} motors is not held against the turns, as there are too many orders to try"
+                if (count := len(declared.motors.motors)) > _MOST_ORDERED
+                else "this record turns too little to show whether the motors stand in the order declared"
+            ),
             "check the order on a record with brisk turns; wrong orders show as gains of the wrong sign",
             {"column": names},
         )
@@ -466,7 +474,7 @@ class _Orders:
 def _orders(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> _Orders | None:
     """Try the motors in every order; None for more or fewer than three or four, and for short records."""
     count = len(declared.motors.motors)
-    if not 3 <= count <= 4 or len(motors) < 200:
+    if not 3 <= count <= _MOST_ORDERED or len(motors) < 200:
         return None
     levers, strengths = _levers(declared, motors)
     explained = {
