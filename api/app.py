@@ -9,26 +9,16 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api import openapi, problem_responses
-from api.access import Shares, Tokens
-from api.bodies import SmallBodies
-from api.catalog import Catalog, Quota
-from api.crafts import Crafts
-from api.database import Database
-from api.dependencies import Parts
-from api.desk import Desk
-from api.feed import Feeds
-from api.folder_flights import FolderFlights
-from api.headers import SafeHeaders
-from api.hooks import Hooks
-from api.housekeeping import Housekeeping
-from api.incoming import Incoming
-from api.jobs import Runner
-from api.local_only import KnownHosts
-from api.metrics import Measured, Metrics
-from api.objects import Objects
-from api.rates import Rates
-from api.reviews import Reviews
+from api.access.identity import Shares, Tokens
+from api.access.rates import Rates
+from api.crafts.feed import Feeds
+from api.crafts.folder_flights import FolderFlights
+from api.crafts.hooks import Hooks
+from api.crafts.registry import Crafts
+from api.crafts.reviews import Reviews
+from api.logs.catalog import Catalog, Quota
+from api.logs.housekeeping import Housekeeping
+from api.logs.metrics import Measured, Metrics
 from api.routes import (
     alerts,
     analyses,
@@ -43,10 +33,20 @@ from api.routes import (
     shares,
     sign_in,
 )
-from api.scratch import Scratch
 from api.settings import Settings
-from api.watch import PRELOAD, Workplace
-from api.worker import Analyze, analyze_logs
+from api.store.database import Database
+from api.store.incoming import Incoming
+from api.store.objects import Objects
+from api.store.scratch import Scratch
+from api.web import openapi, problem_responses
+from api.web.bodies import SmallBodies
+from api.web.dependencies import Parts
+from api.web.headers import SafeHeaders
+from api.web.local_only import KnownHosts
+from api.work.desk import Desk
+from api.work.jobs import Runner
+from api.work.watch import PRELOAD, Workplace
+from api.work.worker import Analyze, analyze_logs
 
 _log = logging.getLogger("rotorid.api")
 

@@ -1,4 +1,4 @@
-"""What went wrong in one shape: problem details (RFC 9457). `api.problem_responses` answers with them."""
+"""What went wrong in one shape: problem details (RFC 9457). `api.web.problem_responses` answers with them."""
 
 from collections.abc import Mapping
 from http import HTTPStatus

@@ -15,25 +15,25 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from api import backup as backups
 from api import log_lines
-from api.access import Tokens
+from api.access.identity import Tokens
 from api.app import create_app
-from api.connections import PatientProtocol
-from api.database import Database, NewerDatabaseError
-from api.jobs import Runner
-from api.local_only import LOOPBACK
-from api.objects import Objects
-from api.service_library import ServiceLibrary
+from api.machine.service_library import ServiceLibrary
 from api.settings import Access, Settings
-from api.working import work_until_told
+from api.store import backup as backups
+from api.store.database import Database, NewerDatabaseError
+from api.store.objects import Objects
+from api.web.connections import PatientProtocol
+from api.web.local_only import LOOPBACK
+from api.work.jobs import Runner
+from api.work.working import work_until_told
 from logparse.lazy import lazy
 from pipeline.results.quantity import ParameterChange
 
 if TYPE_CHECKING:
-    from api import questions
+    from api.machine import questions
 else:
-    questions = lazy("api.questions")  # with the numerical packages, which the server does without
+    questions = lazy("api.machine.questions")  # with the numerical packages, which the server does without
 
 #: Seconds that requests still being answered get when the service is told to stop.
 _GRACE = 5

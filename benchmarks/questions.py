@@ -19,15 +19,15 @@ from fastapi.testclient import TestClient
 import pipeline
 import reports
 from api import Settings, create_app
-from api.craft_flights import keep
-from api.flown import Flown
-from api.folder_library import FolderLibrary
-from api.tools import Tools
+from api.machine.folder_library import FolderLibrary
+from api.machine.tools import Tools
+from api.work.craft_flights import keep
+from api.work.flown import Flown
 from logparse.serialization import as_json
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import FolderStore
-from reports.reading import read_report
+from reports.numbers.reading import read_report
 
 ROOT = Path(__file__).parents[1]
 

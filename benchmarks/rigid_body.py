@@ -22,8 +22,8 @@ from simulation.place import Place
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from sysid.records.context import standard_density
-from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
-from sysid.rigid_body.output_error import Prior, fit_output_error
+from sysid.rigid_body.methods.output_error import Prior, fit_output_error
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
 
 LOGS = Path("../shared/logs/sitl")
 NOT_HERE = "no logs"

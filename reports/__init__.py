@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
     from pipeline.results.fleet import GroupResult
     from pipeline.results.flight import FlightResult
-    from reports import folder as reports_folder
-    from reports import plot_images
-    from reports.fleet import write_fleet
-    from reports.folder import write
-    from reports.plot_images import ImageFormat
-    from reports.replay import write_replay
+    from reports.files import folder as reports_folder
+    from reports.files import plot_images
+    from reports.files.fleet import write_fleet
+    from reports.files.folder import write
+    from reports.files.plot_images import ImageFormat
+    from reports.files.replay import write_replay
 else:
-    reports_folder, plot_images = lazy("reports.folder"), lazy("reports.plot_images")
+    reports_folder, plot_images = lazy("reports.files.folder"), lazy("reports.files.plot_images")
 
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
 

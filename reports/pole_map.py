@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reports.figure import Drawn, Figure, Trace, layout_of, plotly_text
+from reports.figures.figure import Drawn, Figure, Trace, layout_of, plotly_text
 from sysid import TransferFunction
 from sysid.transfer_functions.roots import Root
 from sysid.transfer_functions.transfer_function import poles, zeros

@@ -28,8 +28,8 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import ParameterRow
 from pipeline.storage.sources import find
 from pipeline.storage.store import Store
-from reports.comparison import compare_reports
-from reports.reading import read_report
+from reports.numbers.comparison import compare_reports
+from reports.numbers.reading import read_report
 from rotorid.workers import PRELOAD
 
 _PARAMETER_COLUMNS = ["value", "sigma", "unit", "method", "reason"]

@@ -1,3 +1,3 @@
 """What worker processes import once for all, before they are given logs."""
 
-PRELOAD = ("pipeline.execution.executors", "pipeline.fleet.job", "pipeline.fleet.joint", "reports.folder")
+PRELOAD = ("pipeline.execution.executors", "pipeline.fleet.job", "pipeline.fleet.joint", "reports.files.folder")

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from sysid.records.experiment import Experiment, ExperimentError
     from sysid.records.table_export import write_table
     from sysid.rigid_body.body_fit import fit_rigid_body
-    from sysid.rigid_body.craft_export import write_craft
-    from sysid.rigid_body.frame_json import FrameExport, frame_json
-    from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
+    from sysid.rigid_body.conditions.wind import FlightTrim
+    from sysid.rigid_body.export.craft_export import write_craft
+    from sysid.rigid_body.export.frame_json import FrameExport, frame_json
+    from sysid.rigid_body.export.hover import HoverModel, hover_from_speeds, hover_model
     from sysid.rigid_body.model import RigidBodyModel
     from sysid.rigid_body.model_record import BodyParameter
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
     from sysid.rigid_body.six_dof.fit import fit_six_dof
     from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
     from sysid.rigid_body.six_dof.model import SixDofModel
-    from sysid.rigid_body.wind import FlightTrim
     from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
     from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
     from sysid.rotors.rotor import RotorModel, fit_rotor

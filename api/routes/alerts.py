@@ -8,12 +8,12 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.craft_resources import RaisedAlert
-from api.dependencies import Owner, PartsOf, from_our_pages
-from api.feed import MEDIA_TYPE, atom
+from api.crafts.feed import MEDIA_TYPE, atom
+from api.crafts.resources import RaisedAlert
 from api.problems import Problem, ProblemError
-from api.resources import Page
 from api.routes.paging import After, Limit, page
+from api.store.resources import Page
+from api.web.dependencies import Owner, PartsOf, from_our_pages
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 

@@ -10,13 +10,13 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import ValidationError
 
 from api import problems
-from api.catalog import Catalog
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages
-from api.following import changes
+from api.logs.catalog import Catalog
+from api.logs.following import changes
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.results import Include, answer, file_of, summary
 from api.routes.paging import After, Limit, page
+from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
+from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.web.results import Include, answer, file_of, summary
 from logparse import RotoridError
 from pipeline import AnalysisConfig
 

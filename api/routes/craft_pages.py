@@ -8,14 +8,14 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from api.craft_models import FILES, LeastTrust, latest
-from api.dependencies import Owner, Parts, PartsOf
-from api.form_tokens import from_our_forms
-from api.headers import REPORT_POLICY
-from api.page_templates import render
+from api.crafts.models import FILES, LeastTrust, latest
 from api.problems import Problem, ProblemError
 from api.routes.crafts import show_craft, unknown_craft
 from api.routes.paging import After
+from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.form_tokens import from_our_forms
+from api.web.headers import REPORT_POLICY
+from api.web.page_templates import render
 
 router = APIRouter(include_in_schema=False)
 forms = APIRouter(include_in_schema=False, dependencies=from_our_forms)

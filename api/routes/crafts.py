@@ -8,13 +8,13 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from api import problems
-from api.craft_models import FILES, LeastTrust, latest
-from api.craft_resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
-from api.dependencies import Owner, PartsOf, from_our_pages
+from api.crafts.models import FILES, LeastTrust, latest
+from api.crafts.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
 from api.problems import Problem, ProblemError
-from api.resources import Page
-from api.results import file_response, local_copy
 from api.routes.paging import After, Limit, page
+from api.store.resources import Page
+from api.web.dependencies import Owner, PartsOf, from_our_pages
+from api.web.results import file_response, local_copy
 
 router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)
 

@@ -11,14 +11,14 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api import problems
-from api.answers import LoggedFields, LoggedMessages, Signals
-from api.dependencies import Owner, Parts, PartsOf
-from api.headers import PLOT_POLICY
-from api.page_templates import render
+from api.machine.answers import LoggedFields, LoggedMessages, Signals
 from api.problems import Problem, ProblemError
-from api.resources import Log
-from api.results import local_copy
 from api.routes.logs import unknown_log
+from api.store.resources import Log
+from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.headers import PLOT_POLICY
+from api.web.page_templates import render
+from api.web.results import local_copy
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 pages = APIRouter(include_in_schema=False)

@@ -7,8 +7,8 @@ from prometheus_client import CONTENT_TYPE_LATEST
 from sqlalchemy import text
 
 from api import problems
-from api.dependencies import PartsOf
 from api.problems import Problem, ProblemError
+from api.web.dependencies import PartsOf
 
 router = APIRouter(tags=["operation"])
 

@@ -7,15 +7,15 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from api import problems
-from api.access import bearer
-from api.catalog import Kept
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
-from api.following import ended
+from api.access.identity import bearer
+from api.logs.catalog import Kept
+from api.logs.following import ended
+from api.logs.uploads import FORM, receive_logs
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.results import Include, answer
 from api.routes.paging import After, Limit, page
-from api.uploads import FORM, receive_logs
+from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
+from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
+from api.web.results import Include, answer
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 

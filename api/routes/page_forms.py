@@ -10,14 +10,14 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
-from api.dependencies import Owner, Parts, PartsOf
-from api.form_tokens import from_our_forms
-from api.page_templates import local_path, render
 from api.problems import ProblemError
-from api.resources import Analysis, AnalysisOrder, Configuration
-from api.results import answer
 from api.routes.analyses import check, find_analysis, in_words, unknown_analysis
 from api.routes.logs import unknown_log
+from api.store.resources import Analysis, AnalysisOrder, Configuration
+from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.form_tokens import from_our_forms
+from api.web.page_templates import local_path, render
+from api.web.results import answer
 from logparse.serialization import restored
 
 router = APIRouter(include_in_schema=False, dependencies=from_our_forms)

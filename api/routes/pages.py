@@ -10,24 +10,24 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
-from api.access import bearer
-from api.dependencies import Owner, Parts, PartsOf
-from api.form_tokens import from_our_forms
-from api.headers import REPORT_POLICY
-from api.page_templates import render
+from api.access.identity import bearer
+from api.access.report_keys import ReportKeys
+from api.logs.result_files import downloads, flight_pages, tables
+from api.logs.uploads import check_room
 from api.problems import Problem, ProblemError
-from api.reference import operations_by_kind
-from api.report_keys import ReportKeys
-from api.resources import Analysis, AnalysisOrder, Configuration, State
-from api.result_files import downloads, flight_pages, tables
-from api.results import answer, file_of
 from api.routes.analyses import check, find_analysis, in_words
 from api.routes.logs import take_upload
 from api.routes.paging import After
 from api.routes.shares import find_shared
 from api.samples import samples
 from api.settings import Access
-from api.uploads import check_room
+from api.store.resources import Analysis, AnalysisOrder, Configuration, State
+from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.form_tokens import from_our_forms
+from api.web.headers import REPORT_POLICY
+from api.web.page_templates import render
+from api.web.reference import operations_by_kind
+from api.web.results import answer, file_of
 
 router = APIRouter(include_in_schema=False)
 

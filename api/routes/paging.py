@@ -4,8 +4,8 @@ from typing import Annotated, TypeVar
 
 from fastapi import Query, Request
 
-from api.craft_resources import Craft, RaisedAlert
-from api.resources import Analysis, Log, Page
+from api.crafts.resources import Craft, RaisedAlert
+from api.store.resources import Analysis, Log, Page
 
 Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
 After = Annotated[str | None, Query(max_length=64, description="Id of the last item of the part before.")]

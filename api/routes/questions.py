@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query
 
 from api import problems
-from api.answers import (
+from api.machine.answers import (
     Answers,
     Changes,
     ComparedFlights,
@@ -20,10 +20,10 @@ from api.answers import (
     Parameters,
     Predictions,
 )
-from api.dependencies import Owner, PartsOf
+from api.machine.service_library import ServiceLibrary
+from api.machine.tools import MOST, Tools, UnknownError
 from api.problems import Problem, ProblemError
-from api.service_library import ServiceLibrary
-from api.tools import MOST, Tools, UnknownError
+from api.web.dependencies import Owner, PartsOf
 from pipeline.results.quantity import ParameterChange
 
 router = APIRouter(prefix="/questions", tags=["questions"], responses=problems.RESPONSES)

@@ -12,12 +12,12 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from api import problems
-from api.dependencies import Owner, Parts, PartsOf, from_our_pages
-from api.flown import FILE
 from api.problems import Problem, ProblemError
-from api.resources import Analysis, SharedAnalysis, SharedLog
-from api.results import answer, file_of
 from api.routes.analyses import find_analysis
+from api.store.resources import Analysis, SharedAnalysis, SharedLog
+from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.web.results import answer, file_of
+from api.work.flown import FILE
 
 router = APIRouter(tags=["sharing"], responses=problems.RESPONSES)
 

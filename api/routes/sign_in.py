@@ -6,11 +6,11 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
-from api.access import COOKIE
-from api.dependencies import PartsOf
-from api.form_tokens import from_our_forms
-from api.page_templates import local_path, render
+from api.access.identity import COOKIE
 from api.settings import Access
+from api.web.dependencies import PartsOf
+from api.web.form_tokens import from_our_forms
+from api.web.page_templates import local_path, render
 
 router = APIRouter(include_in_schema=False)
 

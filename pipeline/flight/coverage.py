@@ -19,7 +19,7 @@ from pipeline.flight.log_health import log_health
 from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, TimeMap, Wind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
+from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -146,8 +146,8 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     from logparse.serialization import as_json as to_text
     from pipeline.errors import ConfigError
     from pipeline.flight.table_analysis import analyze_tables
-    from reports.tables_page import tables_page
-    from reports.terminal import answer_rows
+    from reports.pages.tables import tables_page
+    from reports.terminal.summary import answer_rows
 
     files: list[Path] = []
     for path in map(Path, _existing(paths)):
@@ -214,15 +214,15 @@ def _one_flight(
         try:
             report = reports.write(result, out)
             if plots is not None:
-                from reports.plot_images import write_plots
+                from reports.files.plot_images import write_plots
 
                 write_plots(result, out, plots.value)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
-            from reports.numbers import flight_report
+            from reports.numbers.flight import flight_report
 
             _show(flight_report(result), "", as_json)
             fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
-    from reports.reading import read_report
+    from reports.numbers.reading import read_report
 
     # What was written need not be gathered again.
     numbers = read_report(out)
@@ -285,7 +285,7 @@ def _several_logs(
             _list_failures(fleet.failures)
             kept = "what is done is kept; make room and run the same command again"
             fail(f"the report could not be written: {error.strerror or error}; {kept}", SOME_FAILED)
-    from reports.reading import parse_report
+    from reports.numbers.reading import parse_report
 
     numbers = parse_report(fleet.store.read("report.json"))
     _show(numbers, f"{out.rstrip('/')}/report.html", as_json)
@@ -298,7 +298,7 @@ def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> 
     """Print what was found."""
     from logparse.serialization import as_json as to_text
     from pipeline.names import printable
-    from reports import terminal
+    from reports.terminal import summary as terminal
 
     if as_json:
         sys.stdout.write(to_text(numbers))
@@ -311,7 +311,7 @@ def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> 
 
 def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[LogFailure]") -> NoReturn:
     """End with the status that the findings deserve."""
-    from reports import terminal
+    from reports.terminal import summary as terminal
 
     _list_failures(failures)
     modelless = terminal.no_model(numbers)

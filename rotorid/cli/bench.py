@@ -44,7 +44,7 @@ def bench(
     Example: rotorid bench motor1.csv motor2.csv --weight 42.1 --voltage 15.2
     """
     from logparse.serialization import as_json as strict_json
-    from reports.bench_page import bench_page
+    from reports.pages.bench import bench_page
     from rotorid.cli.output import console
     from sysid.bench.stand import NoTrim, analyse_bench
     from sysid.bench.table import read_bench

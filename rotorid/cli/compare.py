@@ -29,9 +29,9 @@ def compare(
     Example: rotorid analyze march --out before; rotorid analyze april --out after; rotorid compare before after
     """
     from logparse.serialization import as_json as to_text
-    from reports.comparison import compare_reports
-    from reports.comparison_page import comparison_markdown, comparison_overview, comparison_page
-    from reports.reading import read_report
+    from reports.numbers.comparison import compare_reports
+    from reports.numbers.reading import read_report
+    from reports.pages.comparison import comparison_markdown, comparison_overview, comparison_page
     from rotorid.cli.output import console
 
     older, newer = read_report(before), read_report(after)

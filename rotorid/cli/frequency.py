@@ -30,7 +30,7 @@ def frequency(
     from logparse.serialization import as_json as strict_json
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
-    from reports.frequency_page import frequency_page, sentences, terminal_table
+    from reports.pages.frequency import frequency_page, sentences, terminal_table
     from rotorid.cli.output import console
     from sysid.frequency.axes import AXES
     from sysid.frequency.export import survey_record, write

@@ -34,6 +34,6 @@ def inspect(
     if as_json:
         typer.echo(to_text(found), nl=False)
         return
-    from reports import inspection
+    from reports.terminal import inspection
 
     console().print(inspection.overview(found))

@@ -21,13 +21,13 @@ def mcp(
 
     Example: rotorid mcp out
     """
-    from api.mcp_server import server_of
-    from api.tools import Tools
+    from api.machine.mcp_server import server_of
+    from api.machine.tools import Tools
     from pipeline.errors import ConfigError
 
     try:
         if folder is not None:
-            from api.folder_library import FolderLibrary
+            from api.machine.folder_library import FolderLibrary
 
             server_of(Tools(FolderLibrary(folder))).run()
         else:

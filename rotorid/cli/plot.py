@@ -33,7 +33,7 @@ def plot(
     """
     import logparse
     from logparse.expressions import evaluate
-    from reports.signal_plot import write_signal_plot
+    from reports.pages.signals import write_signal_plot
 
     for option, value in (("--start", start), ("--end", end)):
         if value is not None and not math.isfinite(value):

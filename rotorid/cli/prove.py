@@ -25,7 +25,7 @@ def prove(
     """
     from logparse.quantity import uncertain
     from logparse.serialization import as_json as strict_json
-    from reports.loops_report import proof_report
+    from reports.numbers.loops import proof_report
     from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare
 

@@ -18,8 +18,8 @@ def report(
     Example: rotorid report out/flight --open
     """
     from pipeline.errors import ConfigError
-    from reports import terminal
-    from reports.reading import read_report
+    from reports.numbers.reading import read_report
+    from reports.terminal import summary as terminal
 
     page = out / "report.html"
     if as_json:  # as it is, by whatever version

@@ -25,7 +25,7 @@ def schema(
     """
     from logparse.catalogue import read_catalogue
     from logparse.serialization import as_json
-    from reports.schema import schema as schema_of
+    from reports.numbers.schema import schema as schema_of
 
     typer.echo(
         read_catalogue().as_markdown() if subject == Subject.FINDINGS else as_json(schema_of(subject.value)), nl=False

@@ -103,7 +103,7 @@ def simulate(
 def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:
     """Write what a case gave, and tell on stdout: its characteristics if it is the only one, and the files."""
     import simulation
-    from reports.simulation import simulation_page
+    from reports.pages.simulation import simulation_page
 
     files = simulation.write(outcome, out)
     page = out / f"{outcome.name}.html"

@@ -33,8 +33,8 @@ def tune(
     Example: rotorid tune FLIGHT.bin --out tuning
     """
     from logparse.serialization import as_json as strict_json
-    from reports.loops_page import loops_page
-    from reports.loops_report import tuning_report
+    from reports.numbers.loops import tuning_report
+    from reports.pages.loops import loops_page
     from rotorid.cli.output import prepare
     from sysid.loops.tuning import tune as propose
 

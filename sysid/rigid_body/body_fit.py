@@ -14,8 +14,6 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats, requir
 from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
-from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.body_parameters import (
     drag_apart,
     in_si,
@@ -25,17 +23,19 @@ from sysid.rigid_body.body_parameters import (
     thrust_over,
     undetermined,
 )
-from sysid.rigid_body.carried import WIND_SIGMA
-from sysid.rigid_body.drag_law import fit_best_law
-from sysid.rigid_body.equation_error import fit_equation_error
-from sysid.rigid_body.filter_error import FilterErrorFit, mean_winds
+from sysid.rigid_body.conditions.carried import WIND_SIGMA
+from sysid.rigid_body.conditions.trim import trim_from, trim_prior
+from sysid.rigid_body.conditions.wind import FlightTrim, wind_knots, wind_shapes
+from sysid.rigid_body.methods.drag_law import fit_best_law
+from sysid.rigid_body.methods.equation_error import fit_equation_error
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, mean_winds
+from sysid.rigid_body.methods.output_error import Prior, fit_output_error, flight_slice
+from sysid.rigid_body.methods.systematic import wind_error, with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.motor_effects import fit_motor_effects
-from sysid.rigid_body.output_error import Prior, fit_output_error, flight_slice
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
-from sysid.rigid_body.systematic import wind_error, with_shared_errors
-from sysid.rigid_body.trim import trim_from, trim_prior
-from sysid.rigid_body.wind import FlightTrim, wind_knots, wind_shapes
 from sysid.rotors.thrust_regression import vehicle_of
 from sysid.transfer_functions.search import Progress
 

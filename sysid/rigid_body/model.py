@@ -31,16 +31,16 @@ from logparse.quantity import uncertain
 from logparse.serialization import plain, recorded, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
-from sysid.rigid_body.body_motion import LAG, THETA, Motion, motion
-from sysid.rigid_body.carried import Carried, carry_states
-from sysid.rigid_body.drift_band import drift_sigma, trim_errors
-from sysid.rigid_body.increments import velocity_increments
+from sysid.rigid_body.conditions.carried import Carried, carry_states
+from sysid.rigid_body.conditions.drift_band import drift_sigma, trim_errors
+from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
+from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS
+from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
+from sysid.rigid_body.motion.body_motion import LAG, THETA, Motion, motion
+from sysid.rigid_body.motion.increments import velocity_increments
 from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
-from sysid.rigid_body.trim import early_trim, unusual_thrust, whole_trim
-from sysid.rigid_body.wander import FIXED, GUST_SECONDS
-from sysid.rigid_body.wind import WIND_HEIGHT, FlightTrim
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
@@ -196,7 +196,7 @@ class RigidBodyModel(Summarised):
     def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
         """Predict every sample from the state `horizon` seconds before it.
 
-        Wind and thrust scale are states that a filter carries forward (`sysid.rigid_body.carried`): every prediction
+        Wind and thrust scale are states that a filter carries forward (`conditions.carried`): every prediction
         uses what the flight has told up to its restart, and lets gusts fade as gusts do. How strong gusts and noise
         are comes from the first 30 s.
 

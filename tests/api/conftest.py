@@ -9,9 +9,10 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 
-from api import Settings, create_app, form_tokens
-from api.connections import PatientProtocol
+from api import Settings, create_app
 from api.server import Server
+from api.web import form_tokens
+from api.web.connections import PatientProtocol
 from tests.api import standins
 from tests.api.programs import PATIENCE
 

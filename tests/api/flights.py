@@ -5,8 +5,8 @@ import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from api import flown
-from api.worker import Progress, Task
+from api.work import flown
+from api.work.worker import Progress, Task
 from logparse import LogError
 from logparse.serialization import as_json
 from pipeline.results.answer import AnswerLine, Tone

@@ -5,8 +5,8 @@ import sys
 import uvicorn
 
 from api import Settings, create_app
-from api.connections import PatientProtocol
 from api.server import Server
+from api.web.connections import PatientProtocol
 from tests.api import standins
 
 

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from api.worker import Progress, Task, analyze_logs
+from api.work.worker import Progress, Task, analyze_logs
 from logparse import LogError
 from logparse.containers import open_buffer
 

@@ -14,11 +14,11 @@ from sqlalchemy import select, update
 from typer.testing import CliRunner
 
 from api import Settings, create_app
-from api.dependencies import Parts
-from api.local_only import LOOPBACK
-from api.records import ShareRecord, TokenRecord
 from api.routes import page_forms, pages
 from api.settings import Access
+from api.store.records import ShareRecord, TokenRecord
+from api.web.dependencies import Parts
+from api.web.local_only import LOOPBACK
 from rotorid.cli.main import app as command_line
 from tests.api import standins
 from tests.api.conftest import running

@@ -13,7 +13,7 @@ import pytest
 
 from api import Settings, create_app
 from api.settings import LogFormat
-from api.worker import Limits, Task, run
+from api.work.worker import Limits, Task, run
 from tests.api import standins
 from tests.api.conftest import EVERYTHING, running
 from tests.api.programs import wait_until

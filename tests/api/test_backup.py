@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import api
 from api import Settings, create_app
-from api.database import Database
+from api.store.database import Database
 from rotorid.cli.main import app as command_line
 from tests.api import flights, postgresql, standins
 from tests.api.conftest import running
@@ -74,7 +74,7 @@ def test_what_is_no_backup_is_refused_in_a_line(tmp_path: Path, content: bytes) 
 def test_a_database_of_the_first_version_is_brought_up_to_date_with_its_data(tmp_path: Path) -> None:
     file = tmp_path / "rotorid.db"
     config = Config()
-    config.set_main_option("script_location", str(Path(api.__file__).parent / "migrations"))
+    config.set_main_option("script_location", str(Path(api.__file__).parent / "store" / "migrations"))
     engine = create_engine(f"sqlite:///{file}")
     with engine.begin() as connection:
         config.attributes["connection"] = connection

@@ -12,14 +12,14 @@ from alembic.migration import MigrationContext
 from sqlalchemy import create_engine, select, update
 
 from api import Settings, create_app
-from api.catalog import Catalog, FullError
-from api.database import Database
-from api.incoming import Incoming
-from api.objects import Objects
+from api.logs.catalog import Catalog, FullError
 from api.problems import Problem
-from api.queue import Claim, Queue
-from api.records import AnalysisRecord, LogRecord, Record
-from api.resources import State
+from api.store.database import Database
+from api.store.incoming import Incoming
+from api.store.objects import Objects
+from api.store.records import AnalysisRecord, LogRecord, Record
+from api.store.resources import State
+from api.work.queue import Claim, Queue
 from tests.api import postgresql, standins
 from tests.api.conftest import running
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from api import Settings, create_app
-from api.desk import Desk
 from api.problems import ProblemError
+from api.work.desk import Desk
 from logparse import read_log
 from tests.api.conftest import running
 

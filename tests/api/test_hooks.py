@@ -14,8 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api import Settings, create_app, hooks
-from api.hooks import ForbiddenAddressError, check_address, resolve, send
+from api import Settings, create_app
+from api.crafts import hooks
+from api.crafts.hooks import ForbiddenAddressError, check_address, resolve, send
 from api.settings import Webhooks
 from tests.api import flights
 from tests.api.conftest import running

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from api.flown import read_flown
-from api.found import read_found
-from api.worker import Member, Task, analyze_logs
+from api.work.flown import read_flown
+from api.work.found import read_found
+from api.work.worker import Member, Task, analyze_logs
 from logparse.serialization import plain
 from tests.api.programs import PROJECT
 

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from api import Settings, create_app
-from api.craft_flights import keep
-from api.flown import Flown
-from api.folder_library import FolderLibrary
-from api.tools import Tools, UnknownError
+from api.machine.folder_library import FolderLibrary
+from api.machine.tools import Tools, UnknownError
+from api.work.craft_flights import keep
+from api.work.flown import Flown
 from logparse.serialization import as_json, plain
 from pipeline.results.answer import AnswerLine, Tone
 from tests.api import flights, standins

@@ -18,9 +18,9 @@ import pytest
 from sqlalchemy import text
 
 from api import Settings, create_app
-from api.database import Database
 from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
+from api.store.database import Database
 from tests.api import standins
 from tests.api.conftest import running, unfinished
 from tests.api.programs import PATIENCE, PROJECT, wait_until
@@ -130,7 +130,7 @@ def test_results_that_do_not_fit_end_an_analysis_with_that_reason(
                 raise OSError(errno.ENOSPC, "No space left on device")
             put(objects, source, key)  # type: ignore[arg-type]
 
-        monkeypatch.setattr("api.objects.Objects.put", full)
+        monkeypatch.setattr("api.store.objects.Objects.put", full)
         refused = upload(client, b"good log")
         assert refused.status_code == 507
         assert "No space left" in refused.json()["detail"]

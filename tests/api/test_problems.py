@@ -73,7 +73,7 @@ def test_a_bug_answers_in_the_same_shape(service: httpx.Client, monkeypatch: pyt
     def fail(*_: object) -> None:
         raise RuntimeError("surprise")
 
-    monkeypatch.setattr("api.catalog.Catalog.find_log", fail)
+    monkeypatch.setattr("api.logs.catalog.Catalog.find_log", fail)
     response = service.get(f"/api/v1/logs/{NOBODY}")
     assert response.status_code == 500
     assert response.json()["detail"].startswith("The service made a mistake")

@@ -5,8 +5,8 @@ from dataclasses import replace
 from datetime import timedelta
 from types import SimpleNamespace
 
-from api import proposals
-from api.worker import Task, analyze_logs
+from api.work import proposals
+from api.work.worker import Task, analyze_logs
 from logparse import LogError
 from pipeline.fleet import job, joint
 from tests.pipeline import flown

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import httpx
 import pytest
 
-from api import Settings, create_app, report_keys
-from api.access import Tokens
-from api.page_templates import local_path
-from api.report_keys import ReportKeys
+from api import Settings, create_app
+from api.access import report_keys
+from api.access.identity import Tokens
+from api.access.report_keys import ReportKeys
 from api.settings import Access
+from api.web.page_templates import local_path
 from tests.api import standins
 from tests.api.conftest import running
 

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from api.objects import Objects
+from api.store.objects import Objects
 from tests.api import standins
 from tests.api.conftest import running
 from tests.s3_server import s3_server

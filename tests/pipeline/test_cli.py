@@ -14,7 +14,7 @@ import pytest
 import logparse
 import pipeline
 import reports
-from reports.schema import schema
+from reports.numbers.schema import schema
 from rotorid.cli import main as cli
 from tests.reports.conftest import made_flight
 

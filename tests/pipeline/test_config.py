@@ -3,7 +3,7 @@
 import pytest
 from typer.main import get_command
 
-from api.resources import Configuration
+from api.store.resources import Configuration
 from logparse import RotoridError
 from pipeline import AnalysisConfig, ConfigError
 from pipeline.config import SETTINGS

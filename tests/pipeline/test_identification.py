@@ -10,9 +10,9 @@ from pipeline.execution.stages import STAGES, Stages, overall, silent
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS
 from pipeline.results.failure import Failure
-from reports import views
-from reports.model_views import orders
-from reports.numbers import model_report
+from reports.numbers.flight import model_report
+from reports.views import tables as views
+from reports.views.models import orders
 from tests.reports.conftest import made_flight
 
 MOTORS = KINDS[0]

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.errors import ConfigError
-from reports.packing import unpack
+from reports.figures.packing import unpack
 from rotorid.cli.main import app
 from simulation import CASES, ArrivalError
 

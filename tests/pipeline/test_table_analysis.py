@@ -10,7 +10,7 @@ from logparse.serialization import as_json
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.flight.table_analysis import analyze_tables
-from reports.tables_page import tables_page
+from reports.pages.tables import tables_page
 from tests.sysid.six_dof import flown
 
 COLUMNS = {

@@ -10,7 +10,7 @@ import logparse
 from logparse import Tables
 from pipeline.flight.vibration_spectrum import vibration_spectrum
 from pipeline.results.span import Span
-from reports.health_figures import peaks_in_words
+from reports.figures.health import peaks_in_words
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs" / "real"
 FLIGHT = Span(0.0, 60.0)

@@ -5,8 +5,8 @@ import re
 
 import jsonschema
 
-from reports.packing import unpack
-from reports.schema import schema
+from reports.figures.packing import unpack
+from reports.numbers.schema import schema
 
 
 def schema_of(kind: str) -> dict:

@@ -19,7 +19,7 @@ from pipeline.results.failure import Failure
 from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
 from reports import publish
-from reports.fleet import compose
+from reports.files.fleet import compose
 from tests.reports.made import made
 
 NO_THRUST = Failure("thrust", "no voltage was logged; set LOG_BITMASK to include CURRENT")

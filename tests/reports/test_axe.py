@@ -9,10 +9,10 @@ import pytest
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
 from pipeline.results.craft_review import Note
-from reports.craft_page import craft_page
-from reports.html import flight_page
-from reports.numbers import flight_report
-from reports.parameters_page import parameters_page
+from reports.numbers.flight import flight_report
+from reports.pages.craft import craft_page
+from reports.pages.html import flight_page
+from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering
 from tests.reports.conftest import composed

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from logparse.serialization import as_json
 from pipeline.errors import ConfigError
 from pipeline.results.report import FleetReport
-from reports.comparison import SIGNIFICANCE, change, compare_reports
-from reports.comparison_page import comparison_markdown, comparison_page
+from reports.numbers.comparison import SIGNIFICANCE, change, compare_reports
+from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
 from tests.reports.made import made
 

@@ -8,8 +8,8 @@ import plotly.graph_objects as go
 import pytest
 
 from pipeline.results.failure import Failure
-from reports.figure import MOST_POINTS
-from reports.flight_figures import flight_figures, motors
+from reports.figures.figure import MOST_POINTS
+from reports.figures.flight import flight_figures, motors
 from tests.reports.builders import themed
 
 

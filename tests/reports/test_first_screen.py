@@ -20,15 +20,15 @@ from pipeline.results.loops import FlightLoops
 from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from pipeline.results.span import Span
-from reports import summary
-from reports.first_screen import first_figures
-from reports.fleet_answer import fleet_answer
-from reports.fleet_page import fleet_page
-from reports.fleet_report import in_short
-from reports.html import flight_page
-from reports.numbers import flight_report
-from reports.summary import answer_lines
-from reports.terminal import overview
+from reports.numbers.fleet import in_short
+from reports.numbers.flight import flight_report
+from reports.pages.fleet import fleet_page
+from reports.pages.html import flight_page
+from reports.terminal.summary import overview
+from reports.views import summary
+from reports.views.first_screen import first_figures
+from reports.views.fleet_answer import fleet_answer
+from reports.views.summary import answer_lines
 from sysid import Experiment, fit_thrust
 from sysid.loops.loop import Margins
 from sysid.records.motor_scaling import motor_commands

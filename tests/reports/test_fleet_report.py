@@ -8,7 +8,7 @@ from dataclasses import replace
 from pipeline.names import folder_names
 from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
-from reports.fleet import compose
+from reports.files.fleet import compose
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
 from tests.reports.made import made

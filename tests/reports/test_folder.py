@@ -23,11 +23,12 @@ from logparse.serialization import plain
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.model_report import RmseRow
-from reports import html, summary
-from reports.folder import rmse_table
-from reports.numbers import flight_report
-from reports.reading import read_report
-from reports.schema import schema
+from reports.files.folder import rmse_table
+from reports.numbers.flight import flight_report
+from reports.numbers.reading import read_report
+from reports.numbers.schema import schema
+from reports.pages import html
+from reports.views import summary
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
 from tests.reports.made import made

@@ -3,7 +3,7 @@
 import re
 from xml.etree import ElementTree
 
-from reports.formula import polynomial, transfer_function
+from reports.views.formula import polynomial, transfer_function
 
 
 def text_of(markup) -> str:

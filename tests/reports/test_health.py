@@ -10,10 +10,10 @@ from pipeline.flight.health_signals import health_signals, thin
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
 from pipeline.results.report import HealthReport
 from pipeline.results.span import Span
-from reports.health_figures import health_figures
-from reports.health_views import sentence, timeline
-from reports.html import flight_page
-from reports.numbers import flight_report
+from reports.figures.health import health_figures
+from reports.numbers.flight import flight_report
+from reports.pages.html import flight_page
+from reports.views.health import sentence, timeline
 
 
 def event(identity, t, severity=Severity.WARNING, reason="It happened.", **more):

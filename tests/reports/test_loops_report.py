@@ -1,8 +1,8 @@
 """A tuning's file and page, where nothing could be tuned: they say why, and what a log wrote stays text."""
 
 from logparse.serialization import as_json, from_json
-from reports.loops_page import loops_page
-from reports.loops_report import TuningReport, tuning_report
+from reports.numbers.loops import TuningReport, tuning_report
+from reports.pages.loops import loops_page
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning

@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import HealthReport
-from reports.health_views import timeline
-from reports.model_board import model_board, step_response, step_sigma
-from reports.model_figures import off_by_default
+from reports.figures.models import off_by_default
+from reports.views.health import timeline
+from reports.views.model_board import model_board, step_response, step_sigma
 from sysid import TransferFunction
 from tests.reports.conftest import made_flight
 from tests.reports.made import made

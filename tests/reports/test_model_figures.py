@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import plotly.graph_objects as go
 
-from reports.model_figures import horizon_figure, response_figures
-from reports.numbers import flight_report
+from reports.figures.models import horizon_figure, response_figures
+from reports.numbers.flight import flight_report
 from tests.reports.builders import themed
 
 

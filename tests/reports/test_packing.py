@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.figure import line
-from reports.packing import FEWEST_VALUES, compact, differences, pack, unpack
+from reports.figures.figure import line
+from reports.figures.packing import FEWEST_VALUES, compact, differences, pack, unpack
 
 decimals = st.integers(-(10**9), 10**9).map(lambda whole: whole / 1000)
 

@@ -9,8 +9,8 @@ import pytest
 import reports
 import sysid
 from pipeline.results.model_report import ModelReport, ParameterRow
-from reports.numbers import flight_report
-from reports.parameter_views import EMPTY, coherence, parameters
+from reports.numbers.flight import flight_report
+from reports.views.parameters import EMPTY, coherence, parameters
 from tests.reports.made import made
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
@@ -116,4 +116,4 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     band = (spectra.frequency >= 0.5) & (spectra.frequency <= 5.0)
     told = numbers.models[0].coherence
     assert told.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
-    assert reports.numbers.models_file(result).flights[0].parameters == numbers.parameters
+    assert reports.numbers.flight.models_file(result).flights[0].parameters == numbers.parameters

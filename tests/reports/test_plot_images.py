@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from reports.figure import Figure, layout_of, limit_line, line, time_axis
-from reports.flight_figures import flight_figures
-from reports.plot_images import draw, write_images
+from reports.figures.figure import Figure, layout_of, limit_line, line, time_axis
+from reports.figures.flight import flight_figures
+from reports.files.plot_images import draw, write_images
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import logparse
-from reports.frequency_figures import pole_figure
+from reports.figures.frequency import pole_figure
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import frequency
 

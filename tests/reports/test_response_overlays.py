@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from pipeline.results.entry import ResponseCurve
-from reports.frequency_figures import response_overlays
+from reports.figures.frequency import response_overlays
 
 CURVE = ResponseCurve(
     flight="a",

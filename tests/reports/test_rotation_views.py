@@ -6,8 +6,8 @@ from dataclasses import replace
 import jsonschema
 
 import reports
-from reports.rotation_line import rotation_line
-from reports.rotation_views import rotation_view
+from reports.terminal.rotation_line import rotation_line
+from reports.views.rotation import rotation_view
 from tests.pipeline.builders import margins, turning
 from tests.reports.builders import schema_of
 from tests.reports.conftest import made_flight

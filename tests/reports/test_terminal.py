@@ -11,10 +11,11 @@ from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.report import FleetReport
-from reports import inspection, terminal
-from reports.fleet_report import in_short
-from reports.numbers import flight_report
-from reports.reading import read_report
+from reports.numbers.fleet import in_short
+from reports.numbers.flight import flight_report
+from reports.numbers.reading import read_report
+from reports.terminal import inspection
+from reports.terminal import summary as terminal
 from tests.reports.made import made
 
 

@@ -11,8 +11,8 @@ import pytest
 from logparse import FlightEvent, Severity
 from pipeline.results.failure import Failure
 from pipeline.results.health import FlightHealth
-from reports.parameter_files import COLUMNS, write_parameters
-from reports.track_files import FILES, write_track
+from reports.files.parameters import COLUMNS, write_parameters
+from reports.files.tracks import FILES, write_track
 
 KML, GPX = "{http://www.opengis.net/kml/2.2}", "{http://www.topografix.com/GPX/1/1}"
 

@@ -64,7 +64,7 @@ def test_a_log_is_looked_at_without_scipy() -> None:
 
 
 def test_a_log_is_shown_without_the_results_of_an_analysis() -> None:
-    modules = imported("from reports import inspection")
+    modules = imported("from reports.terminal import inspection")
     assert not [name for name in modules if name.startswith(("pipeline", "sysid", "estimation"))]
 
 

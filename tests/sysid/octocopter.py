@@ -8,7 +8,7 @@ from logparse.units import STANDARD_GRAVITY
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import fit_rigid_body
-from sysid.rigid_body.body_motion import Motion
+from sysid.rigid_body.motion.body_motion import Motion
 from tests.sysid.flown_craft import flown, record
 
 RATE = 25.0

@@ -12,9 +12,9 @@ from logparse import MissingDataError, Vehicle
 from logparse.frames import motor_table
 from simulation.controllers import hover_linearisation
 from simulation.papers import kim2017 as paper
-from sysid.rigid_body.craft_export import write_craft
-from sysid.rigid_body.frame_json import frame_json
-from sysid.rigid_body.hover import hover_from_speeds, hover_model
+from sysid.rigid_body.export.craft_export import write_craft
+from sysid.rigid_body.export.frame_json import frame_json
+from sysid.rigid_body.export.hover import hover_from_speeds, hover_model
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
 from sysid.rigid_body.model_record import BodyParameter
 

@@ -9,9 +9,9 @@ from logparse.serialization import plain
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
-from sysid.rigid_body.body_motion import SHARED
-from sysid.rigid_body.drift_band import drift_sigma
-from sysid.rigid_body.wander import FIXED, STATES, Wander
+from sysid.rigid_body.conditions.drift_band import drift_sigma
+from sysid.rigid_body.conditions.wander import FIXED, STATES, Wander
+from sysid.rigid_body.motion.body_motion import SHARED
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted, level, parameters
 

@@ -19,7 +19,7 @@ from sysid import (
     Validation,
 )
 from sysid.bench.pendulum import BifilarReport, BifilarResult
-from sysid.rigid_body.hover import HoverRecord
+from sysid.rigid_body.export.hover import HoverRecord
 from sysid.rigid_body.model_record import RigidBodyRecord, TrimRecord
 from sysid.rigid_body.six_dof.model import SixDofReport
 from sysid.rotors.thrust_record import ThrustReport

@@ -14,11 +14,11 @@ from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.records.thrust_curve import lagged
-from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations, path, path_sensitivities
-from sysid.rigid_body.body_motion import LAG, THETA, motion, rotation_matrices
 from sysid.rigid_body.body_parameters import ratio_sigma
-from sysid.rigid_body.filter_error import fit_filter_error
-from sysid.rigid_body.output_error import Prior, step_within
+from sysid.rigid_body.methods.filter_error import fit_filter_error
+from sysid.rigid_body.methods.output_error import Prior, step_within
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations, path, path_sensitivities
+from sysid.rigid_body.motion.body_motion import LAG, THETA, motion, rotation_matrices
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.flown_craft import HOVER, flown, record
 from tests.sysid.octocopter import RATE, exciting, fitted, level, parameters

@@ -10,8 +10,8 @@ import pytest
 from logparse import MissingDataError
 from logparse.frames import motor_table
 from logparse.serialization import as_json, cleaned
-from reports import summary
-from reports.model_views import thrust_coefficients
+from reports.views import summary
+from reports.views.models import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
 from sysid.rotors.thrust_record import ThrustReport

@@ -9,8 +9,8 @@ from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
-from sysid.rigid_body._rigid_kernels import path
-from sysid.rigid_body.body_motion import LAG, motion
+from sysid.rigid_body.motion._rigid_kernels import path
+from sysid.rigid_body.motion.body_motion import LAG, motion
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted
 

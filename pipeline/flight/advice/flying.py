@@ -12,7 +12,7 @@ from logparse.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.advice import Advice, having, names_of
 from pipeline.results.split import Exclusion
-from sysid.rigid_body.wind import LIGHT, TURBULENCE
+from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightSummary

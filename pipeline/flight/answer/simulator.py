@@ -10,7 +10,7 @@ from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.verdict import Trust
-from sysid.rigid_body.frame_json import frame_json
+from sysid.rigid_body.export.frame_json import frame_json
 from sysid.rigid_body.model import RigidBodyModel
 
 

@@ -1,0 +1,1 @@
+"""Who asks, how much they may send, and which keys open what."""

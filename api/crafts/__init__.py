@@ -1,0 +1,1 @@
+"""Craft of an owner: their flights, models, reviews, alerts and webhooks."""

@@ -1,0 +1,394 @@
+"""The craft of an owner: found, listed, named, and put right where a fingerprint led a flight astray."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from http import HTTPStatus
+from typing import Any
+
+from sqlalchemy import delete, func, or_, select, tuple_, update
+from sqlalchemy.orm import Session
+
+from api.crafts.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert
+from api.problems import Problem, ProblemError
+from api.store.database import Database
+from api.store.ids import digest, is_id, new_id
+from api.store.records import AlertRecord, AnalysisRecord, CraftKeyRecord, CraftRecord, FlightRecord, NoteRecord
+from api.store.resources import State
+from api.work.craft_flights import lose, touch
+
+#: Joint models are made anew when a craft has this many times the flights that they are of: what refits cost together
+#: stays a multiple of the last one.
+GROWTH = 1.5
+
+#: Alerts younger than this are counted.
+_RECENT = timedelta(days=30)
+
+#: Most notes of one craft.
+_NOTES = 1000
+
+
+class Crafts:
+    """The craft of all owners."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def list(self, owner: str, *, limit: int, after: str | None = None, text: str = "") -> list[Craft]:
+        """List craft, those that changed last first.
+
+        Parameters
+        ----------
+        owner : str
+            Only craft of this owner.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last craft of the page before; ignored when the owner has no such craft.
+        text : str
+            Part of the name or kind, in capitals or not; "" for any.
+        """
+        with self._database.read() as session:
+            query = select(CraftRecord).where(CraftRecord.owner == owner)
+            if text:
+                if "\0" in text:
+                    return []
+                columns = (CraftRecord.name, CraftRecord.kind)
+                query = query.where(or_(*(column.icontains(text, autoescape=True) for column in columns)))
+            query = query.order_by(CraftRecord.changed.desc(), CraftRecord.id.desc()).limit(limit)
+            if after is not None and (last := _owned(session, after, owner)) is not None:
+                query = query.where(tuple_(CraftRecord.changed, CraftRecord.id) < (last.changed, last.id))
+            return [_craft(session, record) for record in session.scalars(query)]
+
+    def find(self, craft_id: str, owner: str) -> CraftAnswer | None:
+        """Look a craft up with all that is known of it but for its flights."""
+        with self._database.read() as session:
+            record = _owned(session, craft_id, owner)
+            if record is None:
+                return None
+            notes = session.scalars(select(NoteRecord).where(NoteRecord.craft_id == record.id).order_by(NoteRecord.at))
+            newest = (
+                select(AlertRecord)
+                .where(AlertRecord.craft_id == record.id)
+                .order_by(AlertRecord.created.desc(), AlertRecord.id)
+            )
+            return CraftAnswer(
+                **dict(_craft(session, record)),
+                notes=[_note(each) for each in notes],
+                joint=joint_of(session, record),
+                review=record.review,
+                recent=[_alert(each, record) for each in session.scalars(newest.limit(20))],
+            )
+
+    def flights(self, craft_id: str, owner: str) -> Sequence[CraftFlight] | None:
+        """List the flights of a craft, the newest first; None when the owner has none of this id."""
+        with self._database.read() as session:
+            if _owned(session, craft_id, owner) is None:
+                return None
+            rows = session.scalars(select(FlightRecord).where(FlightRecord.craft_id == craft_id))
+            flights = [
+                CraftFlight(
+                    id=each.id,
+                    name=each.name,
+                    start=each.start,
+                    added=each.added,
+                    log=each.log_id,
+                    analysis=each.analysis_id,
+                    answers=each.answers,
+                    trust=each.trust,
+                )
+                for each in rows
+            ]
+        return sorted(flights, key=lambda each: (each.start or each.added, each.name), reverse=True)
+
+    def folder_of(self, flight_id: str, owner: str) -> str | None:
+        """Return where a flight of no upload is in its folder; None where the owner has no such flight."""
+        with self._database.read() as session:
+            found = session.get(FlightRecord, flight_id) if is_id(flight_id) else None
+            return found.folder if found is not None and found.owner == owner and found.log_id is None else None
+
+    def entries(self, craft_id: str) -> tuple[Sequence[dict[str, Any]], Sequence[dict[str, Any]]]:
+        """Return the entries of a craft's flights in the order in which they came, and its notes, for a review."""
+        with self._database.read() as session:
+            rows = session.scalars(
+                select(FlightRecord).where(FlightRecord.craft_id == craft_id).order_by(FlightRecord.added)
+            )
+            flights = [{**each.entry, "name": each.name} for each in rows]
+            notes = session.scalars(select(NoteRecord).where(NoteRecord.craft_id == craft_id))
+            return flights, [
+                {"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in notes
+            ]
+
+    def rename(self, craft_id: str, owner: str, name: str) -> bool:
+        """Call a craft by a name; False when the owner has none of this id.
+
+        Parameters
+        ----------
+        craft_id : str
+            The craft.
+        owner : str
+            Whose craft it is.
+        name : str
+            New name; runs of white space become one blank.
+        """
+        with self._database.write() as session:
+            record = _owned(session, craft_id, owner)
+            if record is None:
+                return False
+            record.name = _plain(" ".join(name.split()))
+            return True
+
+    def merge(self, craft_id: str, other_id: str, owner: str) -> bool:
+        """Merge another craft into this one; False when the owner has not both, or they are one.
+
+        Parameters
+        ----------
+        craft_id : str
+            The craft that stays, with its name if it has one.
+        other_id : str
+            The craft whose flights, notes and alerts move, and which is then removed.
+        owner : str
+            Whose craft both are.
+        """
+        with self._database.write() as session:
+            craft, other = _owned(session, craft_id, owner), _owned(session, other_id, owner)
+            if craft is None or other is None or craft is other:
+                return False
+            known = select(AlertRecord.about).where(AlertRecord.craft_id == craft.id)
+            session.execute(delete(AlertRecord).where(AlertRecord.craft_id == other.id, AlertRecord.about.in_(known)))
+            for kind in (FlightRecord, NoteRecord, AlertRecord, CraftKeyRecord):
+                session.execute(update(kind).where(kind.craft_id == other.id).values(craft_id=craft.id))
+            session.execute(update(AnalysisRecord).where(AnalysisRecord.craft_id == other.id).values(craft_id=None))
+            craft.name = craft.name or other.name
+            session.flush()
+            session.execute(delete(CraftRecord).where(CraftRecord.id == other.id))
+            touch(session, [craft.id])
+            return True
+
+    def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str | None:
+        """Move flights to a craft, or to a new one; return its id, or None when the owner has not all of them.
+
+        Parameters
+        ----------
+        flights : sequence of str
+            Ids of the flights.
+        target : str or None
+            Id of the craft that they go to; None for a new one.
+        owner : str
+            Whose flights and craft they are.
+        later : bool
+            Whether later flights with the same fingerprint go there too.
+        """
+        with self._database.write() as session:
+            found = [
+                each
+                for each in (session.get(FlightRecord, one) for one in dict.fromkeys(flights) if is_id(one))
+                if each is not None and each.owner == owner
+            ]
+            if not found or len(found) < len(set(flights)):
+                return None
+            if target is None:
+                craft = _new(session, owner, found[0].entry["craft_name"])
+            else:
+                known = _owned(session, target, owner)
+                if known is None:
+                    return None
+                craft = known
+            touched = {each.craft_id for each in found} | {craft.id}
+            for each in found:
+                if each.craft_id != craft.id:
+                    lose(session, each, "was moved to another craft")
+                    each.craft_id = craft.id
+            if later:
+                keys = {digest(each.entry["craft"]) for each in found}
+                session.execute(
+                    update(CraftKeyRecord)
+                    .where(CraftKeyRecord.owner == owner, CraftKeyRecord.digest.in_(keys))
+                    .values(craft_id=craft.id)
+                )
+            session.flush()
+            touch(session, touched)
+            return craft.id
+
+    def add_note(self, craft_id: str, owner: str, text: str, at: datetime | None, *, boundary: bool) -> Note | None:
+        """Write down what was done to a craft; None when the owner has none of this id.
+
+        Parameters
+        ----------
+        craft_id : str
+            The craft.
+        owner : str
+            Whose craft it is.
+        text : str
+            What was done.
+        at : datetime or None
+            When it was done; None for now.
+        boundary : bool
+            Whether flights before it are not to be pooled with those after it.
+
+        Raises
+        ------
+        ProblemError
+            The craft has as many notes as it may have.
+        """
+        with self._database.write() as session:
+            record = _owned(session, craft_id, owner)
+            if record is None:
+                return None
+            count = session.scalar(select(func.count()).where(NoteRecord.craft_id == record.id)) or 0
+            if count >= _NOTES:
+                detail = f"A craft has {_NOTES} notes at most. Remove some, then try again."
+                raise ProblemError(Problem.named("too-many-notes", "Too many notes", HTTPStatus.FORBIDDEN, detail))
+            now = datetime.now(UTC)
+            when, text = now if at is None else _in_utc(at), _plain(text)
+            note = NoteRecord(id=new_id(), craft_id=record.id, at=when, text=text, boundary=boundary, created=now)
+            session.add(note)
+            session.flush()
+            touch(session, [record.id])
+            return _note(note)
+
+    def remove_note(self, craft_id: str, note_id: str, owner: str) -> bool:
+        """Remove a note; False when the craft has none of this id.
+
+        Parameters
+        ----------
+        craft_id : str
+            The craft.
+        note_id : str
+            The note.
+        owner : str
+            Whose craft it is.
+        """
+        with self._database.write() as session:
+            note = session.get(NoteRecord, note_id) if is_id(note_id) else None
+            if _owned(session, craft_id, owner) is None or note is None or note.craft_id != craft_id:
+                return False
+            session.delete(note)
+            session.flush()
+            touch(session, [craft_id])
+            return True
+
+    def alerts(self, owner: str, *, limit: int, after: str | None = None) -> Sequence[RaisedAlert]:
+        """List the alerts of an owner, the newest first.
+
+        Parameters
+        ----------
+        owner : str
+            Only alerts of this owner's craft.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last alert of the page before; ignored when the owner has no such alert.
+        """
+        with self._database.read() as session:
+            query = (
+                select(AlertRecord, CraftRecord)
+                .join(CraftRecord, CraftRecord.id == AlertRecord.craft_id)
+                .where(CraftRecord.owner == owner)
+                .order_by(AlertRecord.created.desc(), AlertRecord.id.desc())
+                .limit(limit)
+            )
+            last = session.get(AlertRecord, after) if after is not None and is_id(after) else None
+            if last is not None and _owned(session, last.craft_id, owner) is not None:
+                query = query.where(tuple_(AlertRecord.created, AlertRecord.id) < (last.created, last.id))
+            return [_alert(alert, craft) for alert, craft in session.execute(query)]
+
+
+def _plain(text: str) -> str:
+    """Return a text without control characters, which command terminals and which PostgreSQL does not all keep."""
+    return "".join(each for each in text if each.isprintable() or each in " \n\t")
+
+
+def _in_utc(at: datetime) -> datetime:
+    try:
+        return at.replace(tzinfo=UTC) if at.tzinfo is None else at.astimezone(UTC)
+    except OverflowError:  # in the first or last hours of the calendar
+        detail = "There is no such time in UTC."
+        raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from None
+
+
+def joint_of(session: Session, craft: CraftRecord) -> JointFit:
+    """Describe the joint models of a craft."""
+    ordered = session.scalars(
+        select(AnalysisRecord)
+        .where(AnalysisRecord.craft_id == craft.id, AnalysisRecord.owner == craft.owner)
+        .order_by(AnalysisRecord.created.desc(), AnalysisRecord.id)
+        .limit(50)
+    ).all()
+    done = next((each for each in ordered if each.state == State.DONE), None)
+    names = session.scalars(
+        select(FlightRecord.name).where(FlightRecord.id.in_(craft.joint_of)).order_by(FlightRecord.name)
+    )
+    return JointFit(
+        analysis=done.id if done is not None and craft.joint_of else None,
+        flights=list(names),
+        waiting=next((each.id for each in ordered if not State(each.state).ended), None),
+        lost=craft.joint_lost,
+        next_at=next_fit(len(craft.joint_of)),
+    )
+
+
+def next_fit(count: int) -> int:
+    """Return the number of flights with which joint models of `count` flights are made anew."""
+    return max(2, count + 1, int(-(-count * GROWTH // 1)))
+
+
+def _new(session: Session, owner: str, kind: str) -> CraftRecord:
+    now = datetime.now(UTC)
+    craft = CraftRecord(id=new_id(), owner=owner, kind=kind[:200], created=now, changed=now, joint_of=[], name="")
+    session.add(craft)
+    session.flush()
+    return craft
+
+
+def _owned(session: Session, craft_id: str, owner: str) -> CraftRecord | None:
+    found = session.get(CraftRecord, craft_id) if is_id(craft_id) else None
+    return found if found is not None and found.owner == owner else None
+
+
+def _craft(session: Session, record: CraftRecord) -> Craft:
+    count, first, last = session.execute(
+        select(func.count(), func.min(FlightRecord.start), func.max(FlightRecord.start)).where(
+            FlightRecord.craft_id == record.id
+        )
+    ).one()
+    newest = session.scalar(
+        select(FlightRecord.answers)
+        .where(FlightRecord.craft_id == record.id)
+        .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc())
+        .limit(1)
+    )
+    health = next((line for line in newest or [] if line["purpose"] == "Healthy"), None)
+    since = datetime.now(UTC) - _RECENT
+    alerts = session.scalar(select(func.count()).where(AlertRecord.craft_id == record.id, AlertRecord.created > since))
+    here = f"/api/v1/crafts/{record.id}"
+    return Craft(
+        id=record.id,
+        name=record.name or record.kind,
+        kind=record.kind,
+        flights=count,
+        first=first,
+        last=last,
+        health=None if health is None else health["word"],
+        tone=None if health is None else health["tone"],
+        alerts=alerts or 0,
+        changed=record.changed,
+        current=record.reviewed >= record.revision,
+        links={"self": here, "page": f"/crafts/{record.id}", "flights": f"{here}/flights", "model": f"{here}/model"},
+    )
+
+
+def _note(record: NoteRecord) -> Note:
+    return Note(id=record.id, at=record.at, text=record.text, boundary=record.boundary)
+
+
+def _alert(record: AlertRecord, craft: CraftRecord) -> RaisedAlert:
+    return RaisedAlert(
+        id=record.id,
+        craft=craft.id,
+        name=craft.name or craft.kind,
+        kind=record.kind,
+        severity=record.severity,
+        text=record.text,
+        flight=record.flight,
+        created=record.created,
+    )

@@ -1,0 +1,1 @@
+"""Logs and their analyses: received, listed, followed, cleared away."""

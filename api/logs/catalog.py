@@ -1,0 +1,479 @@
+"""What the service has: logs and analyses, each its owner's, found, listed, added and removed.
+
+Bytes are kept before the row that names them and removed after it, so that a row never promises what is not there;
+bytes without a row are swept up by `api.logs.housekeeping`.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from http import HTTPStatus
+from typing import Any, NamedTuple
+
+from sqlalchemy import delete, func, or_, select, tuple_
+from sqlalchemy.exc import IntegrityError, OperationalError
+from sqlalchemy.orm import Session
+
+from api.problems import Problem, ProblemError
+from api.store import sizes
+from api.store.database import Database
+from api.store.ids import digest, is_id, new_id, new_secret
+from api.store.incoming import Upload
+from api.store.objects import Objects
+from api.store.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
+from api.store.resources import Analysis, Log, State
+from api.work import queue
+from api.work.craft_flights import forget
+
+
+class Kept(NamedTuple):
+    """A log that was uploaded; `delete_token` is None where the same bytes had been uploaded before."""
+
+    log: Log
+    delete_token: str | None
+
+
+class Quota(NamedTuple):
+    """What one owner may have; 0 is any number."""
+
+    stored: int = 0  #: Bytes of logs.
+    unfinished: int = 0  #: Analyses that wait or run.
+
+
+class FullError(Exception):
+    """The owner has as many logs as one may have."""
+
+
+class ConflictError(Exception):
+    """Others kept changing the same things at the same time."""
+
+
+#: How often logs are kept anew when somebody else keeps or deletes the same ones at the same time.
+_TRIES = 5
+
+
+class Catalog:
+    """Logs and analyses.
+
+    Parameters
+    ----------
+    database : Database
+    objects : Objects
+    quota : Quota, optional
+        Of each owner; none by default.
+    """
+
+    def __init__(self, database: Database, objects: Objects, quota: Quota | None = None) -> None:
+        self._quota = quota or Quota()
+        self._database = database
+        self._objects = objects
+
+    def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
+        """Keep one log, as `keep_logs` does.
+
+        Parameters
+        ----------
+        upload : Upload
+            The bytes, fully arrived.
+        name : str
+            File name that the user gave.
+        owner : str
+            Whose log it is.
+        """
+        return self.keep_logs([(upload, name)], owner)[0]
+
+    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
+        """Keep logs that have fully arrived, with their names: all or none.
+
+        The same bytes of the same owner are the same log.
+
+        Parameters
+        ----------
+        arrived : sequence of (Upload, str)
+            The bytes of each log and its file name.
+        owner : str
+            Whose logs they are.
+        limit : int
+            Most logs that the owner may have.
+
+        Raises
+        ------
+        FullError
+            The owner would have more than `limit` logs; 0 is no limit.
+        """
+        placed: dict[str, str] = {}
+        try:
+            for _ in range(_TRIES):
+                kept = self._keep(arrived, owner, limit, placed)
+                if kept is not None:
+                    break
+            else:
+                raise ConflictError
+        except (OSError, FullError, ConflictError, ProblemError):
+            self._forget(placed.values())
+            raise
+        used = {each.log.id for each in kept}
+        self._forget(log_id for log_id in placed.values() if log_id not in used)
+        return kept
+
+    def _keep(
+        self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int, placed: dict[str, str]
+    ) -> list[Kept] | None:
+        """Keep bytes, then rows; None when somebody else kept or deleted the same logs meanwhile.
+
+        `placed` gathers the id under which bytes were kept by their digest.
+        """
+        digests = {upload.sha256: upload for upload, _ in arrived}
+        with self._database.read() as session:
+            known = set(_same_logs(session, owner, digests))
+        for sha256, upload in digests.items():
+            if sha256 not in known and sha256 not in placed:
+                log_id = new_id()
+                upload.sync()
+                self._objects.put(upload.path, f"logs/{log_id}")
+                placed[sha256] = log_id
+        kept = []
+        try:
+            with self._database.write() as session:
+                records = _same_logs(session, owner, digests)
+                if digests.keys() - records.keys() - placed.keys():
+                    return None
+                for upload, name in arrived:
+                    secret = None
+                    if upload.sha256 not in records:
+                        secret = new_secret()
+                        records[upload.sha256] = LogRecord(
+                            id=placed[upload.sha256],
+                            owner=owner,
+                            name=name,
+                            size=upload.size,
+                            sha256=upload.sha256,
+                            received=datetime.now(UTC),
+                            delete_digest=digest(secret),
+                        )
+                        session.add(records[upload.sha256])
+                    kept.append(Kept(_log(records[upload.sha256]), secret))
+                session.flush()
+                added = any(each.delete_token is not None for each in kept)
+                if limit and added and _count_logs(session, owner) > limit:
+                    raise FullError
+                if added and 0 < self._quota.stored < _count_bytes(session, owner):
+                    raise _too_many_bytes(self._quota.stored)
+        except IntegrityError:
+            return None
+        return kept
+
+    def _forget(self, log_ids: Iterable[str]) -> None:
+        """Remove bytes that no row names; what cannot be removed now, housekeeping finds later."""
+        for log_id in log_ids:
+            with suppress(OSError):
+                self._objects.remove(f"logs/{log_id}")
+
+    def find_log(self, log_id: str, owner: str) -> Log | None:
+        """Look a log up; None when the owner has none of this id."""
+        with self._database.read() as session:
+            found = _own_log(session, log_id, owner)
+            return None if found is None else _log(found)
+
+    def count_logs(self, owner: str) -> int:
+        """Count the logs of an owner."""
+        with self._database.read() as session:
+            return _count_logs(session, owner)
+
+    def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
+        """List the newest logs, or those after a log of this list, whose names contain `name`.
+
+        Parameters
+        ----------
+        owner : str
+            Only logs of this owner.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last log of the page before; ignored when the owner has no such log.
+        name : str
+            Part of the file name, in capitals or not; "" for any.
+        """
+        with self._database.read() as session:
+            query = select(LogRecord).where(LogRecord.owner == owner)
+            if name:
+                if "\0" in name:  # which no name has, and PostgreSQL does not take
+                    return []
+                query = query.where(LogRecord.name.icontains(name, autoescape=True))
+            query = query.order_by(LogRecord.received.desc(), LogRecord.id.desc()).limit(limit)
+            if after is not None and (last := _own_log(session, after, owner)) is not None:
+                query = query.where(tuple_(LogRecord.received, LogRecord.id) < (last.received, last.id))
+            return [_log(record) for record in session.scalars(query)]
+
+    def may_delete_log(self, log_id: str, secret: str) -> str | None:
+        """Return the owner of the log that a delete token is for; None when it is for another or none."""
+        with self._database.read() as session:
+            found = session.get(LogRecord, log_id) if is_id(log_id) else None
+            return found.owner if found is not None and found.delete_digest == digest(secret) else None
+
+    def delete_log(self, log_id: str, owner: str) -> bool:
+        """Remove a log and every analysis of it; False when the owner has none of this id."""
+        return self._at_a_full_disk_too(lambda: self._delete_log(log_id, owner))
+
+    def _at_a_full_disk_too(self, delete: Callable[[], bool]) -> bool:
+        """Delete with what room is kept for it, where there is no other."""
+        try:
+            return delete()
+        except OperationalError:
+            if not self._database.release_reserve():
+                raise
+            return delete()
+        finally:
+            self._database.keep_reserve()
+
+    def _delete_log(self, log_id: str, owner: str) -> bool:
+        with self._database.write() as session:
+            found = _own_log(session, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
+            if found is None:
+                return False
+            analyses = list(session.scalars(select(AnalysedLog.analysis_id).where(AnalysedLog.log_id == log_id)))
+            gone = or_(FlightRecord.log_id == log_id, FlightRecord.analysis_id.in_(analyses))
+            flights = list(session.scalars(select(FlightRecord).where(gone)))
+            forget(session, flights, "was deleted")
+            # Flights of other logs that were analysed together with this one stay with their craft.
+            others = {flight.log_id for flight in flights if flight.log_id not in (None, log_id)}
+            for log in session.scalars(select(LogRecord).where(LogRecord.id.in_(others))):
+                session.add(_new_analysis(owner, {}, [log]))
+            session.execute(delete(AnalysedLog).where(AnalysedLog.analysis_id.in_(analyses)))
+            session.execute(delete(AnalysisRecord).where(AnalysisRecord.id.in_(analyses)))
+            session.delete(found)
+        self._objects.remove(f"logs/{log_id}")
+        for analysis in analyses:
+            self._objects.remove(f"analyses/{analysis}")
+        return True
+
+    def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
+        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not.
+
+        Parameters
+        ----------
+        log_ids : sequence of str
+            Logs to analyse together; each counts once.
+        configuration : mapping
+            What differs from the default analysis.
+        owner : str
+            Whose logs they are.
+
+        Raises
+        ------
+        ProblemError
+            The owner has as many unfinished analyses as the quota allows.
+        """
+        with self._database.write() as session:
+            if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
+                raise _too_many_unfinished(self._quota.unfinished)
+            logs = {}
+            for log_id in sorted(set(log_ids)):  # one order for all, so that no two wait for each other
+                log = _own_log(session, log_id, owner, lock=True)  # nobody deletes it meanwhile
+                if log is None:
+                    raise KeyError(log_id)
+                logs[log_id] = log
+            record = _new_analysis(owner, configuration, [logs[log_id] for log_id in dict.fromkeys(log_ids)])
+            session.add(record)
+            session.flush()
+            return _analysis(record)
+
+    def find_analysis(self, analysis_id: str, owner: str | None) -> Analysis | None:
+        """Look an analysis up; None when the owner (anybody, when None) has none of this id."""
+        with self._database.read() as session:
+            found = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
+            return None if found is None or owner not in (None, found.owner) else _analysis(found)
+
+    def list_analyses(
+        self,
+        owner: str,
+        *,
+        limit: int,
+        after: str | None = None,
+        state: State | None = None,
+        log: str | None = None,
+        text: str = "",
+    ) -> list[Analysis]:
+        """List the newest analyses, or those after one of this list, of a state, of a log or with a text.
+
+        The text is part of a log's name, of the craft, the day of flight or the health.
+
+        Parameters
+        ----------
+        owner : str
+            Only analyses of this owner.
+        limit : int
+            Most that are listed.
+        after : str, optional
+            Id of the last analysis of the page before; ignored when the owner has no such analysis.
+        state : State, optional
+            Only those in this state.
+        log : str, optional
+            Only those of the log of this id.
+        text : str
+            Text to look for, in capitals or not; "" for any.
+        """
+        with self._database.read() as session:
+            query = select(AnalysisRecord).where(AnalysisRecord.owner == owner)
+            if state is not None:
+                query = query.where(AnalysisRecord.state == state)
+            if log is not None:
+                if not is_id(log):
+                    return []
+                query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
+            if text:
+                if "\0" in text:
+                    return []
+                named = AnalysisRecord.members.any(AnalysedLog.log.has(LogRecord.name.icontains(text, autoescape=True)))
+                columns = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health)
+                query = query.where(or_(named, *(column.icontains(text, autoescape=True) for column in columns)))
+            query = query.order_by(AnalysisRecord.created.desc(), AnalysisRecord.id.desc()).limit(limit)
+            if after is not None and (last := _owned(session, after, owner)) is not None:
+                query = query.where(tuple_(AnalysisRecord.created, AnalysisRecord.id) < (last.created, last.id))
+            return [_analysis(record) for record in session.scalars(query)]
+
+    def cancel(self, analysis_id: str, owner: str) -> Analysis | None:
+        """End an analysis that has not ended; None when the owner has none of this id."""
+        with self._database.write() as session:
+            found = _owned(session, analysis_id, owner)
+            if found is None:
+                return None
+            queue.cancel(session, analysis_id)
+            session.refresh(found)
+            return _analysis(found)
+
+    def delete_analysis(self, analysis_id: str, owner: str) -> bool:
+        """Remove an analysis and its results; False when the owner has none of this id."""
+        return self._at_a_full_disk_too(lambda: self._delete_analysis(analysis_id, owner))
+
+    def _delete_analysis(self, analysis_id: str, owner: str) -> bool:
+        with self._database.write() as session:
+            found = _owned(session, analysis_id, owner)
+            if found is None:
+                return False
+            flights = list(session.scalars(select(FlightRecord).where(FlightRecord.analysis_id == analysis_id)))
+            forget(session, flights, "was deleted with its analysis")
+            craft = None if found.craft_id is None else session.get(CraftRecord, found.craft_id)
+            if craft is not None and found.configuration.get("flights") == craft.joint_of:
+                craft.joint_of, craft.joint_lost = [], "their analysis was deleted"
+            session.execute(delete(AnalysisRecord).where(AnalysisRecord.id == analysis_id))
+        self._objects.remove(f"analyses/{analysis_id}")
+        return True
+
+    def object_of(self, analysis: Analysis, name: str) -> str | None:
+        """Return the key of a file of an analysis; None when it has none of this name."""
+        if name not in analysis.files:  # as long as it runs, without asking again
+            return None
+        with self._database.read() as session:
+            found = session.get(AnalysisRecord, analysis.id)
+            if found is None or found.results is None or name not in found.files:
+                return None
+            return f"analyses/{found.id}/{found.results}/{name}"
+
+
+def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:
+    """Put the joint fit of flights of a craft into the queue.
+
+    Parameters
+    ----------
+    session : Session
+        Open for writing.
+    craft : CraftRecord
+        The craft, whose owner's the analysis is.
+    flights : sequence of FlightRecord
+        Flights to fit together.
+    mass : float or None
+        Mass of the craft, kg; None where not known.
+    """
+    logs = {flight.log_id for flight in flights}
+    records = session.scalars(select(LogRecord).where(LogRecord.id.in_(logs)).order_by(LogRecord.received))
+    configuration: dict[str, Any] = {"flights": [flight.id for flight in flights]}
+    analysis = _new_analysis(craft.owner, configuration | ({} if mass is None else {"mass": mass}), list(records))
+    analysis.craft_id = craft.id
+    session.add(analysis)
+
+
+def _new_analysis(owner: str, configuration: Mapping[str, Any], logs: Sequence[LogRecord]) -> AnalysisRecord:
+    return AnalysisRecord(
+        id=new_id(),
+        owner=owner,
+        configuration=dict(configuration),
+        state=State.QUEUED,
+        created=datetime.now(UTC),
+        stage="",
+        progress=0.0,
+        attempts=0,
+        deaths=0,
+        files={},
+        members=[AnalysedLog(position=position, log=log) for position, log in enumerate(logs)],
+    )
+
+
+def _own_log(session: Session, log_id: str, owner: str, *, lock: bool = False) -> LogRecord | None:
+    found = session.get(LogRecord, log_id, with_for_update=lock) if is_id(log_id) else None
+    return found if found is not None and found.owner == owner else None
+
+
+def _same_logs(session: Session, owner: str, digests: Iterable[str]) -> dict[str, LogRecord]:
+    """Find the logs of an owner with these digests."""
+    query = select(LogRecord).where(LogRecord.owner == owner, LogRecord.sha256.in_(list(digests)))
+    return {record.sha256: record for record in session.scalars(query)}
+
+
+def _count_logs(session: Session, owner: str) -> int:
+    return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
+
+
+def _count_bytes(session: Session, owner: str) -> int:
+    return int(session.scalar(select(func.sum(LogRecord.size)).where(LogRecord.owner == owner)) or 0)
+
+
+def _count_unfinished(session: Session, owner: str) -> int:
+    open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
+    return session.scalar(select(func.count()).where(AnalysisRecord.owner == owner, open_)) or 0
+
+
+def _too_many_bytes(limit: int) -> ProblemError:
+    detail = f"Your logs would have more than the {sizes.in_words(limit)} that this service keeps for one user. "
+    return ProblemError(
+        Problem.named("too-many-bytes", "Too many bytes", HTTPStatus.FORBIDDEN, detail + "Delete some, then try again.")
+    )
+
+
+def _too_many_unfinished(limit: int) -> ProblemError:
+    detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
+    return ProblemError(
+        Problem.named("too-many-analyses", "Too many analyses", HTTPStatus.TOO_MANY_REQUESTS, detail),
+        {"Retry-After": "60"},
+    )
+
+
+def _owned(session: Session, analysis_id: str, owner: str) -> AnalysisRecord | None:
+    found = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
+    return found if found is not None and found.owner == owner else None
+
+
+def _log(record: LogRecord) -> Log:
+    return Log(id=record.id, name=record.name, size=record.size, sha256=record.sha256, received=record.received)
+
+
+def _analysis(record: AnalysisRecord) -> Analysis:
+    return Analysis(
+        id=record.id,
+        logs=[_log(member.log) for member in record.members],
+        configuration=record.configuration,
+        state=State(record.state),
+        stage=record.stage,
+        progress=record.progress,
+        attempts=record.attempts,
+        created=record.created,
+        started=record.started,
+        ended=record.ended,
+        problem=None if record.problem is None else Problem.model_validate(record.problem),
+        files=record.files,
+        craft=record.craft,
+        flown=record.flown,
+        health=record.health,
+        tone=record.tone,
+        craft_id=record.craft_id,
+    )

@@ -1,0 +1,1 @@
+"""What programs and assistants ask, over HTTP and the Model Context Protocol."""

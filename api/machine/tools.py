@@ -1,0 +1,152 @@
+"""What programs and assistants can ask: numbers with unit, error and provenance, and nothing that changes anything.
+
+The same questions are asked over HTTP (`api.routes.questions`) and over MCP (`api.machine.mcp_server`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from api.machine.answers import (
+    Answers,
+    Changes,
+    ComparedFlights,
+    CraftList,
+    Events,
+    FlightList,
+    LoopMargins,
+    NextFlights,
+    Parameters,
+    Predictions,
+)
+from api.machine.library import NOT_DETERMINED, Library
+from pipeline.results.report import FlightReport
+from reports.numbers.quantities import (
+    answers_of,
+    craft_parameters,
+    health_of,
+    margins_of,
+    parameters_of,
+    predictions_of,
+)
+
+#: Most items of one answer.
+MOST = 1000
+
+
+class UnknownError(Exception):
+    """There is no flight or craft of this id or name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tools:
+    """The questions, asked of a library."""
+
+    library: Library
+
+    def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> FlightList:
+        """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy.
+
+        Parameters
+        ----------
+        craft : str
+            Id or name of a craft; "" for all.
+        text : str
+            Part of the flight's name; "" for any.
+        limit : int
+            Most flights in the answer, which says how many there are.
+        """
+        chosen = self._craft(craft) if craft else ""
+        found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
+        return FlightList(found, total)
+
+    def list_craft(self) -> CraftList:
+        """List craft: id, name, kind, and how many flights each has."""
+        return CraftList(list(self.library.crafts()))
+
+    def get_answers(self, flight: str) -> Answers:
+        """Get the first screen of a flight: flown, healthy, loops, predict ahead, parameters, simulate."""
+        return Answers(answers_of(self._report(flight)))
+
+    def get_parameters(self, flight: str = "", craft: str = "") -> Parameters:
+        """Get physical parameters by every method: of one flight, or of a craft over its flights (name one of both)."""
+        if craft and not flight:
+            review = self.library.review(self._craft(craft))
+            if review is None:
+                raise UnknownError(f"{craft} has not been looked at yet")
+            return Parameters(craft_parameters(review))
+        return Parameters(parameters_of(self._report(flight)))
+
+    def get_margins(self, flight: str) -> LoopMargins:
+        """Get gain and phase margins, crossover, disturbance rejection and peaks of each axis, and bandwidths."""
+        return LoopMargins(margins_of(self._report(flight)))
+
+    def get_health(self, flight: str) -> Events:
+        """Get what happened in a flight, when (s on the log's boot clock), how grave it was, and what to do."""
+        return Events(health_of(self._report(flight)))
+
+    def get_predictions(self, flight: str) -> Predictions:
+        """Get how far ahead each model of a flight predicts (s), and its RMS error there (m) on held-out time."""
+        return Predictions(predictions_of(self._report(flight)))
+
+    def get_changes(self, craft: str) -> Changes:
+        """Get what changes over the flights of a craft: slopes and steps of each parameter, motors, what is strange."""
+        review = self.library.review(self._craft(craft))
+        if review is None:
+            raise UnknownError(f"{craft} has not been looked at yet")
+        drift = review.drift
+        return Changes(
+            flights=review.flights,
+            pooled=review.pooled,
+            changes=[] if drift is None else [each for each in drift.parameters if each.change is not None],
+            motors=NOT_DETERMINED if drift is None or drift.motors is None else drift.motors.sentence,
+            since=review.since,
+            alerts=review.alerts,
+            remarks=review.remarks,
+        )
+
+    def compare(self, before: str, after: str) -> ComparedFlights:
+        """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
+        rows = self.library.compare(self._flight(before), self._flight(after))
+        if rows is None:
+            raise UnknownError(f"{before} and {after} cannot be compared")
+        return ComparedFlights(rows or NOT_DETERMINED)
+
+    def what_to_fly(self, flight: str) -> NextFlights:
+        """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
+        return NextFlights(sorted(self._report(flight).advice, key=lambda each: each.rank))
+
+    def all(self) -> Sequence[Callable[..., object]]:
+        """List the questions."""
+        return (
+            self.list_flights,
+            self.list_craft,
+            self.get_answers,
+            self.get_parameters,
+            self.get_margins,
+            self.get_health,
+            self.get_predictions,
+            self.get_changes,
+            self.compare,
+            self.what_to_fly,
+        )
+
+    def _report(self, flight: str) -> FlightReport:
+        report = self.library.report(self._flight(flight))
+        if report is None:
+            raise UnknownError(f"{flight} has no report of this version; analyse its log again")
+        return report
+
+    def _flight(self, name: str) -> str:
+        """Find a flight by its id or its name."""
+        found = self.library.flight(name)
+        if found is None:
+            raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
+        return found
+
+    def _craft(self, name: str) -> str:
+        """Find a craft by its id or its name, which must not mean several."""
+        crafts = self.library.crafts()
+        found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
+        if len(found) != 1:
+            raise UnknownError(f"{'several craft are' if found else 'no craft is'} called {name!r}; see list_craft")
+        return found[0]

@@ -1,0 +1,161 @@
+"""Backup and restore of a whole service, each in one call: the database as rows, the storage as objects, in one file.
+
+The file is a tar of ``manifest.json``, ``tables/NAME.json`` (a row a line) and ``objects/KEY``. Rows are read in one
+transaction before the objects, so that every row of a backup has its bytes: bytes without a row are harmless. What is
+restored may lie in another database and another storage than what was saved: SQLite goes to PostgreSQL this way.
+"""
+
+import io
+import json
+import os
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import DateTime, func, select
+from sqlalchemy.orm import Session
+
+from api.settings import Settings
+from api.store.database import Database
+from api.store.objects import Objects
+from api.store.records import Record, UtcTime
+from pipeline.storage.store import sync
+
+#: Of what a backup holds and how.
+_VERSION = 1
+
+#: Rows written at once.
+_BATCH = 500
+
+
+class BackupError(Exception):
+    """It cannot be saved or restored, for a reason that the operator should read."""
+
+
+def save(settings: Settings, target: Path) -> tuple[int, int]:
+    """Write everything into a file, which is there only when it is whole; return the number of rows and objects."""
+    database, objects = Database(settings.database_url), Objects(settings.storage_url)
+    database.migrate()
+    partial = target.with_name(target.name + ".partial")
+    rows = count = 0
+    try:
+        with partial.open("xb") as file:
+            partial.chmod(0o600)
+            with (
+                tarfile.open(fileobj=file, mode="w") as archive,
+                tempfile.TemporaryDirectory(dir=target.parent) as scratch,
+            ):
+                tables = Path(scratch) / "tables"
+                tables.mkdir()
+                with database.read() as session:
+                    for table in Record.metadata.sorted_tables:
+                        rows += _dump(session, table, tables / f"{table.name}.json")
+                about = {"version": _VERSION, "made": datetime.now(UTC).isoformat(), "rows": rows}
+                _add(archive, "manifest.json", json.dumps(about).encode())
+                for each in sorted(tables.iterdir()):
+                    archive.add(each, f"tables/{each.name}")
+                for found in objects.list(""):
+                    with suppress(FileNotFoundError):  # deleted at this moment
+                        _add(archive, f"objects/{found.key}", objects.read(found.key))
+                        count += 1
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(target)
+        sync(target.parent)
+    except FileExistsError as error:
+        raise BackupError(f"{partial} is there: another backup is being made, or one was broken off") from error
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    finally:
+        database.close()
+    return rows, count
+
+
+def restore(settings: Settings, source: Path) -> tuple[int, int]:
+    """Bring a backup back into an empty service; return the number of rows and objects.
+
+    Raises
+    ------
+    BackupError
+        The service is not empty, or the file is no backup.
+    """
+    database, objects = Database(settings.database_url), Objects(settings.storage_url)
+    try:
+        database.migrate()
+        objects.prepare()
+        with database.read() as session:
+            if any(session.scalar(select(func.count()).select_from(table)) for table in Record.metadata.sorted_tables):
+                raise BackupError("the service has logs or tokens already; restore into an empty one")
+        return _restore(database, objects, settings, source)
+    except (tarfile.TarError, EOFError, KeyError, ValueError) as error:
+        raise BackupError(f"{source.name} is no backup of rotorid, or damaged: {error}") from error
+    finally:
+        database.close()
+
+
+def _restore(database: Database, objects: Objects, settings: Settings, source: Path) -> tuple[int, int]:
+    rows = count = 0
+    with tarfile.open(source, "r:") as archive, tempfile.TemporaryDirectory(dir=settings.data) as scratch:
+        head = archive.extractfile("manifest.json")
+        about = {} if head is None else json.load(head)
+        if about.get("version") != _VERSION:
+            raise BackupError(f"{source.name} was made by another version of rotorid")
+        # Objects first: a row never promises what is not there.
+        for member in archive:
+            if not member.name.startswith("objects/") or not member.isfile() or ".." in Path(member.name).parts:
+                continue
+            content = archive.extractfile(member)
+            place = Path(scratch) / "object"
+            place.write_bytes(b"" if content is None else content.read())
+            sync(place)
+            objects.put(place, member.name.removeprefix("objects/"))
+            count += 1
+        with database.write() as session:
+            for table in Record.metadata.sorted_tables:
+                for batch in _batches(archive, f"tables/{table.name}.json"):
+                    session.execute(table.insert(), [_parsed(table, row) for row in batch])
+                    rows += len(batch)
+        if rows != about["rows"]:
+            raise BackupError(f"{source.name} holds {rows} of {about['rows']} rows: it is damaged")
+    return rows, count
+
+
+def _dump(session: Session, table: Any, file: Path) -> int:
+    count = 0
+    with file.open("w", encoding="utf-8") as lines:
+        for row in session.execute(select(table)).mappings():
+            facts = {name: v.isoformat() if isinstance(v, datetime) else v for name, v in row.items()}
+            lines.write(json.dumps(facts) + "\n")
+            count += 1
+    return count
+
+
+def _parsed(table: Any, row: dict[str, Any]) -> dict[str, Any]:
+    times = {column.name for column in table.columns if isinstance(column.type, UtcTime | DateTime)}
+    return {n: datetime.fromisoformat(v) if n in times and v is not None else v for n, v in row.items()}
+
+
+def _batches(archive: tarfile.TarFile, name: str) -> Iterator[list[dict[str, Any]]]:
+    try:
+        file = archive.extractfile(name)
+    except KeyError:  # a table that the backup's version did not have
+        return
+    batch = []
+    for line in file or ():
+        batch.append(json.loads(line))
+        if len(batch) == _BATCH:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = len(content), 0o600
+    archive.addfile(member, io.BytesIO(content))

@@ -1,0 +1,114 @@
+"""What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from http import HTTPStatus
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from fastapi import Depends, Request
+from fastapi.concurrency import run_in_threadpool
+from starlette.datastructures import URL
+
+from api.access.identity import EVERYBODY, Shares, Tokens, bearer, unauthorized
+from api.access.rates import Rates
+from api.crafts.feed import Feeds
+from api.crafts.folder_flights import FolderFlights
+from api.crafts.hooks import Hooks
+from api.crafts.registry import Crafts
+from api.crafts.reviews import Reviews
+from api.logs.catalog import Catalog
+from api.logs.housekeeping import Housekeeping
+from api.logs.metrics import Metrics
+from api.problems import Problem, ProblemError
+from api.settings import Access, Settings
+from api.store.database import Database
+from api.store.incoming import Incoming
+from api.store.objects import Objects
+from api.store.scratch import Scratch
+from api.work.desk import Desk
+from api.work.jobs import Runner
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of the application."""
+
+    settings: Settings
+    database: Database
+    objects: Objects
+    catalog: Catalog
+    scratch: Scratch
+    incoming: Incoming
+    runner: Runner
+    desk: Desk
+    recognise: Callable[[Path, str], None] | None  #: Refuses an upload, with its name, that is no log.
+    tokens: Tokens
+    shares: Shares
+    rates: Rates
+    metrics: Metrics
+    housekeeping: Housekeeping
+    crafts: Crafts
+    reviews: Reviews
+    hooks: Hooks
+    feeds: Feeds
+    folder: FolderFlights
+
+
+async def _parts(request: Request) -> Parts:
+    parts: Parts = request.app.state.parts
+    return parts
+
+
+PartsOf = Annotated[Parts, Depends(_parts)]
+
+
+def owner_of(request: Request, parts: Parts) -> str:
+    """Report whose things the request is about; a problem when it has no valid token where one is needed."""
+    if parts.settings.access is not Access.TOKENS:
+        return EVERYBODY
+    secret = bearer(request)
+    owner = None if secret is None else parts.tokens.owner_of(secret)
+    if owner is None:
+        raise unauthorized()
+    return owner
+
+
+async def _owner(request: Request, parts: PartsOf) -> str:
+    """Report whose things the request is about, without a thread where nobody has to be looked up."""
+    if parts.settings.access is not Access.TOKENS:
+        return EVERYBODY
+    return await run_in_threadpool(owner_of, request, parts)
+
+
+Owner = Annotated[str, Depends(_owner)]
+
+
+async def _refuse_other_sites(request: Request) -> None:
+    """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach.
+
+    Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
+    any name. Programs send neither.
+    """
+    origins = request.headers.getlist("origin")
+    foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
+    if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+        detail = "This request comes from a page of another site."
+        raise ProblemError(Problem.named("other-site", "Request from another site", HTTPStatus.FORBIDDEN, detail))
+
+
+def _is_origin_of(origin: str, url: URL) -> bool:
+    """Return whether an Origin header names scheme, host and port of an address; `null` names nothing."""
+    try:
+        theirs = urlsplit(origin)
+        port = theirs.port or _PORTS.get(theirs.scheme)
+    except ValueError:
+        return False
+    ours = (url.scheme, url.hostname, url.port or _PORTS.get(url.scheme))
+    return theirs.hostname is not None and (theirs.scheme, theirs.hostname, port) == ours
+
+
+_PORTS = {"http": 80, "https": 443}
+
+from_our_pages = Depends(_refuse_other_sites)

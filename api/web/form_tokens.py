@@ -1,0 +1,68 @@
+"""A token in every form: a page of another site cannot know it, whatever its browser says or leaves out.
+
+A cookie holds a secret, each form of our pages carries it, and what a form posts must bring both (double submit). That
+is beside the test of where a request comes from (`api.web.dependencies.from_our_pages`); programs that send a bearer
+token in a header need no form, for no browser sends that by itself.
+"""
+
+import re
+import secrets
+from http import HTTPStatus
+
+from fastapi import Depends, Request
+from fastapi.responses import Response
+from markupsafe import escape
+
+from api.problems import Problem, ProblemError
+from api.store.ids import new_secret
+from api.web.dependencies import from_our_pages
+
+#: Cookie and field, and the header in which scripts of ours may send it instead.
+COOKIE, FIELD, HEADER = "rotorid_form", "form_token", "rotorid-form"
+
+_FORM = re.compile(r'<form\b[^>]*\bmethod="post"[^>]*>')
+_ACTION = re.compile(r'action="([^"]*)"')
+
+
+def secret_of(request: Request) -> tuple[str, bool]:
+    """Return the secret of a browser, and whether it is new and must be told."""
+    known = request.cookies.get(COOKIE, "")
+    return (known, False) if re.fullmatch(r"[\w-]{20,100}", known) else (new_secret(), True)
+
+
+def fill_in(response: Response, request: Request) -> Response:
+    """Put the token into the forms of a page, and the secret into the browser; what is no form stays as it is."""
+    page = bytes(response.body).decode()
+    if 'method="post"' not in page:
+        return response
+    secret, new = secret_of(request)
+    field = f'<input type="hidden" name="{FIELD}" value="{escape(secret)}">'
+
+    def filled(found: re.Match[str]) -> str:
+        form = found[0]
+        if "multipart/form-data" in form:  # read as it comes: the token must be there before the files
+            return _ACTION.sub(lambda action: f'action="{action[1]}?{FIELD}={escape(secret)}"', form, count=1)
+        return form + field
+
+    response.body = _FORM.sub(filled, page).encode()
+    response.headers["Content-Length"] = str(len(response.body))
+    if new:
+        response.set_cookie(COOKIE, secret, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+    return response
+
+
+async def _check(request: Request) -> None:
+    if request.method in ("GET", "HEAD") or request.headers.get("authorization"):
+        return
+    told = request.headers.get(HEADER) or request.query_params.get(FIELD)
+    if told is None and not request.headers.get("content-type", "").startswith("multipart/"):
+        form = await request.form(max_files=0, max_fields=10_000)
+        told = str(form.get(FIELD, ""))
+    known = request.cookies.get(COOKIE, "")
+    if not known or not secrets.compare_digest((told or "").encode(), known.encode()):
+        detail = "This form was not filled in on a page of this service, or its page is old. Load the page again."
+        raise ProblemError(Problem.named("foreign-form", "Not our form", HTTPStatus.FORBIDDEN, detail))
+
+
+#: For routes to which forms of our pages are posted.
+from_our_forms = [from_our_pages, Depends(_check)]

@@ -1,0 +1,118 @@
+"""The service's HTML pages, rendered from `templates/` with everything escaped."""
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from fastapi import Request
+from fastapi.responses import Response
+from fastapi.templating import Jinja2Templates
+from jinja2 import StrictUndefined
+
+from api.access.identity import COOKIE
+from api.store import sizes
+from api.store.resources import Analysis, State
+from api.web.form_tokens import fill_in
+
+_FOLDER = Path(__file__).parents[1]
+
+_STATES = {
+    State.QUEUED: "Waiting",
+    State.RUNNING: "Running",
+    State.DONE: "Done",
+    State.FAILED: "Failed",
+    State.CANCELLED: "Cancelled",
+}
+
+#: How the settings of an analysis read to people.
+_SETTINGS = {
+    "poles": "{} poles",
+    "zeros": "{} zeros",
+    "rate": "{:g} samples per second",
+    "mass": "{:g} kg",
+    "training_fraction": "fitted to {:.0%} of the flight",
+}
+
+
+def _moment(when: datetime) -> str:
+    """Write a moment as people write it; its time zone is UTC for all, who may be anywhere."""
+    return when.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _duration(analysis: Analysis) -> str:
+    """Report how long an analysis took; empty when it has not been begun or has not ended."""
+    if analysis.started is None or analysis.ended is None:
+        return ""
+    seconds = math.ceil((analysis.ended - analysis.started).total_seconds())
+    return f"{seconds} s" if seconds < 120 else f"{seconds // 60} min {seconds % 60} s"
+
+
+def _stage(analysis: Analysis) -> str:
+    """Report what is being done, beginning with a capital."""
+    if analysis.state is State.QUEUED:
+        return "Waiting for its turn"
+    return analysis.stage[:1].upper() + analysis.stage[1:] if analysis.stage else "Starting"
+
+
+def _settings(configuration: Mapping[str, Any]) -> str:
+    """Report what was set when an analysis was ordered; empty when nothing was."""
+    known = [text.format(configuration[name]) for name, text in _SETTINGS.items() if name in configuration]
+    if configuration.get("training"):
+        known.append(f"fitted to {', '.join(configuration['training'])}")
+    return ", ".join(known)
+
+
+def _elapsed(analysis: Analysis) -> float:
+    """Count the seconds since an analysis was begun, 0 before."""
+    return 0.0 if analysis.started is None else max(0.0, (datetime.now(UTC) - analysis.started).total_seconds())
+
+
+_templates = Jinja2Templates(directory=_FOLDER / "templates")
+_templates.env.trim_blocks = _templates.env.lstrip_blocks = True
+_templates.env.undefined = StrictUndefined
+_templates.env.filters |= {
+    "size": sizes.in_words,
+    "moment": _moment,
+    "duration": _duration,
+    "stage": _stage,
+    "settings": _settings,
+    "elapsed": _elapsed,
+    "state_word": _STATES.__getitem__,
+}
+
+
+def render(
+    request: Request,
+    template: str,
+    context: Mapping[str, Any],
+    status: int = 200,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Fill a template; `signed_in` says whether there is a token that the visitor could forget.
+
+    Parameters
+    ----------
+    request : Request
+        What is answered.
+    template : str
+        File name in `templates/`.
+    context : mapping
+        The template's variables.
+    status : int
+        HTTP status.
+    headers : mapping, optional
+        Further headers of the answer.
+    """
+    signed_in = COOKIE in request.cookies
+    page = _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
+    return fill_in(page, request)
+
+
+def local_path(address: str) -> str:
+    """Return the path to return to that a form names, or that of the start where it would lead to another site."""
+    parts = urlsplit(address)
+    local = address.startswith("/") and not address.startswith("//") and not parts.scheme and not parts.netloc
+    return address if local and "\\" not in address and address.isprintable() else "/"

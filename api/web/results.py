@@ -1,0 +1,164 @@
+"""The results of an analysis as files, and as part of an answer."""
+
+import json
+import mimetypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import quote
+
+from fastapi import Query
+from fastapi.responses import FileResponse
+
+from api.store.ids import new_id
+from api.store.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
+from api.web.dependencies import Parts
+from api.web.headers import REPORT_POLICY
+
+#: Media types by the ending of a name; browsers need to be told that text is UTF-8.
+_MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv; charset=utf-8",
+    ".md": "text/markdown; charset=utf-8",
+    ".mat": "application/x-matlab-data",
+    ".parquet": "application/vnd.apache.parquet",
+}
+
+
+def links_of(analysis: Analysis) -> dict[str, str]:
+    """Return the addresses of an analysis, of its page and log and, once it is done, of its files."""
+    here = f"/api/v1/analyses/{analysis.id}"
+    links = {
+        "self": here,
+        "events": f"{here}/events",
+        "log": f"/api/v1/logs/{analysis.log.id}",
+        "page": f"/analyses/{analysis.id}",
+    }
+    return links | {name: f"{here}/{quote(name)}" for name in analysis.files}
+
+
+def summary(analysis: Analysis) -> AnalysisSummary:
+    """Add to an analysis where its files are."""
+    return AnalysisSummary(**dict(analysis), links=links_of(analysis))
+
+
+Include = Annotated[
+    Sequence[Extra], Query(description="What to answer in full beside answers, RMSE and coefficients; may come again.")
+]
+
+
+def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Extra)) -> AnalysisAnswer:
+    """Add to an analysis what it found, with as much as `include` asks for, and where its files are.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The analysis.
+    parts : Parts
+        The service, which has its files.
+    include : sequence of Extra
+        Which of the longer parts to add.
+    """
+    report = _contents(analysis, parts, "report.json")
+    return AnalysisAnswer(
+        **dict(analysis),
+        links=links_of(analysis),
+        answers=None if report is None else _answers(report),
+        rmse=None if report is None else _rmse(report),
+        coefficients=None if report is None else _coefficients(report),
+        findings=_findings(report) if report is not None and Extra.FINDINGS in include else None,
+        report=report if Extra.REPORT in include else None,
+        models=_contents(analysis, parts, "models.json") if Extra.MODELS in include else None,
+    )
+
+
+def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
+    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The analysis.
+    name : str
+        File name.
+    parts : Parts
+        The service, which has its files.
+    """
+    path = local_copy(parts.catalog.object_of(analysis, name), parts)
+    return None if path is None else file_response(path, name)
+
+
+def file_response(path: Path, name: str) -> FileResponse:
+    """Answer with a file of results by its name."""
+    kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    response = FileResponse(path, media_type=_MEDIA_TYPES.get(Path(name).suffix, kind))
+    if name.endswith(".html"):
+        response.headers["Content-Security-Policy"] = REPORT_POLICY
+    return response
+
+
+def local_copy(key: str | None, parts: Parts) -> Path | None:
+    """Return an object as a file of this computer; what was brought from elsewhere stays, for results never change.
+
+    None where there is no such object, or it was deleted at this moment.
+    """
+    if key is None:
+        return None
+    if parts.objects.folder is not None:
+        path = parts.objects.folder / key
+        return path if path.is_file() else None
+    path = parts.settings.data / "cache" / key
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{path.name}.{new_id()}")
+        try:
+            parts.objects.fetch(key, partial)
+            partial.replace(path)
+        except FileNotFoundError:
+            return None
+        finally:
+            partial.unlink(missing_ok=True)
+    return path
+
+
+def _contents(analysis: Analysis, parts: Parts, name: str) -> dict[str, Any] | None:
+    key = parts.catalog.object_of(analysis, name)
+    if key is None:
+        return None
+    try:
+        contents: dict[str, Any] = json.loads(parts.objects.read(key))
+    except FileNotFoundError:  # deleted at this moment
+        return None
+    return contents
+
+
+def _findings(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Gather the findings of a report: of one flight, or of each flight and craft."""
+    places = [report, *report.get("flights", []), *report.get("groups", [])]
+    return [finding for place in places for finding in place.get("findings", [])]
+
+
+def _answers(report: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Gather the first screen of each flight."""
+    flights = report.get("flights", [report])
+    return {str(flight.get("name")): (flight.get("answer") or {}).get("lines", []) for flight in flights}
+
+
+def _rmse(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Gather the errors of all models, joint ones first."""
+    return [row for place in (*report.get("groups", []), report) for row in place.get("rmse", [])]
+
+
+def _coefficients(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Gather the numerators and denominators of transfer functions."""
+    found: dict[str, dict[str, Any]] = {}
+    for place in (*report.get("groups", []), report):
+        for result in place.get("models", []):
+            functions = (result["model"] or {}).get("transfer_functions")
+            if functions:
+                found.setdefault(str(place.get("name")), {})[result["key"]] = {
+                    output: {name: {part: each[part] for part in ("num", "den")} for name, each in row.items()}
+                    for output, row in functions.items()
+                }
+    return found

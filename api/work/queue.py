@@ -1,0 +1,240 @@
+"""The queue of analyses, kept in the database: orders are claimed under a lease, kept alive, and ended once.
+
+A worker claims an analysis for a short time and keeps prolonging that. When it dies, its lease runs out and another
+worker may claim the analysis. A worker that lost its lease, because it was too slow or the analysis was cancelled, can
+change nothing any more: every change names the lease. Whoever begins to work renews the claim under a lease of its own,
+so that a claim handed out twice, as a cluster does when it loses a worker, is worked on once.
+
+Every change may be asked for again when the connection broke before the answer came.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime, timedelta
+from http import HTTPStatus
+from typing import Any
+
+from sqlalchemy import ColumnElement, and_, func, or_, select, update
+from sqlalchemy.engine import CursorResult
+from sqlalchemy.orm import Session
+
+from api.problems import Problem
+from api.store.database import Database
+from api.store.ids import new_id
+from api.store.records import AnalysisRecord
+from api.store.resources import State
+from api.work import craft_flights
+from api.work.flown import Flown
+from api.work.found import Found
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """The right to work on an analysis, as long as its lease is prolonged."""
+
+    analysis: str  #: Its id.
+    lease: str  #: Names this claim, and the place of its results.
+    deaths: int  #: How many processes that worked on it have died already.
+    logs: tuple[tuple[str, str], ...]  #: tuple of (id, name)
+    configuration: Mapping[str, Any]
+    craft: str | None = None  #: Id of the craft that it is a joint fit of.
+
+
+#: How often the worker of an analysis may be lost with its whole computer or server, which is rarely the log's fault.
+_LOST = 20
+
+
+#: Leases from now after which none ends that was given by this clock.
+_PLAUSIBLE = 3
+
+
+class Queue:
+    """Claims analyses and records how they go.
+
+    Parameters
+    ----------
+    database : Database
+    lease : float
+        Seconds without a sign of life after which a worker is taken for dead.
+    deaths : int
+        How many processes may die of one analysis.
+    """
+
+    def __init__(self, database: Database, *, lease: float, deaths: int) -> None:
+        self._database = database
+        self._lease = timedelta(seconds=lease)
+        self._deaths = deaths
+
+    def claim(self) -> Claim | None:
+        """Claim an analysis that waits or whose worker has died; None when there is none.
+
+        Owners take turns, whoever has the fewest running first and then who waited longest since their last began; of
+        one owner the oldest comes first.
+        """
+        now = datetime.now(UTC)
+        # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
+        over = or_(AnalysisRecord.lease_until < now, AnalysisRecord.lease_until > now + _PLAUSIBLE * self._lease)
+        left = and_(AnalysisRecord.state == State.RUNNING, over)
+        with self._database.write() as session:
+            session.execute(
+                update(AnalysisRecord)
+                .where(left, AnalysisRecord.attempts - AnalysisRecord.deaths >= _LOST)
+                .values(**_end(State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
+            )
+            found = _next(session, or_(AnalysisRecord.state == State.QUEUED, left))
+            if found is None:
+                return None
+            found.state = State.RUNNING
+            found.stage, found.progress = "", 0.0
+            found.lease, found.lease_until = new_id(), now + self._lease
+            found.attempts += 1
+            found.started = now
+            return Claim(
+                analysis=found.id,
+                lease=found.lease,
+                deaths=found.deaths,
+                logs=tuple((member.log.id, member.log.name) for member in found.members),
+                configuration=found.configuration,
+                craft=found.craft_id,
+            )
+
+    def begin(self, claim: Claim) -> Claim | None:
+        """Put a claim under a new lease, which only the caller knows; None when the old one is lost."""
+        own = replace(claim, lease=new_id())
+        with self._database.write() as session:
+            held = _change(session, claim, lease=own.lease, lease_until=datetime.now(UTC) + self._lease)
+        return own if held else None
+
+    def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
+        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing.
+
+        Parameters
+        ----------
+        claim : Claim
+            The analysis and the lease it is worked on under.
+        stage : str
+            What is being done.
+        progress : float
+            Share of the whole that is done, from 0 to 1.
+        """
+        until = datetime.now(UTC) + self._lease
+        with self._database.write() as session:
+            return _change(session, claim, lease_until=until, stage=stage, progress=progress)
+
+    def finish(
+        self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
+    ) -> bool:
+        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost.
+
+        Parameters
+        ----------
+        claim : Claim
+            The analysis and the lease it was worked on under.
+        files : mapping of str to int
+            Names of the files of results, with their sizes in bytes.
+        found : Found, optional
+            What the list of analyses shows.
+        flown : sequence of Flown
+            The flights.
+        """
+        short = asdict(found or Found())
+        with self._database.write() as session:
+            if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease, **short):
+                analysis = session.get_one(AnalysisRecord, claim.analysis, populate_existing=True)
+                if claim.craft is not None:
+                    craft_flights.joined(session, analysis)
+                else:
+                    craft_flights.register(session, analysis, flown)
+                return True
+            # Asked for again: it was done before, and the results must not be taken for another's.
+            ended = session.get(AnalysisRecord, claim.analysis)
+            return ended is not None and ended.results == claim.lease
+
+    def fail(self, claim: Claim, problem: Problem) -> bool:
+        """End an analysis that cannot be done; False, with nothing changed, when the lease is lost."""
+        with self._database.write() as session:
+            return _change(session, claim, **_end(State.FAILED), problem=problem.model_dump(mode="json"))
+
+    def give_back(self, claim: Claim) -> bool:
+        """Return the work to the queue after an orderly stop, as if it had not been begun."""
+        with self._database.write() as session:
+            return _change(session, claim, **_WAITING, attempts=AnalysisRecord.attempts - 1)
+
+    def retry(self, claim: Claim) -> bool:
+        """Return the work to the queue after its process has died; False when too many have, or the lease is lost."""
+        if claim.deaths + 1 >= self._deaths:
+            return False
+        with self._database.write() as session:
+            return _change(session, claim, **_WAITING, deaths=claim.deaths + 1)
+
+
+def _next(session: Session, ready: ColumnElement[bool]) -> AnalysisRecord | None:
+    """Choose among the analyses that are ready, and keep others from choosing it."""
+    owners = list(session.scalars(select(AnalysisRecord.owner).where(ready).distinct()))
+    if len(owners) > 1:
+        counted = session.execute(
+            select(AnalysisRecord.owner, func.count())
+            .where(AnalysisRecord.state == State.RUNNING)
+            .group_by(AnalysisRecord.owner)
+        )
+        running = {row[0]: row[1] for row in counted}
+        last = {
+            owner: session.scalar(select(func.max(AnalysisRecord.started)).where(AnalysisRecord.owner == owner))
+            for owner in owners
+        }
+        owners.sort(key=lambda owner: (running.get(owner, 0), last[owner] or datetime.min.replace(tzinfo=UTC), owner))
+    for owner in owners:
+        found = session.scalar(
+            select(AnalysisRecord)
+            .where(ready, AnalysisRecord.owner == owner)
+            .order_by(AnalysisRecord.created)
+            .limit(1)
+            .with_for_update(skip_locked=True)
+        )
+        if found is not None:
+            return found
+    return None
+
+
+def cancel(session: Session, analysis: str) -> bool:
+    """End an analysis because its owner wants so; False when it had ended before."""
+    open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
+    changed = session.execute(
+        update(AnalysisRecord).where(AnalysisRecord.id == analysis, open_).values(**_end(State.CANCELLED))
+    )
+    return isinstance(changed, CursorResult) and changed.rowcount == 1
+
+
+def abandoned(attempts: int) -> Problem:
+    """Report that an analysis lost its worker as often as it may."""
+    return Problem.named(
+        "analysis-crashed",
+        "The analysis crashed",
+        HTTPStatus.INTERNAL_SERVER_ERROR,
+        f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
+        "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
+    )
+
+
+#: What a row says that waits for a worker.
+_WAITING: dict[str, Any] = {"state": State.QUEUED, "stage": "", "progress": 0.0, "lease": None, "lease_until": None}
+
+
+def _end(state: State) -> dict[str, Any]:
+    return {
+        "state": state,
+        "stage": "",
+        "progress": 1.0 if state is State.DONE else AnalysisRecord.progress,
+        "ended": datetime.now(UTC),
+        "lease": None,
+        "lease_until": None,
+    }
+
+
+def _change(session: Session, claim: Claim, **values: Any) -> bool:
+    changed = session.execute(
+        update(AnalysisRecord)
+        .where(AnalysisRecord.id == claim.analysis, AnalysisRecord.lease == claim.lease)
+        .values(**values)
+    )
+    return isinstance(changed, CursorResult) and changed.rowcount == 1

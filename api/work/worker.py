@@ -1,0 +1,281 @@
+"""What happens in the process of one analysis, apart from the server so that a crash takes nothing else down."""
+
+import ctypes
+import logging
+import os
+import resource
+import signal
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import logparse
+import pipeline
+import reports
+from api import log_lines
+from api.settings import LogFormat
+from api.work.flown import write_flown
+from api.work.proposals import propose, propose_of_crafts
+from logparse import LogError, RotoridError
+from logparse.containers import limit_unpacked
+from logparse.lazy import lazy
+from logparse.serialization import restored
+from pipeline.execution.stages import overall
+from pipeline.results.entry import FlightEntry
+from pipeline.results.report import FleetReport
+from pipeline.storage.manifest import MANIFEST
+from pipeline.storage.store import ENTRY, LOCK, RESULT
+
+if TYPE_CHECKING:
+    import sysid
+    from logparse import FlightLog
+    from pipeline.fleet import crafts as fleet_crafts
+    from pipeline.flight import kinds
+    from pipeline.flight import summary as flight_summary
+    from pipeline.results.flight import FlightResult
+    from pipeline.storage import dataset
+    from pipeline.storage import store as store_of
+    from reports.files import fleet as reports_fleet
+    from reports.files import folder as reports_folder
+else:
+    sysid, store_of = lazy("sysid"), lazy("pipeline.storage.store")
+    dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.files.folder")
+    fleet_crafts, flight_summary = lazy("pipeline.fleet.crafts"), lazy("pipeline.flight.summary")
+    reports_fleet, kinds = lazy("reports.files.fleet"), lazy("pipeline.flight.kinds")
+
+_log = logging.getLogger("rotorid.api")
+
+#: Folder of the only flight of an analysis below the parts of its experiments.
+_FLIGHT = "flight"
+
+#: Settings of joint fits that are the service's own.
+_OURS = ("flights",)
+
+Progress: TypeAlias = Callable[[str, float], None]
+
+#: Linux's request for a signal at the death of the parent, of prctl(2).
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A flight of a craft, analysed before."""
+
+    name: str
+    entry: Mapping[str, Any]  #: `pipeline.results.entry.FlightEntry`.
+    experiments: Mapping[str, Path]  #: File of each kind.
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to analyse."""
+
+    logs: Sequence[tuple[Path, str]]  #: Every log's file, and what its user calls it.
+    configuration: Mapping[str, Any]  #: Fields of `pipeline.AnalysisConfig` that differ from their defaults.
+    folder: Path  #: Where the results go.
+    members: Sequence[Member] = ()  #: Flights of a craft to fit jointly; then there are no logs.
+
+
+#: Does a task and reports progress.
+Analyze: TypeAlias = Callable[[Task, Progress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Advanced:
+    """The analysis has come to a stage."""
+
+    stage: str
+    progress: float
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The results are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The log cannot be analysed, for a reason that its user should read."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class OutOfMemory:
+    """The analysis needed more memory than it may have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crashed:
+    """The analysis met a bug of ours."""
+
+    traceback: str
+
+
+Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
+
+
+def analyze_logs(task: Task, progress: Progress) -> None:
+    """Run the pipeline on the logs of a task, or on the flights of a craft, and write the report and tables."""
+    if task.members:
+        _join(task, progress)
+        return
+    # Packages that are imported when they are used: the server itself never needs the 200 MB of numpy, numba, pandas.
+    if len(task.logs) == 1 and len(flights := logparse.read_flights(task.logs[0][0])) == 1:
+        _analyze_one(task, flights[0], progress)
+    else:
+        _analyze_several(task, progress)
+
+
+def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
+    ((_, name),) = task.logs
+    advance = overall(progress)
+    config = pipeline.AnalysisConfig(**task.configuration)
+    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem)
+    advance("report", 0.0)
+    # The report names the file as its user does, not as it is kept here.
+    reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
+    try:
+        dataset.write_tables(result, task.folder / "tables")
+        _hand_over(result, name, task.folder)
+        propose(log, task.folder)
+    except Exception:  # must not cost the report
+        _log.exception("the tables of %s cannot be written", name)
+
+
+def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
+    """Write what the craft of a flight keeps of it: its entry, and the experiments that joint models are fitted to."""
+    entry = flight_summary.flight_entry(result, folder=_FLIGHT, source=name, key=result.log.sha256)
+    for kind, file in dataset.write_experiments(result, folder / "experiments").items():
+        place = folder / dataset.part(dataset.EXPERIMENTS, kind, entry.vehicle, entry.folder)
+        place.parent.mkdir(parents=True)
+        file.rename(place)
+    write_flown([entry], folder)
+
+
+def _analyze_several(task: Task, progress: Progress) -> None:
+    config = pipeline.AnalysisConfig(**task.configuration)
+    logs = [log for log, _ in task.logs]
+    # Pages carry their scripts: in the sandbox that reports are shown in, none may be fetched.
+    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.write)
+    progress("report", 0.99)
+    reports.write_fleet(fleet)
+    (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
+    write_flown((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
+    try:
+        propose_of_crafts(fleet.flights, task.folder)
+    except Exception:  # must not cost the report
+        _log.exception("what gains to propose cannot be found out")
+    # What serves a second run names the places of the logs on this server, and there is none.
+    for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
+        file.unlink(missing_ok=True)
+
+
+def _join(task: Task, progress: Progress) -> None:
+    """Fit the flights of one craft jointly, from their experiments."""
+    config = pipeline.AnalysisConfig(**{name: v for name, v in task.configuration.items() if name not in _OURS})
+    scratch = store_of.FolderStore(task.folder.parent / "joint")
+    flights = []
+    for number, member in enumerate(task.members, start=1):
+        folder = f"flight{number}"
+        entry = replace(
+            restored(member.entry, FlightEntry), name=member.name, folder=folder, craft="c", vehicle="craft"
+        )
+        flights.append(replace(entry, key=f"{entry.sha256}#{entry.number}"))
+        for kind, file in member.experiments.items():
+            record = replace(dataset.read_experiment(file.read_bytes()), name=member.name)
+            place = scratch.folder / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
+            place.parent.mkdir(parents=True)
+            dataset.write_experiment(record, place)
+    found = fleet_crafts.identify_crafts(flights, config, scratch, reports.write, None, progress, redo=True)
+    if not found.entries:
+        raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
+    progress("report", 0.99)
+    craft = found.entries[0].folder
+    facts = FleetReport(rotorid=version("rotorid"), config=config, groups=(), flights=(), findings=(), timings_s={})
+    reports_fleet.compose(scratch, [], [f"crafts/{craft}"], facts)
+    for file in [each for each in scratch.folder.iterdir() if each.is_file() and not each.name.startswith(".")]:
+        file.rename(task.folder / file.name)
+    body = next((each.model for each in found.fitted[craft].models if each.key == kinds.RIGID_BODY_KEY), None)
+    if isinstance(body, sysid.RigidBodyModel):
+        sysid.write_craft(body, task.folder, config.mass)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one analysis may take."""
+
+    time: float  #: s.
+    memory: int  #: Bytes.
+    unpacked: int  #: Bytes to which a packed log may unpack.
+
+
+def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
+    """Do a task within its limits and report how it goes, ending with anything but `Advanced`.
+
+    Parameters
+    ----------
+    reports_to : Connection
+        Pipe to the process that watches this one.
+    analyze : callable
+        The analysis, called with the task and a function that takes stage and progress (0 to 1).
+    task : Task
+        The logs and where results go.
+    limits : Limits
+        Time and memory allowed.
+    log_format : LogFormat
+        How log lines are written.
+    """
+    log_lines.configure(log_format)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
+    if sys.platform == "linux":  # Should the server be killed, nobody else would end us before the alarm.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.nice(5)  # Requests come first.
+    signal.setitimer(signal.ITIMER_REAL, limits.time + 10.0)
+    # Not RLIMIT_AS: mapped files and numba's reservations are address space but not memory.
+    resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, limits.memory))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    last = Advanced("", -1.0)
+
+    def progress(stage: str, fraction: float) -> None:
+        nonlocal last
+        if stage != last.stage or fraction >= last.progress + 0.01:
+            last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0))
+            _tell(reports_to, last)
+
+    limit_unpacked(limits.unpacked)
+    # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.
+    tempfile.tempdir = str(task.folder.parent)
+    try:
+        analyze(task, progress)
+    except RotoridError as error:
+        _tell(reports_to, Refused(_in_users_words(str(error), task)))
+    except MemoryError:
+        _tell(reports_to, OutOfMemory())
+    except Exception:
+        _tell(reports_to, Crashed(traceback.format_exc()))
+    else:
+        _tell(reports_to, Finished())
+
+
+def _tell(watcher: Connection, report: Report) -> None:
+    """Return the watcher something; when it is dead, somebody else does this analysis, and we are in the way."""
+    try:
+        watcher.send(report)
+    except BrokenPipeError:
+        os._exit(1)
+
+
+def _in_users_words(reason: str, task: Task) -> str:
+    """Call files as their user does: errors begin with the name under which the file is kept here."""
+    for log, name in task.logs:
+        if reason.startswith(log.name):
+            return name + reason.removeprefix(log.name)
+    return reason

@@ -1,0 +1,314 @@
+"""The plots of one flight: where it went, how high, what the motors were told, and how its own models did."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import pymap3d
+from numpy.typing import NDArray
+
+from logparse import Geodetic
+from logparse.quantity import uncertain
+from pipeline.results.failure import Failure, present
+from pipeline.results.flight import FlightResult
+from pipeline.results.span import Span
+from reports.figures.figure import (
+    Drawn,
+    Figure,
+    Trace,
+    band,
+    band_label,
+    dots,
+    layout_of,
+    limit_line,
+    line,
+    margin,
+    padded,
+    plotly_text,
+    rounded,
+    time_axis,
+)
+from reports.figures.prediction import prediction
+from reports.numbers.flight import mode_spans
+from sysid.rigid_body.conditions.wind import WIND_HEIGHT
+
+#: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
+_TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
+
+Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
+
+
+def flight_figures(result: FlightResult, hidden: Collection[str] = ()) -> list[Figure]:
+    """Draw what was flown and how the models did, `hidden` ones off; a plot whose data is missing is left out."""
+    candidates = (track(result), altitude(result), motors(result), prediction(result, hidden))
+    return [figure for figure in candidates if figure is not None]
+
+
+def track(result: FlightResult) -> Figure | None:
+    """Draw the flight seen from above, east to the right and north up, with equal scales."""
+    data: list[Trace] = []
+    span = present(result.flight)
+    if not isinstance(result.trajectory, Failure) and not result.position_known:
+        return None
+    if not isinstance(result.trajectory, Failure):
+        states = _within(result.trajectory.states, span)
+        if states.empty:
+            return None
+        north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
+        gps = _gps_offsets(result)
+        if gps is not None:
+            data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        hover = "%{x:.1f} m east<br>%{y:.1f} m north"
+        data.append(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
+        data.append(_heights(states))
+        for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": rounded(east[[at]], 2),
+                    "y": rounded(north[[at]], 2),
+                    "name": label,
+                    "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
+                    "hoverinfo": "name",
+                }
+            )
+        data += _happened(result, states)
+    else:
+        gps = _gps_offsets(result)
+        if gps is None:
+            return None
+        data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+    layout = layout_of(
+        xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": padded(data, "x")},
+        yaxis={
+            "title": {"text": "north (m)"},
+            "zeroline": False,
+            "range": padded(data, "y"),
+            "scaleanchor": "x",
+            "scaleratio": 1,
+        },
+        annotations=_wind_arrow(result),
+    )
+    return Figure(
+        "track",
+        "The flight from above, both axes to the same scale, metres from the origin of the local frame; colour is "
+        "height above the start.",
+        data,
+        layout,
+        430,
+        time=False,
+    )
+
+
+def _heights(states: pd.DataFrame) -> Trace:
+    """Colour the track by height, with a scale that also reads in grey."""
+    chosen = states.iloc[:: max(1, -(-len(states) // _TRACK_POINTS))]
+    height = float(states["p_d"].iloc[0]) - chosen["p_d"].to_numpy(float)
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": rounded(chosen["p_e"].to_numpy(float), 2),
+        "y": rounded(chosen["p_n"].to_numpy(float), 2),
+        "name": "height",
+        "showlegend": False,
+        "marker": {
+            "size": 5,
+            "color": rounded(height, 1),
+            "colorscale": "Cividis",
+            "showscale": True,
+            "colorbar": {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0},
+        },
+        "hovertemplate": "%{marker.color:.1f} m above the start<extra></extra>",
+    }
+
+
+def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
+    """Mark where notable events began, one mark for each kind and second."""
+    events = () if isinstance(result.health, Failure) else result.health.notable
+    inside = [event for event in events if states.index[0] <= event.t <= states.index[-1]][:_MOST_EVENTS]
+    if not inside:
+        return []
+    at = np.clip(states.index.searchsorted([event.t for event in inside]), 0, len(states) - 1)
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": rounded(states["p_e"].to_numpy(float)[at], 2),
+            "y": rounded(states["p_n"].to_numpy(float)[at], 2),
+            "name": "events",
+            "text": [plotly_text(f"{event.id.replace('-', ' ')}, {event.t:.1f} s") for event in inside],
+            "marker": {"symbol": "x", "size": 10, "color": "@bad"},
+            "hovertemplate": "%{text}<extra></extra>",
+        }
+    ]
+
+
+def _wind_arrow(result: FlightResult) -> list[Drawn]:
+    """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
+    wind = None if isinstance(result.coverage, Failure) else result.coverage.wind
+    if wind is None or wind.sigma is None:
+        return []
+    speed = wind.speed
+    if not np.isfinite(speed) or not speed > 2.0 * wind.sigma:
+        return []
+    east, north = wind.east / speed, wind.north / speed
+    return [
+        {
+            "name": "wind",
+            "xref": "paper",
+            "yref": "paper",
+            "x": 0.03,
+            "y": 0.86,
+            "xshift": _ARROW // 2 + _ARROW // 2 * east,
+            "yshift": _ARROW // 2 * north,
+            "ax": -_ARROW * east,
+            "ay": _ARROW * north,
+            "showarrow": True,
+            "arrowhead": 2,
+            "arrowwidth": 2,
+            "arrowcolor": "@own",
+            "text": "",
+            # A flight at 40 m in sheared air has met twice as much.
+            "hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')} at {WIND_HEIGHT:g} m",
+        }
+    ]
+
+
+def altitude(result: FlightResult) -> Figure | None:
+    """Draw height above the start of the flight as estimated and as the sensors saw it."""
+    data: list[Trace] = []
+    span = margin(present(result.flight))
+    for table, column, name, color in (
+        (result.baro, "alt", "barometer", "@baro"),
+        (result.gps, "alt", "GPS", "@gps"),
+    ):
+        if table is not None and column in table:
+            values = _within(table[column], span).dropna()
+            if len(values) > 1:
+                data.append(line(values.index, values - _start(values, present(result.flight)), name, color, width=1.2))
+    if not isinstance(result.trajectory, Failure):
+        up = -_within(result.trajectory.states["p_d"], span)
+        if len(up) > 1:
+            data.append(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink"))
+    if not data:
+        return None
+    layout = layout_of(
+        xaxis=time_axis(span),
+        yaxis={"title": {"text": "height (m)"}},
+        **_modes(result),
+    )
+    caption = (
+        "Height above the start of the flight. The estimate should run between barometer and GPS. "
+        "Bands are flight modes."
+    )
+    return Figure("altitude", caption, data, layout, 300)
+
+
+def motors(result: FlightResult) -> Figure | None:
+    """Draw the commands of every motor in a row of its own."""
+    if result.motors is None or result.motors.shape[1] == 0:
+        return None
+    span = margin(present(result.flight))
+    table = _within(result.motors, span)
+    if len(table) < 2:
+        return None
+    count = table.shape[1]
+    values = table.to_numpy(dtype=float)
+    inside = _within(result.motors, present(result.flight)).to_numpy(dtype=float)
+    used = inside[np.isfinite(inside)]
+    if used.size == 0:
+        return None
+    low, high = (float(v) for v in np.percentile(used, [0.5, 99.5]))
+    pad = max(0.15 * (high - low), 10.0)
+    row = 1.0 / count
+    data: list[Trace] = []
+    axes: Drawn = {}
+    labels = []
+    for number in range(count):
+        suffix = "" if number == 0 else str(number + 1)
+        name = str(table.columns[number]).removeprefix("m")
+        data.append(
+            line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
+            | {"yaxis": f"y{suffix}", "showlegend": False}
+        )
+        top = 1.0 - number * row
+        axes[f"yaxis{suffix}"] = {
+            "domain": [top - row * 0.86, top],
+            "range": [low - pad, high + pad],
+            "nticks": 3,
+            "tickfont": {"size": 10},
+        }
+        labels.append(
+            {
+                "text": plotly_text(name),
+                "x": 0,
+                "xref": "paper",
+                "xanchor": "right",
+                "xshift": -40,
+                "y": 0.5,
+                "yref": f"y{suffix} domain",
+                "showarrow": False,
+                "font": {"size": 13},
+            }
+        )
+    axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
+    modes = _modes(result)
+    modes["annotations"] += labels
+    health = present(result.health)
+    limits = [] if health is None or health.signals is None else health.signals.motor_limits.values()
+    modes["shapes"] += [
+        limit_line(value, f"y{number + 1 if number else ''}")
+        for number in range(count)
+        for value in limits
+        if low - pad < value < high + pad
+    ]
+    layout = layout_of(**axes, **modes)
+    caption = (
+        "PWM command of every motor (µs), one row for each motor number, all to the same scale, limits dashed. "
+        "Motors of a healthy craft in hover stay close to each other and away from their limits."
+    )
+    return Figure("motors", caption, data, layout, 70 + 58 * count)
+
+
+def _modes(result: FlightResult) -> Drawn:
+    """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
+    shapes, labels = [], []
+    for number, mode in enumerate(mode_spans(result)):
+        span = Span(mode.start_s, mode.stop_s)
+        if number % 2 == 1:
+            shapes.append(band(span, "@band", 1.0))
+        if not isinstance(result.flight, Failure) and span.duration > 0.06 * result.flight.duration:
+            labels.append(band_label(span, mode.mode))
+    return {"shapes": shapes, "annotations": labels}
+
+
+def _within(table: Frame, span: Span | None) -> Frame:
+    return table if span is None else table.loc[span.start : span.stop]
+
+
+def _start(values: pd.Series, flight: Span | None) -> float:
+    """Value at the start of the flight: heights are drawn relative to it."""
+    if flight is None:
+        return float(values.iloc[0])
+    return float(values.iloc[min(int(values.index.searchsorted(flight.start)), len(values) - 1)])
+
+
+def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
+    if result.gps is None:
+        return None
+    table = _within(result.gps[["lat", "lon"]], present(result.flight)).dropna()
+    if len(table) < 2:
+        return None
+    lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
+    origin = Geodetic(lat[0], lon[0], 0.0)
+    if not isinstance(result.trajectory, Failure):
+        origin = result.trajectory.origin
+        if not np.isfinite([origin.lat, origin.lon, origin.alt]).all():
+            return None
+    north, east, _ = pymap3d.geodetic2ned(lat, lon, origin.alt, origin.lat, origin.lon, origin.alt, deg=False)
+    return np.asarray(north), np.asarray(east)

@@ -1,0 +1,235 @@
+"""The plots by which the health of a flight is judged: asked and flown, vibration, battery, estimator, GPS, compass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from logparse.quantity import joined, number, uncertain
+from pipeline.results.failure import Failure
+from pipeline.results.flight import FlightResult
+from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
+from pipeline.results.span import Span
+from reports.figures.figure import (
+    Drawn,
+    Figure,
+    Trace,
+    band,
+    band_label,
+    layout_of,
+    limit_line,
+    line,
+    margin,
+    plotly_text,
+    time_axis,
+)
+from sysid.statistics.parameter import Parameter
+
+#: Unit shown and factor, by the unit kept.
+_SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
+#: Colours of several signals of one panel; asked and flown have their own.
+_COLORS = ("@c1", "@c2", "@c3", "@c4")
+#: Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
+_ROTORS_REACH = 600.0
+_OWN = {"asked": "@own", "flown": "@ink"}
+
+_CAPTIONS = {
+    "attitude": "Attitude asked for (blue) and flown (dark). They should lie on each other; where they part, the craft "
+    "could not do what was asked.",
+    "rates": "Angular rates asked for (blue) and flown (dark), as the rate controller saw them.",
+    "vibration": "Vibration as the autopilot measures it. Above the lower dashed line the estimate of height may "
+    "suffer, above the upper it nearly always does.",
+    "battery": "Battery. Voltage should fall slowly; dips show load beyond what the battery can give.",
+    "estimator": "Test ratios of the estimator: innovations over what it expects. Above 1 a measurement is refused.",
+    "gps": "What the GPS receiver says of its own quality.",
+    "compass": "Magnetic field and throttle. A field that follows the throttle is disturbed by currents.",
+}
+#: Captions where the log does not hold what was asked.
+_ALONE = {
+    "attitude": "Attitude flown; what was asked for was not logged.",
+    "rates": "Angular rates flown; what was asked for was not logged.",
+}
+
+
+def health_figures(result: FlightResult) -> list[Figure]:
+    """Draw what the health of the flight rests on; a plot whose data is missing is left out."""
+    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
+        return []
+    signals = result.health.signals
+    marks = _marks(result.health, result.flight)
+    figures = [
+        _stacked(name, panels, result.flight, marks)
+        for name, panels in (
+            ("attitude", signals.attitude),
+            ("rates", signals.rates),
+            ("vibration", signals.vibration),
+            ("battery", signals.battery),
+            ("estimator", signals.estimator),
+            ("gps", signals.gps),
+            ("compass", signals.compass),
+        )
+        if panels
+    ]
+    figures = [
+        replace(each, caption=f"{each.caption} {_sagging(result.health.sag)}") if each.id == "health-battery" else each
+        for each in figures
+    ]
+    if signals.spectrum is not None:
+        figures.append(_spectrum(signals.spectrum))
+    return figures
+
+
+def _sagging(sag: Parameter | None) -> str:
+    """Explain what the battery's resistance means for a pilot, or why it is not known."""
+    if sag is None or sag.value is None or sag.sigma is None:
+        return "" if sag is None else f"Its resistance is not determined: {sag.reason}."
+    ohms = uncertain(1e3 * sag.value, 1e3 * sag.sigma, "mΩ")
+    return f"Battery and wiring have {ohms}: every 10 A more cost {number(10.0 * sag.value, 2)} V."
+
+
+def attitude_figure(result: FlightResult) -> Figure | None:
+    """Draw attitude asked for and flown; None where it was not logged."""
+    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
+        return None
+    panels = result.health.signals.attitude
+    return _stacked("attitude", panels, result.flight, _marks(result.health, result.flight)) if panels else None
+
+
+def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn]) -> Figure:
+    """Draw panels below each other over one axis of time."""
+    data: list[Trace] = []
+    axes: Drawn = {}
+    shapes = list(marks)
+    row = 1.0 / len(panels)
+    named: set[str] = set()
+    for level, panel in enumerate(panels):
+        suffix = "" if level == 0 else str(level + 1)
+        unit, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        for place, signal in enumerate(panel.signals):
+            color = _OWN.get(signal.name, _COLORS[place % len(_COLORS)] if len(panel.signals) > 1 else "@ink")
+            trace = line(signal.t, factor * signal.y, signal.name, color, width=1.2, most=len(signal.t))
+            shown = len(panel.signals) > 1 and signal.name not in named
+            named.add(signal.name)
+            data.append(trace | {"yaxis": f"y{suffix}", "showlegend": shown})
+        # A limit far above what was measured would flatten the line.
+        top = max(float(np.nanmax(signal.y)) for signal in panel.signals)
+        for limit in panel.limits.values():
+            if limit < 3.0 * top or limit == min(panel.limits.values()):
+                shapes.append(limit_line(factor * limit, f"y{suffix}"))
+        title = f"{panel.title} ({unit})" if unit else panel.title
+        upper = 1.0 - level * row
+        axes[f"yaxis{suffix}"] = {
+            "domain": [upper - 0.86 * row, upper],
+            "title": {"text": plotly_text(title), "font": {"size": 11}},
+            "nticks": 5,
+        }
+        if all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals):
+            axes[f"yaxis{suffix}"]["rangemode"] = "nonnegative"
+    axes["xaxis"] = time_axis(margin(flight)) | {"anchor": f"y{len(panels)}" if len(panels) > 1 else "y"}
+    layout = layout_of(**axes, shapes=shapes)
+    caption = _CAPTIONS[name]
+    if name in _ALONE and "asked" not in named:
+        caption = _ALONE[name]
+    return Figure(f"health-{name}", caption, data, layout, 120 + 110 * len(panels))
+
+
+def _marks(health: FlightHealth, flight: Span) -> list[Drawn]:
+    """Draw each notable event as a line where it began."""
+    times = sorted({round(event.t, 1) for event in health.notable if flight.start <= event.t <= flight.stop + 5.0})
+    return [
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": t,
+            "x1": t,
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": "@judged", "width": 1, "dash": "dot"},
+        }
+        for t in times[:40]
+    ]
+
+
+def _spectrum(spectrum: Spectrum) -> Figure:
+    unit, factor = _SHOWN.get(spectrum.unit, (spectrum.unit, 1.0))
+    data: list[Trace] = []
+    for place, (axis, amplitude) in enumerate(spectrum.amplitudes.items()):
+        hover = "%{x:.0f} Hz: %{y:.3g}"
+        trace = line(spectrum.hz, factor * amplitude, axis, _COLORS[place], width=1.2, decimals=6, hover=hover)
+        data.append(trace)
+    shapes: list[Drawn] = [
+        band(Span(notch.low, min(notch.high, float(spectrum.hz[-1]))), "@judged", 0.18) for notch in spectrum.notches
+    ]
+    marks = [(name, hz, "@judged") for name, hz in spectrum.filters.items()]
+    labels: list[Drawn] = []
+    for name, hz, color in marks:
+        shapes.append(
+            {
+                "type": "line",
+                "xref": "x",
+                "yref": "paper",
+                "x0": hz,
+                "x1": hz,
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": color, "width": 1, "dash": "dash"},
+            }
+        )
+        labels.append(band_label(Span(hz, hz), name))
+    labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
+    # Below each other: filters and notches lie close together.
+    labels = [label | {"y": 0, "yshift": 14 * k} for k, label in enumerate(labels)]
+    highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
+    labels += [
+        {
+            "text": plotly_text(_peak_name(peak)),
+            "x": peak.hz,
+            "y": float(np.log10(min(factor * peak.amplitude, highest))),
+            "xref": "x",
+            "yref": "y",
+            "showarrow": True,
+            "arrowhead": 0,
+            "ax": 0,
+            "ay": -18,
+            "font": {"size": 10},
+        }
+        for peak in spectrum.peaks
+    ]
+    layout = layout_of(
+        xaxis={"title": {"text": "frequency (Hz)"}, "range": [0.0, min(float(spectrum.hz[-1]), _ROTORS_REACH)]},
+        yaxis={"title": {"text": f"amplitude ({unit})"}, "type": "log"},
+        shapes=shapes,
+        annotations=labels,
+    )
+    caption = f"Spectrum of the angular rates ({spectrum.source}). {peaks_in_words(spectrum)}"
+    return Figure("health-spectrum", caption, data, layout, 330, time=False)
+
+
+def _peak_name(peak: Peak) -> str:
+    multiple = "" if peak.rotor_multiple < 2 else f" × {peak.rotor_multiple}"
+    return f"{peak.hz:.0f} Hz" + (f" (rotors{multiple})" if peak.rotor_multiple else "")
+
+
+def peaks_in_words(spectrum: Spectrum) -> str:
+    """Name the peaks that are the rotors', and those that no notch covers."""
+    if not spectrum.peaks:
+        return "No line stands out."
+    named = joined([_peak_name(peak) for peak in spectrum.peaks])
+    text = f"Lines at {named}."
+    open_to = [f"{peak.hz:.0f} Hz" for peak in spectrum.peaks if peak.rotor_multiple and not peak.notch]
+    if spectrum.notches:
+        text += " Tinted: notches."
+        text += f" No notch covers {joined(open_to)}." if open_to else ""
+    elif open_to:
+        text += " No notch is set: INS_HNTCH_* would take the rotors' lines out."
+    if spectrum.rotors_hz is not None:
+        text += f" The rotors turned at {spectrum.rotors_hz[0]:.0f} to {spectrum.rotors_hz[1]:.0f} Hz by ESC telemetry."
+    else:
+        text += (
+            " Rotor speeds were not logged, and commands alone do not tell them: that takes the motors' KV and load. "
+            "A line that goes with the commands is called a rotor's."
+        )
+    return text

@@ -1,0 +1,1 @@
+"""The folder that an analysis leaves behind, file by file."""

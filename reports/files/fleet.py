@@ -1,0 +1,169 @@
+"""A folder of logs as one report, composed from the products of its flights and crafts alone."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any, Protocol
+
+from scipy.io import loadmat, savemat
+
+from logparse import Finding
+from logparse.serialization import as_json, cleaned, from_json
+from pipeline.fleet.result import FleetResult
+from pipeline.names import printable
+from pipeline.results.fleet import LogFailure
+from pipeline.results.model_report import ModelsFile
+from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from reports.files.fleet_markdown import fleet_markdown
+from reports.files.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
+from reports.numbers.fleet import common_findings, in_short
+from reports.pages import html
+from reports.pages.fleet import Craft, fleet_page
+
+
+class Products(Protocol):
+    """Files by their paths, such as ``flights/paper01/report.json``."""
+
+    def read(self, path: str) -> bytes:
+        """Read a file."""
+        ...
+
+    def write(self, path: str, content: bytes) -> None:
+        """Write a file in place of what was there."""
+        ...
+
+
+def write_fleet(fleet: FleetResult) -> None:
+    """Compose the report on all flights in the store of a fleet.
+
+    ``report.html`` (complete in itself but for the pages of flights, which it links), ``report.json`` (crafts in full,
+    flights in short), ``report.md``; ``rmse.csv``, ``coefficients.csv`` and ``parameters.csv`` of all; ``models.json``
+    and ``models.mat`` with the models of crafts and of those flights that belong to none; ``plotly.min.js`` for the
+    pages of flights.
+    """
+    compose(
+        fleet.store,
+        [f"flights/{entry.folder}" for entry in fleet.flights],
+        [f"crafts/{entry.folder}" for entry in fleet.groups],
+        FleetReport(
+            rotorid=version("rotorid"),
+            config=fleet.config,
+            groups=(),
+            flights=(),
+            findings=(),
+            failures=_reasons(fleet.failures),
+            passed_over=_reasons(fleet.passed_over),
+            duplicates=_reasons(fleet.duplicates),
+            removed=_reasons(fleet.removed),
+            timings_s=fleet.timings,
+        ),
+    )
+
+
+def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
+    return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
+
+
+def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], facts: FleetReport) -> FleetReport:
+    """Compose the report on all flights from the folders of their products.
+
+    Parameters
+    ----------
+    store : Products
+    flights, crafts : sequence of str
+        Folders.
+    facts : FleetReport
+        With all that they do not tell.
+    """
+    found = _told_apart([_craft(store, folder) for folder in crafts])
+    rows = [row for craft in found for row in craft.report.rmse]
+    short: list[FlightInShort] = []
+    findings: dict[str, tuple[Finding, ...]] = {}
+    for folder in flights:  # those of many flights would not fit into memory
+        report = from_json(store.read(f"{folder}/report.json"), FlightReport)
+        short.append(in_short(report, folder))
+        findings[report.name] = report.findings
+        rows += report.rmse
+    numbers = cleaned(
+        replace(
+            facts,
+            groups=tuple(craft.report for craft in found),
+            flights=tuple(short),
+            findings=common_findings(findings),
+        ),
+        FleetReport,
+        printable,
+    )
+    joint = {name for craft in numbers.groups for name in (*craft.training, *craft.held_out)}
+    alone = [flight.folder for flight in short if flight.name not in joint]
+    store.write("report.json", as_json(numbers).encode())
+    store.write("rmse.csv", rmse_table(rows).encode())
+    store.write("coefficients.csv", _joined(store, [*crafts, *flights], "coefficients.csv"))
+    store.write("parameters.csv", _joined(store, [*crafts, *flights], "parameters.csv"))
+    store.write("models.json", as_json(_models(store, [*crafts, *alone]), indent=None).encode())
+    store.write("models.mat", _matlab(store, crafts, alone))
+    store.write("report.md", fleet_markdown(numbers).encode())
+    if flights:
+        store.write(SHARED_SCRIPT, html.plotly_script())
+    store.write("report.html", page_or_excuse(lambda: fleet_page(numbers, found), "report.html").encode())
+    return numbers
+
+
+def _craft(store: Products, folder: str) -> Craft:
+    drawn = from_json(store.read(f"{folder}/figures.json"), CraftFigures)
+    report = from_json(store.read(f"{folder}/report.json"), CraftReport)
+    return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
+
+
+def _told_apart(crafts: Sequence[Craft]) -> list[Craft]:
+    """Distinguish crafts of one name by a number: many logs tell no more than firmware and frame."""
+    count = Counter(craft.report.name for craft in crafts)
+    seen: Counter[str] = Counter()
+    apart = []
+    for craft in crafts:
+        name = craft.report.name
+        seen[name] += 1
+        told = name if count[name] == 1 else f"{name}, craft {seen[name]}"
+        apart.append(replace(craft, report=replace(craft.report, name=told)))
+    return apart
+
+
+def _models(store: Products, folders: Iterable[str]) -> ModelsFile:
+    every = [from_json(store.read(f"{folder}/models.json"), ModelsFile) for folder in folders]
+    return ModelsFile(
+        rotorid=version("rotorid"),
+        joint=tuple(owner for models in every for owner in models.joint),
+        flights=tuple(owner for models in every for owner in models.flights),
+    )
+
+
+def _matlab(store: Products, crafts: Sequence[str], flights: Sequence[str]) -> bytes:
+    """Write the models of crafts as structs ``craft1 ...`` and of flights as ``flight1 ...``, in the report's order."""
+    structs = {}
+    for kind, folders in (("craft", crafts), ("flight", flights)):
+        for number, folder in enumerate(folders, start=1):
+            variables = _loaded(store.read(f"{folder}/models.mat"))
+            models = {name: value for name, value in variables.items() if not name.startswith("__")}
+            if models:
+                structs[f"{kind}{number}"] = models
+    file: Any = io.BytesIO()  # scipy's annotations know paths only
+    savemat(file, structs, long_field_names=True, oned_as="row")
+    return bytes(file.getvalue())
+
+
+def _loaded(content: bytes) -> dict[str, Any]:
+    file: Any = io.BytesIO(content)
+    return dict(loadmat(file))
+
+
+def _joined(store: Products, folders: Sequence[str], name: str) -> bytes:
+    """Join tables that have the same head."""
+    lines: list[bytes] = []
+    for folder in folders:
+        head, *rows = store.read(f"{folder}/{name}").splitlines(keepends=True)
+        lines += [head, *rows] if not lines else rows
+    return b"".join(lines)

@@ -1,0 +1,129 @@
+"""The products of one flight or of one craft as a folder: a page for people, the same numbers for machines."""
+
+from __future__ import annotations
+
+import csv
+import io
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from logparse.cells import as_cell
+from logparse.serialization import as_json
+from pipeline.results.fleet import GroupResult
+from pipeline.results.flight import FlightResult
+from pipeline.results.model_report import RmseRow
+from pipeline.results.report import CraftReport, FlightReport
+from reports.figures.figure import Figure
+from reports.figures.models import off_by_default
+from reports.figures.prediction import joint_predictions
+from reports.files.exports import write_exports
+from reports.files.parameters import write_parameters
+from reports.files.tracks import write_track
+from reports.numbers.flight import craft_report, flight_report, models_file
+from reports.pages import html
+from reports.views.model_board import Board, model_board
+
+_LOG = logging.getLogger("rotorid.reports")
+
+#: Plotly's script where the pages of flights share it, at the root of a folder of flights and crafts.
+SHARED_SCRIPT = "plotly.min.js"
+#: The page on all flights, seen from that of one.
+_BACK = "../../"
+
+
+def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
+    """Write what is known of one flight or of one craft.
+
+    ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes it), ``models.mat``
+    and ``coefficients.csv``, ``parameters.csv``; of a flight whose position is known ``track.geojson``, ``track.kml``
+    and ``track.gpx``, and the page ``report.html``, complete in itself; of a craft ``figures.json``, the
+    plots that the page on all flights shows of it.
+
+    Parameters
+    ----------
+    result : FlightResult or GroupResult
+    folder : str or Path
+        Made when missing; files of the same names are replaced.
+
+    Returns
+    -------
+    Path
+        Of ``report.html``, or of a craft's ``report.json``.
+    """
+    return _write(result, Path(folder), shared=False)
+
+
+def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> Path:
+    """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
+
+    A flight's page reads Plotly from one file beside the page on all flights instead of carrying it, 2.5 MB each, and
+    links there.
+    """
+    return _write(result, Path(folder), shared=True)
+
+
+def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    report: FlightReport | CraftReport
+    if isinstance(result, FlightResult):
+        path = folder / "report.html"
+        report = own = flight_report(result)
+        back, script_file = (f"{_BACK}report.html", _BACK + SHARED_SCRIPT) if shared else (None, "")
+        write_page(path, lambda: html.flight_page(result, own, back, script_file))
+        write_track(result, folder)
+    else:
+        path = folder / "report.json"
+        report = craft_report(result)
+        (folder / "figures.json").write_text(as_json(_figures(result, report), indent=None), encoding="utf-8")
+    (folder / "report.json").write_text(as_json(report), encoding="utf-8")
+    (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
+    (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
+    write_exports(result, folder)
+    write_parameters(result, folder)
+    return path
+
+
+@dataclass(frozen=True, slots=True)
+class CraftFigures:
+    """The plots of a craft that need the models and their free runs themselves: of all models, and by flight."""
+
+    board: Board
+    predictions: Mapping[str, Figure]
+
+
+def _figures(group: GroupResult, report: CraftReport) -> CraftFigures:
+    trust = {model.key: str(model.verdict.trust) for model in report.models}
+    return CraftFigures(model_board(group.models, off_by_default(report.models)), joint_predictions(group, trust))
+
+
+def write_page(path: Path, render: Callable[[], str]) -> None:
+    """Write a page; where it cannot be drawn, one that says so: a bug there must not cost numbers and other pages."""
+    path.write_text(page_or_excuse(render, str(path)), encoding="utf-8")
+
+
+def page_or_excuse(render: Callable[[], str], where: str) -> str:
+    """Render a page; where that fails, one that says so."""
+    try:
+        return render()
+    except Exception as error:
+        _LOG.exception("drawing %s failed", where)
+        return html.failed_page(error)
+
+
+def rmse_table(rows: Sequence[RmseRow]) -> str:
+    """Write CSV with a line per flight, part and model; an error that could not be computed is an empty cell."""
+    outputs = list(dict.fromkeys(output for row in rows for output in row.rmse_m))
+    kinds = {"rmse_m": "rmse_{}_m", "fit_percent": "fit_{}_percent", "rmse_mean_m": "rmse_mean_{}_m"}
+    heads = [pattern.format(output) for pattern in kinds.values() for output in outputs]
+    text = io.StringIO(newline="")
+    table = csv.writer(text)
+    table.writerow(["flight", "part", "scope", "model", "craft", "start_s", "duration_s", *heads])
+    for row in rows:
+        cells = [errors.get(output) for errors in (row.rmse_m, row.fit_percent, row.rmse_mean_m) for output in outputs]
+        names = (
+            None if name is None else as_cell(name) for name in (row.flight, row.part, row.scope, row.model, row.craft)
+        )
+        table.writerow(["" if cell is None else cell for cell in (*names, row.start_s, row.duration_s, *cells)])
+    return text.getvalue()

@@ -1,0 +1,105 @@
+"""Stored models with new inputs as a folder: a page with the comparison, and a table of what each model predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from logparse.table import Table
+from pipeline.flight.replay import Replay
+from pipeline.names import printable
+from pipeline.results.flight import ModelResult
+from pipeline.results.verdict import Verdict
+from reports.figures.figure import Figure
+from reports.figures.prediction import compare
+from reports.numbers.flight import model_report, overall
+from reports.pages import html
+from reports.views import summary
+from reports.views import tables as views
+from reports.views.models import Judgement, judgements
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayPage:
+    """What replay.html shows."""
+
+    name: str
+    facts: str
+    verdict: Verdict | None
+    verdicts: Sequence[views.ShownVerdict]
+    sentences: Sequence[str]
+    missing: Sequence[tuple[str, str]]
+    rmse: Table | None
+    horizons: Table | None
+    ahead: Figure | None
+    judgements: Sequence[Judgement]
+    files: str
+
+
+def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
+    """Write ``simulation.html`` and, for every model that ran, ``simulation_KIND.csv``.
+
+    The table has `t` [s], each output as ``NAME_predicted`` and, where it was measured, as ``NAME_measured``, and the
+    inputs.
+
+    Returns
+    -------
+    list of Path
+        The page first.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    page = folder / "simulation.html"
+    page.write_text(_page(replay), encoding="utf-8")
+    files = [page]
+    for result in replay.results:
+        if result.predictions:
+            path = folder / f"simulation_{result.key}.csv"
+            _table(result, replay.measured).to_csv(path, index=False, float_format="%.6g")
+            files.append(path)
+    return files
+
+
+def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
+    (part,) = result.predictions
+    record = part.experiment
+    columns = {"t": record.t}
+    for number, name in enumerate(record.output_names):
+        columns[f"{name}_predicted"] = part.y_hat[:, number]
+        if measured:
+            columns[f"{name}_measured"] = record.y[:, number]
+    inputs = {
+        # A closed loop's inputs have the names of its outputs.
+        f"{name}_target" if name in record.output_names else name: record.u[:, number]
+        for number, name in enumerate(record.input_names)
+    }
+    return pd.DataFrame(columns | inputs)
+
+
+def _page(replay: Replay) -> str:
+    ran = [result for result in replay.results if result.predictions]
+    record = ran[0].predictions[0].experiment
+    models = [model_report(result, "replay", replay.name, flight=replay.name) for result in replay.results]
+    missing = [(summary.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
+    titles = ", ".join(result.title for result in ran)
+    return html.render(
+        "replay.html",
+        [compare(record, ran, measured=replay.measured)],
+        ReplayPage(
+            name=replay.name,
+            facts=f"models of {replay.owner} ({printable(str(replay.models))}), "
+            f"inputs of {printable(replay.inputs.name)}",
+            verdict=overall(models) if replay.measured else None,
+            verdicts=views.verdicts(models) if replay.measured else [],
+            sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
+            missing=missing,
+            rmse=views.flight_rmse([], models),
+            horizons=views.horizons(models),
+            ahead=None,
+            judgements=judgements(models),
+            files=", ".join(f"simulation_{result.key}.csv" for result in ran),
+        ),
+    )

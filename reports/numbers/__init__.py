@@ -1,0 +1,1 @@
+"""What files hold: typed results as JSON, compared, and read again."""

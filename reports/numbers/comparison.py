@@ -1,0 +1,413 @@
+"""Two reports of a craft against each other: what changed by more than flights differ anyway, and what did not.
+
+Parameters are compared over flights, not over fits: the values of single flights scatter more than their standard
+errors say, because wind, battery and temperature differ. The difference of the two means is the slope of a
+random-effects meta-regression on before/after (Knapp and Hartung 2003), corrected for the number of parameters
+(Holm 1979).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from importlib.metadata import version
+from typing import Literal
+
+import numpy as np
+import scipy
+
+from logparse.quantity import number, uncertain
+from pipeline.config import AnalysisConfig
+from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.names import printable
+from pipeline.results.quantity import Mean, ParameterChange
+from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
+from pipeline.results.verdict import Trust
+from reports.numbers.rows import average
+
+#: Chance of calling any parameter of a pair changed when none did.
+SIGNIFICANCE = 0.05
+
+#: Chance with which a change of the size called detectable is found.
+POWER = 0.8
+
+#: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
+METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")
+
+#: Flights on each side from which on errors of models are tested and not only set side by side.
+FEWEST_JUDGES = 3
+
+#: Standard errors that a value must differ from zero by for a change of it to be told in percent.
+KNOWN = 3.0
+
+#: Flights on each side from which on a difference of a few standard errors is more than chance.
+ENOUGH = 3
+
+#: Settings of an analysis that do not change what is found.
+_NO_MATTER = frozenset({"time_limit", "training", "validation"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """A report, by what it is called, and the version that wrote it."""
+
+    report: str
+    rotorid: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelError:
+    """Held-out error of a model on a side, beside that of the mean, m."""
+
+    rmse_m: float | None
+    mean_m: float | None
+    flights: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorChange:
+    """Errors of a model on both sides, their ratio, and the chance of such a difference."""
+
+    model: str
+    title: str
+    output: str
+    a: ModelError
+    b: ModelError
+    ratio: float | None
+    p: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerdictChange:
+    """What a model is worth on both sides."""
+
+    model: str
+    title: str
+    a: Trust
+    b: Trust
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingChange:
+    """A setting of the craft, or of the analysis, that differs."""
+
+    of: str
+    name: str
+    a: object
+    b: object
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What a side is of: its name, its flights, and when they were."""
+
+    name: str
+    flights: int
+    first_utc: str | None
+    last_utc: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """A craft, or a flight, before and after."""
+
+    a: Facts
+    b: Facts
+    changed: tuple[SettingChange, ...]
+    parameters: tuple[ParameterChange, ...]
+    errors: tuple[ErrorChange, ...]
+    verdicts: tuple[VerdictChange, ...]
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unpaired:
+    """What has no like on the other side."""
+
+    a: tuple[str, ...]
+    b: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Two reports craft by craft: what comparison.json holds."""
+
+    kind: Literal["comparison"] = "comparison"
+    rotorid: str
+    a: Side
+    b: Side
+    pairs: tuple[Pair, ...]
+    unpaired: Unpaired
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is compared: a craft over its flights, or one flight where there is no joint model."""
+
+    name: str
+    numbers: FlightReport | CraftReport
+    config: AnalysisConfig
+    flights: Sequence[FlightReport | FlightInShort]
+    #: Value and sigma in each flight that determined a parameter, by parameter and method.
+    points: Mapping[tuple[str, str], Sequence[tuple[float, float]]]
+    units: Mapping[str, str]  #: By parameter.
+
+
+def subjects(report: FlightReport | FleetReport) -> list[Subject]:
+    """Find what a report can be compared by: its crafts; its one flight when it is the report of a flight."""
+    if isinstance(report, FlightReport):
+        return [_of_flight(report)]
+    by_name = {flight.name: flight for flight in report.flights}
+    return [
+        _of_craft(
+            craft,
+            report.config,
+            [by_name[name] for name in (*craft.training, *craft.held_out) if name in by_name],
+        )
+        for craft in report.groups
+    ]
+
+
+def _of_flight(flight: FlightReport) -> Subject:
+    rows = [(row, row.value, row.sigma) for row in flight.parameters or ()]
+    return Subject(
+        name=flight.name,
+        numbers=flight,
+        config=flight.config,
+        flights=[flight],
+        points={
+            (row.parameter, row.method): [(value, sigma)] for row, value, sigma in rows if value is not None and sigma
+        },
+        units={row.parameter: row.unit for row, *_ in rows},
+    )
+
+
+def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightInShort]) -> Subject:
+    followed = () if craft.drift is None else craft.drift.parameters
+    return Subject(
+        name=craft.name,
+        numbers=craft,
+        config=config,
+        flights=flights,
+        points={
+            (each.parameter, method): [(point.value, point.sigma) for point in points if point.sigma]
+            for each in followed
+            for method, points in {each.method: each.flights, **each.others}.items()
+        },
+        units={each.parameter: each.unit for each in followed},
+    )
+
+
+def compare_reports(a: FlightReport | FleetReport, b: FlightReport | FleetReport, names: tuple[str, str]) -> Comparison:
+    """Compare two reports craft by craft.
+
+    Parameters
+    ----------
+    a, b : FlightReport or FleetReport
+    names : (str, str)
+        What to call them, such as their folders.
+    """
+    pairs, left, right = _pair(subjects(a), subjects(b))
+    return Comparison(
+        rotorid=version("rotorid"),
+        a=Side(report=printable(names[0]), rotorid=a.rotorid),
+        b=Side(report=printable(names[1]), rotorid=b.rotorid),
+        pairs=tuple(_compare(before, after) for before, after in pairs),
+        unpaired=Unpaired(a=tuple(each.name for each in left), b=tuple(each.name for each in right)),
+    )
+
+
+def _pair(
+    a: Sequence[Subject], b: Sequence[Subject]
+) -> tuple[list[tuple[Subject, Subject]], list[Subject], list[Subject]]:
+    """Pair what is called alike, in order; what is alone on both sides is a pair whatever it is called."""
+    pairs, left, right = [], [], list(b)
+    for each in a:
+        match = next((other for other in right if other.name == each.name), None)
+        if match is None:
+            left.append(each)
+        else:
+            pairs.append((each, match))
+            right.remove(match)
+    if len(left) == len(right) == 1:
+        pairs.append((left.pop(), right.pop()))
+    return pairs, left, right
+
+
+def _compare(a: Subject, b: Subject) -> Pair:
+    parameters = _parameters(a, b)
+    changed = _changed(a, b)
+    return Pair(
+        a=_facts(a),
+        b=_facts(b),
+        changed=tuple(changed),
+        parameters=tuple(parameters),
+        errors=tuple(_errors(a, b)),
+        verdicts=tuple(_verdicts(a, b)),
+        sentences=tuple(_sentences(parameters, changed)),
+    )
+
+
+def _facts(subject: Subject) -> Facts:
+    starts = sorted(flight.log.start_utc for flight in subject.flights if flight.log.start_utc)
+    return Facts(
+        name=subject.name,
+        flights=len(subject.flights),
+        first_utc=starts[0] if starts else None,
+        last_utc=starts[-1] if starts else None,
+    )
+
+
+def _parameters(a: Subject, b: Subject) -> list[ParameterChange]:
+    """Test every parameter that both sides determined; one method for each."""
+    rows: list[ParameterChange] = []
+    for parameter in dict.fromkeys(name for name, _ in a.points):
+        method = next(
+            (each for each in METHODS if a.points.get((parameter, each)) and b.points.get((parameter, each))), None
+        )
+        if method is not None:
+            points = a.points[parameter, method], b.points[parameter, method]
+            rows.append(_difference(parameter, method, a.units[parameter], *points))
+    adjusted = holm([row.p for row in rows])
+    return [replace(row, p_adjusted=p, significant=p < SIGNIFICANCE) for row, p in zip(rows, adjusted, strict=True)]
+
+
+def _difference(
+    parameter: str, method: str, unit: str, a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float]]
+) -> ParameterChange:
+    """Compare the means of a parameter over the flights of both sides."""
+    values, sigmas = np.array([*a, *b]).T
+    after = np.repeat([0.0, 1.0], [len(a), len(b)])
+    fit = meta_regression(values, sigmas, np.column_stack([1.0 - after, after]))
+    change, sigma, p = fit.test([-1.0, 1.0])
+    before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
+    # Percent of what may be zero mean nothing.
+    percent = 100.0 / before if abs(before) > KNOWN * before_sigma else None
+    reach = _interval(fit.df) * sigma
+    return ParameterChange(
+        parameter=parameter,
+        method=method,
+        unit=unit,
+        a=Mean(value=before, sigma=before_sigma, flights=len(a)),
+        b=Mean(value=float(fit.beta[1]), sigma=math.sqrt(fit.covariance[1, 1]), flights=len(b)),
+        between_flights=fit.tau if fit.df else None,
+        difference=change,
+        difference_sigma=sigma,
+        difference_percent=None if percent is None else percent * change,
+        interval_percent=None if percent is None else (percent * (change - reach), percent * (change + reach)),
+        detectable_percent=None if percent is None else abs(percent) * _detectable(fit.df) * sigma,
+        p=p,
+    )
+
+
+def _detectable(df: int) -> float:
+    """Multiple of the standard error that a true change must have to be found four times out of five."""
+    return _interval(df) + float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(POWER))
+
+
+def _interval(df: int) -> float:
+    """Half the width of a 95 % interval in standard errors."""
+    return float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(1.0 - SIGNIFICANCE / 2.0))
+
+
+def _errors(a: Subject, b: Subject) -> list[ErrorChange]:
+    """Set held-out errors of the models that both sides have side by side, output by output."""
+    rows = []
+    after = {model.key: model for model in b.numbers.models}
+    for model in a.numbers.models:
+        other = after.get(model.key)
+        if other is None or not (model.held_out and other.held_out):
+            continue
+        means = [average([row.rmse_mean_m for row in each.held_out]) for each in (model, other)]
+        for output, error in model.rmse_average_m.items():
+            left, right = ([row.rmse_m[output] for row in each.held_out] for each in (model, other))
+            later = other.rmse_average_m[output]
+            rows.append(
+                ErrorChange(
+                    model=model.key,
+                    title=model.title,
+                    output=output,
+                    a=ModelError(rmse_m=error, mean_m=means[0][output], flights=len(left)),
+                    b=ModelError(rmse_m=later, mean_m=means[1][output], flights=len(right)),
+                    ratio=later / error if error and later else None,
+                    p=_different(left, right),
+                )
+            )
+    return rows
+
+
+def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | None:
+    """Chance of errors as different as these (Welch's t of their logarithms); None with too few flights."""
+    left, right = ([math.log(value) for value in values if value] for values in (a, b))
+    if min(len(left), len(right)) < FEWEST_JUDGES:
+        return None
+    return float(scipy.stats.ttest_ind(left, right, equal_var=False).pvalue)
+
+
+def _verdicts(a: Subject, b: Subject) -> list[VerdictChange]:
+    after = {model.key: model for model in b.numbers.models}
+    return [
+        VerdictChange(model=model.key, title=model.title, a=model.verdict.trust, b=after[model.key].verdict.trust)
+        for model in a.numbers.models
+        if model.key in after
+    ]
+
+
+def _changed(a: Subject, b: Subject) -> list[SettingChange]:
+    """List what differs of the craft and of the settings of the analysis: a change of parameters may come from it."""
+    return [
+        SettingChange(of=of, name=field.name, a=left, b=right)
+        for of, before, after in (
+            ("craft", a.numbers.vehicle, b.numbers.vehicle),
+            ("analysis", a.config, b.config),
+        )
+        for field in fields(before)
+        if field.name not in _NO_MATTER
+        and (left := getattr(before, field.name)) != (right := getattr(after, field.name))
+    ]
+
+
+def _sentences(parameters: Sequence[ParameterChange], changed: Sequence[SettingChange]) -> list[str]:
+    """Report what changed, what did not as far as can be seen, and what these flights cannot tell."""
+    if not parameters:
+        return [
+            "No parameter is determined on both sides, so none can be compared; the reports say why "
+            "(“not determined”) and how to fly for them."
+        ]
+    text = []
+    moved = [row for row in parameters if row.significant]
+    if moved:
+        what = "; ".join(f"{row.parameter} {change(row)}" for row in moved)
+        text.append(f"Changed, of {len(parameters)} parameters compared: {what}.")
+    else:
+        text.append(f"None of the {len(parameters)} parameters compared changed by more than chance explains.")
+    still = [row for row in parameters if not row.significant and row.detectable_percent is not None]
+    if still:
+        least = ", ".join(f"{row.parameter} {number(row.detectable_percent, 2)} %" for row in still)
+        text.append(f"Where no change is seen, one smaller than this would hardly have been found: {least}.")
+    alone = [row.parameter for row in parameters if row.between_flights is None]
+    if alone:
+        text.append(
+            f"With one flight on each side that tells it ({', '.join(alone)}) nobody knows how much flights differ "
+            "anyway; wind, battery and temperature alone move parameters. Analyse several flights before and after."
+        )
+    elif any(min(row.a.flights, row.b.flights) < ENOUGH for row in still):
+        text.append(
+            "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each "
+            "side."
+        )
+    if any(each.of == "craft" for each in changed):
+        text.append("The craft itself was set differently; the table of settings says how.")
+    if any(each.of == "analysis" for each in changed):
+        text.append("The two analyses had different settings, which may make a difference of their own.")
+    return text
+
+
+def change(row: ParameterChange) -> str:
+    """Write the difference of a parameter in percent where that means something, else in its unit."""
+    if row.difference_percent is None:
+        return uncertain(row.difference, row.difference_sigma)
+    scale = row.difference_percent / row.difference if row.difference else 0.0
+    sign = "+" if row.difference_percent > 0.0 else ""
+    return sign + uncertain(row.difference_percent, abs(scale) * row.difference_sigma, "%")

@@ -1,0 +1,226 @@
+"""A comparison of two reports as tables, as a page, as Markdown and for the terminal: all from the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from logparse.quantity import counted, number, uncertain
+from logparse.table import Row, Table, escaped
+from reports.figures.figure import Figure, layout_of
+from reports.numbers.comparison import Comparison, Facts, Pair, change
+from reports.pages.html import render
+from reports.views import summary
+
+_WORDS = {True: "changed", False: "no change seen"}
+
+
+def parameter_table(pair: Pair) -> Table:
+    """Lay out the parameters: before, after, difference, and whether it is more than chance."""
+    return Table(
+        label="Parameter",
+        heads=["before", "after", "difference", "p", "verdict"],
+        rows=[
+            Row(
+                f"{row.parameter}{_unit(row.unit)}, {row.method}",
+                [
+                    *(uncertain(side.value, side.sigma) for side in (row.a, row.b)),
+                    change(row),
+                    chance(row.p_adjusted),
+                    _WORDS[row.significant],
+                ],
+                "strong" if row.significant else "",
+            )
+            for row in pair.parameters
+        ],
+        caption="Means over the flights of each side with one standard error, which holds how much flights differ. "
+        "p is the chance of such a difference when nothing changed, corrected for the number of parameters.",
+    )
+
+
+def _unit(unit: str) -> str:
+    """Return the unit in brackets without the conditions behind it; nothing for a pure number."""
+    return "" if unit.startswith("1 (") else f" ({unit.partition(',')[0]})"
+
+
+def error_table(pair: Pair) -> Table:
+    """Lay out what the models of both sides err on flights that they were not fitted to."""
+    return Table(
+        label="Model",
+        heads=["before (m)", "after (m)", "after / before", "p"],
+        rows=[
+            Row(
+                f"{row.title}, {row.output}",
+                [
+                    *(f"{number(side.rmse_m)} ({number(side.mean_m)})" for side in (row.a, row.b)),
+                    "–" if row.ratio is None else number(row.ratio),
+                    chance(row.p),
+                ],
+            )
+            for row in pair.errors
+        ],
+        caption="Free-run RMSE on flight time held out, averaged over flights, and in brackets what always "
+        "predicting the mean gives. Different flights judge the two sides: livelier ones make all errors larger.",
+    )
+
+
+def verdict_table(pair: Pair) -> Table:
+    """Lay out what the models of both sides are worth."""
+    rows = [Row(row.title, [summary.TRUST_WORDS[trust] for trust in (row.a, row.b)]) for row in pair.verdicts]
+    return Table("Model", ["before", "after"], rows)
+
+
+def setting_table(pair: Pair) -> Table:
+    """Lay out what differs in the craft's settings and in those of the analysis."""
+    rows = [
+        Row(f"{row.name.replace('_', ' ')} ({row.of})", [_setting(value) for value in (row.a, row.b)])
+        for row in pair.changed
+    ]
+    return Table("Setting", ["before", "after"], rows)
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"{len(value)} entries" if value else "none"
+    if isinstance(value, float):
+        return number(value, 4)
+    return "–" if value is None or value == "" else str(value)
+
+
+def chance(p: float | None) -> str:
+    """Write a probability: three digits are more than anybody needs."""
+    if p is None:
+        return "–"
+    return "< 0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
+
+
+def tables(pair: Pair) -> Iterator[tuple[str, Table]]:
+    """Yield the tables that have rows, with their headings, what matters most first."""
+    for title, table in (
+        ("Parameters", parameter_table(pair)),
+        ("Errors of the models", error_table(pair)),
+        ("Verdicts", verdict_table(pair)),
+        ("Settings that differ", setting_table(pair)),
+    ):
+        if table.rows:
+            yield title, table
+
+
+def heading(pair: Pair) -> str:
+    """Name what is compared."""
+    return pair.a.name if pair.a.name == pair.b.name else f"{pair.a.name} → {pair.b.name}"
+
+
+def flights(pair: Pair) -> str:
+    """Report how many flights the two sides hold, and when they were."""
+    return f"{_flights(pair.a)} before, {_flights(pair.b)} after"
+
+
+def _flights(side: Facts) -> str:
+    when = [utc[:10] for utc in (side.first_utc, side.last_utc) if utc]
+    days = f" ({' to '.join(dict.fromkeys(when))})" if when else ""
+    return f"{counted(side.flights, 'flight')}{days}"
+
+
+def unpaired(numbers: Comparison) -> str:
+    """Report which crafts have nobody to be compared with; empty when all have."""
+    sides = ((numbers.a, numbers.unpaired.a), (numbers.b, numbers.unpaired.b))
+    parts = [f"only in {side.report}: {', '.join(names)}" for side, names in sides if names]
+    return f"Not compared, {'; '.join(parts)}." if parts else ""
+
+
+@dataclass(frozen=True, slots=True)
+class ShownPair:
+    """A craft before and after, as the page shows it."""
+
+    heading: str
+    flights: str
+    sentences: Sequence[str]
+    figure: Figure | None
+    tables: Sequence[tuple[str, Table]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonPage:
+    """What comparison.html shows."""
+
+    title: str
+    pairs: Sequence[ShownPair]
+    unpaired: str
+
+
+def comparison_page(numbers: Comparison) -> str:
+    """Render the page."""
+    pairs = [
+        ShownPair(
+            heading(pair), flights(pair), pair.sentences, _intervals(pair, f"changes-{place}"), list(tables(pair))
+        )
+        for place, pair in enumerate(numbers.pairs)
+    ]
+    page = ComparisonPage(title=_title(numbers), pairs=pairs, unpaired=unpaired(numbers))
+    return render("comparison.html", [pair.figure for pair in pairs if pair.figure is not None], page)
+
+
+def _title(numbers: Comparison) -> str:
+    return f"{numbers.a.report} against {numbers.b.report}"
+
+
+def _intervals(pair: Pair, name: str) -> Figure | None:
+    """Draw the difference of every parameter in percent, with its 95 % interval."""
+    rows = [
+        (row, row.difference_percent, abs(row.interval_percent[1] - row.interval_percent[0]) / 2.0)
+        for row in reversed(pair.parameters)
+        if row.difference_percent is not None and row.interval_percent is not None and row.difference
+    ]
+    if not rows:
+        return None
+    trace = {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [round(percent, 3) for _, percent, _ in rows],
+        "y": [row.parameter for row, *_ in rows],
+        "error_x": {
+            "type": "data",
+            "array": [round(reach, 3) for *_, reach in rows],
+            "color": "@ink",
+            "thickness": 1.5,
+        },
+        "marker": {"color": ["@joint" if row.significant else "@ink" for row, *_ in rows], "size": 9},
+        "hovertemplate": "%{y}: %{x:.3g} %<extra></extra>",
+    }
+    layout = layout_of(
+        xaxis={"title": {"text": "difference, after − before (%)"}, "zeroline": True, "zerolinecolor": "@quiet"},
+        yaxis={"automargin": True},
+        margin={"l": 20, "r": 14, "t": 14, "b": 44},
+        showlegend=False,
+    )
+    caption = "Difference of each parameter with its 95 % interval: one that crosses zero may be chance."
+    return Figure(name, caption, [trace], layout, 110 + 34 * len(rows), time=False)
+
+
+def comparison_markdown(numbers: Comparison) -> str:
+    """Write the comparison for a pull request or a mail."""
+    lines = [f"# {escaped(_title(numbers))}", ""]
+    for pair in numbers.pairs:
+        lines += [f"## {escaped(heading(pair))}", "", flights(pair), ""]
+        lines += [f"{escaped(sentence)}\n" for sentence in pair.sentences]
+        for title, table in tables(pair):
+            lines += [f"### {title}", "", table.markdown(), ""]
+    return "\n".join([*lines, escaped(unpaired(numbers))]).rstrip() + "\n"
+
+
+def comparison_overview(numbers: Comparison) -> RenderableType:
+    """Lay the comparison out for a terminal: what changed, and the tables of parameters and errors."""
+    parts: list[RenderableType] = []
+    for pair in numbers.pairs:
+        parts += [
+            Text(f"{heading(pair)}: {flights(pair)}", style="bold"),
+            *(Text(sentence) for sentence in pair.sentences),
+        ]
+        for title, table in tables(pair):
+            parts += [Text(), replace(table, label=title).terminal()]
+        parts.append(Text())
+    return Group(*parts, Text(unpaired(numbers), style="dim"))

@@ -1,0 +1,123 @@
+"""The page of a craft over all its flights: what it is now, what changed, and each parameter with its band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from logparse import Finding
+from logparse.quantity import counted, per_degree, uncertain, with_unit
+from logparse.table import Row, Table
+from pipeline.results.craft_review import CraftReview, Note
+from reports.figures.drift import drift_figures
+from reports.figures.figure import Figure
+from reports.pages import html
+from reports.pages.comparison import chance
+from reports.views import summary
+from reports.views.drift import drift_sentences, drift_table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftPage:
+    """What craft.html shows."""
+
+    title: str
+    facts: str  #: How many flights, and which of them are pooled.
+    findings: Sequence[Finding]
+    sentences: Sequence[str]
+    remarks: Sequence[str]
+    notes: Sequence[tuple[str, str, str]]  #: Day, what was done, and what it parts.
+    since: Table | None
+    since_title: str
+    courses: Sequence[Figure]
+    drift: Table | None
+    folded: Sequence[Figure]
+
+
+def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    review : CraftReview
+    name : str
+        The craft for people.
+    notes : sequence of Note
+        What was done to it, drawn as marks.
+    """
+    whole = review.whole or review.drift
+    courses, folded = drift_figures(whole, "craft-", notes)
+    boundary = review.boundary
+    page = CraftPage(
+        title=name,
+        facts=_facts(review),
+        findings=() if review.drift is None else review.drift.findings,
+        sentences=[
+            *(summary.sentence(sentence) for sentence in _changed(review)),
+            *(s for s in drift_sentences(review.drift) if s not in _reasons(review)),
+        ],
+        remarks=[summary.sentence(remark) for remark in review.remarks],
+        notes=[
+            (f"{note.at:%Y-%m-%d %H:%M} UTC", note.text, "flights before it are not pooled" if note.boundary else "")
+            for note in sorted(notes, key=lambda note: note.at, reverse=True)
+        ],
+        since=_since_table(review),
+        since_title="" if boundary is None else f"Since {boundary.at:%Y-%m-%d}: {boundary.text}",
+        courses=courses,
+        drift=drift_table(review.drift),
+        folded=folded,
+    )
+    return html.render("craft.html", [*courses, *folded], page)
+
+
+def _facts(review: CraftReview) -> str:
+    text = counted(len(review.flights), "flight")
+    if review.pooled != review.flights:
+        text += f", of which {len(review.pooled)} are pooled"
+        if review.boundary is not None:
+            text += f": those since {review.boundary.at:%Y-%m-%d} ({review.boundary.text})"
+    return text
+
+
+def _reasons(review: CraftReview) -> set[str]:
+    findings = () if review.drift is None else review.drift.findings
+    return {summary.sentence(finding.reason) for finding in findings}
+
+
+def _changed(review: CraftReview) -> list[str]:
+    """Report what changed with the last boundary."""
+    if review.boundary is None or not review.since:
+        return []
+    changed = [
+        f"{each.parameter} went from {uncertain(each.before, each.before_sigma)} to "
+        f"{uncertain(each.after, each.after_sigma)} {each.unit.partition(',')[0]}".rstrip()
+        for each in review.since
+        if each.significant
+    ]
+    since = f"since {review.boundary.text} ({review.boundary.at:%Y-%m-%d})"
+    if not changed:
+        return [f"{since}, none of the {len(review.since)} parameters known on both sides is seen to differ"]
+    return [f"{since}, {each}" for each in changed]
+
+
+def _since_table(review: CraftReview) -> Table | None:
+    rows = []
+    for each in review.since:
+        degrees, unit = per_degree(each.unit.partition(",")[0])
+        pairs = (
+            (each.before, each.before_sigma),
+            (each.after, each.after_sigma),
+            (each.difference, each.difference_sigma),
+        )
+        cells = [uncertain(degrees * value, degrees * sigma) for value, sigma in pairs]
+        label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
+        rows.append(Row(label, [*cells, chance(each.p_adjusted)], "strong" if each.significant else ""))
+    if not rows:
+        return None
+    return Table(
+        label="Parameter",
+        heads=["before", "after", "difference", "p"],
+        rows=rows,
+        caption="Means over the flights on either side with one standard error, which holds how much flights differ; p "
+        "is the chance of such a difference where nothing changed, corrected for the number of parameters.",
+    )

@@ -1,0 +1,70 @@
+"""A tuning as a page with sliders: margins, Bode plot and step for other gains, computed in the page, offline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.resources import files
+
+import jinja2
+from markupsafe import Markup
+
+from logparse.quantity import uncertain
+from logparse.serialization import as_json
+from reports.numbers.loops import tuning_report
+from reports.views.rotation import TITLES
+from sysid.loops.loop import MARGINS, Margins, RateLoop
+from sysid.loops.search import AxisTuning
+from sysid.loops.tuning import Tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShownLoop:
+    """An axis of the page: its margins as a table of titles and cells, and why no gains are proposed."""
+
+    name: str
+    heads: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[str]]]
+    refused: str | None
+
+
+def loops_page(tuning: Tuning) -> str:
+    """Render a tuning; everything that a log wrote is escaped."""
+    templates = files("reports") / "templates"
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    template = environment.from_string((templates / "loops.html").read_text("utf-8"))
+    numbers = tuning_report(tuning)
+    # "</" would end the element that holds the data.
+    data = as_json(numbers, None).replace("</", "<\\/")
+    return template.render(
+        rotorid=version("rotorid"),
+        style=Markup((templates / "style.css").read_text("utf-8")),
+        script=Markup((templates / "loops.js").read_text("utf-8")),
+        data=Markup(data),
+        tuning=numbers,
+        changes=[
+            (name, f"{tuning.rollback[name]:.6g}", f"{value:.6g}") for name, value in sorted(tuning.proposed.items())
+        ],
+        axes=[_axis(axis, axis.loop) for axis in tuning.axes if axis.loop is not None],
+    )
+
+
+def _axis(axis: AxisTuning, loop: RateLoop) -> ShownLoop:
+    tuned = axis.tuned
+    columns: list[tuple[str, Margins]] = [("as flown, computed", loop.margins)]
+    if loop.measured is not None:
+        columns.append(("as flown, measured by the chirp", loop.measured_margins))
+    if tuned is not None:
+        columns.append(("proposed", tuned.margins))
+    rows = []
+    for name, (unit, _) in MARGINS.items():
+        rows.append((f"{TITLES[name]} ({unit})", [_cell(margins, name) for _, margins in columns]))
+    return ShownLoop(name=axis.axis, heads=[head for head, _ in columns], rows=rows, refused=axis.refused)
+
+
+def _cell(margins: Margins, name: str) -> str:
+    estimate = getattr(margins, name)
+    if estimate.value is None:
+        return f"beyond the band: {estimate.reason}"
+    return uncertain(estimate.value, estimate.sigma)

@@ -1,0 +1,1 @@
+"""Words and tables that pages show of a result."""

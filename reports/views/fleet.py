@@ -1,0 +1,202 @@
+"""What the page on all flights shows beside its crafts: flights, health of logs, what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from urllib.parse import quote
+
+from logparse import Severity
+from logparse.quantity import counted, duration, number
+from logparse.table import Row, Table
+from pipeline.results.model_report import ModelInShort
+from pipeline.results.report import FleetReport, FlightInShort
+from pipeline.results.verdict import Trust
+from reports.views import summary
+from reports.views.summary import BriefAnswer
+from reports.views.tables import rmse_lines
+
+
+def links(flights: Sequence[FlightInShort]) -> dict[str, str]:
+    """Return the page of every flight, by its name."""
+    return {flight.name: f"{quote(flight.folder)}/report.html" for flight in flights}
+
+
+def title(numbers: FleetReport) -> str:
+    """Name the report: by its craft where all flights are of one, else by its logs."""
+    if not numbers.flights:
+        return "No flight"
+    flights, crafts = counted(len(numbers.flights), "flight"), numbers.groups
+    names = {flight.log.file for flight in numbers.flights}
+    if len(names) == 1 and _logs(numbers) == 1:
+        return f"{names.pop()}: {flights}"
+    if len(crafts) == 1 and len(crafts[0].training) + len(crafts[0].held_out) == len(numbers.flights):
+        return f"{crafts[0].name}: {flights}"
+    return f"{flights}, {len(crafts)} craft identified" if crafts else flights
+
+
+def facts(numbers: FleetReport) -> str:
+    """One line under the title: how many logs, how long in the air, from when to when."""
+    flights = numbers.flights
+    airborne = sum(flight.flight.duration_s for flight in flights if flight.flight)
+    starts = sorted(flight.log.start_utc for flight in flights if flight.log.start_utc)
+    parts = [f"{counted(_logs(numbers), 'log')} analysed"]
+    for found, words in (
+        (numbers.failures, "gave nothing"),
+        (numbers.duplicates, "copies"),
+        (numbers.passed_over, "passed over"),
+    ):
+        if found:
+            parts.append(f"{len(found)} {words}")
+    if airborne:
+        parts.append(f"{duration(airborne)} in the air")
+    if starts:
+        days = sorted({start[:10] for start in (starts[0], starts[-1])})
+        parts.append(" to ".join(days))
+    return " · ".join(parts)
+
+
+def _logs(numbers: FleetReport) -> int:
+    """Count the files that flights are of."""
+    return len({flight.log.sha256 for flight in numbers.flights})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightRow:
+    """A flight with what was flown, its health, and what the best of its own models achieves."""
+
+    name: str
+    link: str
+    craft: str
+    start: str
+    airborne: str
+    height: str
+    speed: str
+    wind: str
+    said: BriefAnswer
+    thrust: str  #: Per motor, over the mass in m/s², in N where that was given.
+    model: str
+    trust: str
+    word: str
+    cells: Sequence[str]  #: Errors by output.
+    reason: str  #: Why there are none.
+
+
+def flight_rows(numbers: FleetReport, pages: Mapping[str, str]) -> list[FlightRow]:
+    """List every flight with what was flown, its health, and what the best of its own models achieves."""
+    flights = numbers.flights
+    parts = {
+        name: word
+        for craft in numbers.groups
+        for names, word in ((craft.training, "fitted jointly"), (craft.held_out, "judges the joint fit"))
+        for name in names
+    }
+    chosen = [summary.best(flight.models) for flight in flights]
+    held = [None if result is None else result.held_out[0] for result in chosen]
+    cells = iter(rmse_lines(row.rmse_m for row in held if row is not None))
+    return [
+        _flight_row(flight, pages[flight.name], parts.get(flight.name, ""), result, () if row is None else next(cells))
+        for flight, result, row in zip(flights, chosen, held, strict=True)
+    ]
+
+
+def _flight_row(
+    flight: FlightInShort, page: str, part: str, result: ModelInShort | None, cells: Sequence[str]
+) -> FlightRow:
+    flown = flight.flight
+    trust = Trust.UNKNOWN if result is None else result.verdict.trust
+    wind = None if flight.coverage is None else flight.coverage.wind
+    return FlightRow(
+        name=flight.name,
+        link=page,
+        craft=", ".join(each for each in (summary.frame(flight.vehicle), part) if each),
+        start=(flight.log.start_utc or "–")[:10],
+        airborne="–" if flown is None else duration(flown.duration_s),
+        height="–" if flown is None else _digits(flown.height_m),
+        speed="–" if flown is None else _digits(flown.speed_max_m_s),
+        wind="–" if wind is None else _digits(wind.speed),
+        said=summary.brief(flight.answer),
+        thrust=_thrust(flight),
+        model="" if result is None else result.title,
+        trust=trust,
+        word=summary.TRUST_WORDS[trust],
+        cells=cells,
+        reason="" if result is not None else summary.first_reason(flight),
+    )
+
+
+def _thrust(flight: FlightInShort) -> str:
+    known = summary.thrust_of(flight.answer)
+    return "–" if known is None else f"{number(known[0], 2)} {known[2]}"
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else number(value, 2)
+
+
+def health_table(numbers: FleetReport) -> Table | None:
+    """Tabulate how well each flight was logged: rates, satellites, vibration, battery, known position."""
+    known = [(flight.name, flight.coverage.health) for flight in numbers.flights if flight.coverage is not None]
+    if not known:
+        return None
+    return Table(
+        label="Flight",
+        heads=[
+            *("IMU (Hz)", "motors (Hz)", "attitude (Hz)", "GPS (Hz)"),
+            *("satellites", "vibration (m/s²)", "clips", "battery (V)", "position (m)"),
+        ],
+        rows=[
+            Row(
+                name,
+                [
+                    *(
+                        _digits(health.rates[table].rate if table in health.rates else None)
+                        for table in ("imu", "motors", "attitude", "gps")
+                    ),
+                    _whole(None if health.gps is None else health.gps.satellites),
+                    _digits(None if health.vibration is None else health.vibration.p95),
+                    _whole(None if health.vibration is None else health.vibration.clips),
+                    "–" if health.battery is None else f"{health.battery.first:.1f}, {health.battery.min:.1f}",
+                    _digits(health.position_sigma.median),
+                ],
+            )
+            for name, health in known
+        ],
+        caption="How well each flight was logged: samples per second, satellites, vibration exceeded for 5 % of the "
+        "time, clipped accelerations, voltage at take-off and least, and the median 1-sigma of the horizontal "
+        "position.",
+    )
+
+
+def _whole(value: float | None) -> str:
+    return "–" if value is None else f"{value:.0f}"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFinding:
+    """A finding, and in which logs."""
+
+    where: str
+    severity: Severity
+    reason: str
+    advice: str
+
+
+def common_findings(numbers: FleetReport) -> tuple[list[ShownFinding], list[ShownFinding]]:
+    """List findings about logs, each with the flights that it holds for: what must worry, and notes."""
+    total = len(numbers.flights)
+    found = [
+        ShownFinding(
+            finding.example
+            if len(finding.flights) == 1
+            else f"{len(finding.flights)} of {total} flights, such as {finding.example}",
+            finding.severity,
+            finding.reason,
+            finding.advice,
+        )
+        for finding in numbers.findings
+    ]
+    return (
+        [finding for finding in found if finding.severity is not Severity.INFO],
+        [finding for finding in found if finding.severity is Severity.INFO],
+    )

@@ -1,0 +1,226 @@
+"""What pages show of the models themselves: formulae, coefficients, orders, and how they were judged axis by axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from logparse import Finding
+from logparse.quantity import MINUS, column, complex_numbers, counted, number, uncertain
+from logparse.table import Row, Table
+from pipeline.results.model_report import ModelReport
+from reports.views import summary
+from reports.views.formula import transfer_function
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
+from sysid.validation.report import OrderRow, OrdersReport
+
+#: Outputs of flights in words.
+PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFunction:
+    """A transfer function as a formula, with its poles and zeros."""
+
+    formula: Markup
+    poles: list[tuple[str, bool]]
+    zeros: list[tuple[str, bool]]
+
+
+@dataclass(slots=True)
+class ShownOutput:
+    """The transfer functions to one output."""
+
+    key: str
+    title: str
+    functions: list[ShownFunction]
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class ShownModel:
+    """What pages show of a model itself: formulae, orders, findings; or why there is none."""
+
+    key: str
+    title: str
+    note: str
+    missing: str
+    intro: str
+    outputs: list[ShownOutput]
+    orders: Table | None
+    orders_reason: str
+    findings: Sequence[Finding]
+
+
+def identified(models: Sequence[ModelReport]) -> list[ShownModel]:
+    """Gather what pages show of each model itself."""
+    return [
+        ShownModel(
+            key=result.key,
+            title=summary.sentence(result.title)[:-1],
+            note=result.note,
+            missing=result.missing,
+            intro=_intro(result.model) if isinstance(result.model, FunctionsRecord) else "",
+            outputs=_outputs(result.model) if isinstance(result.model, FunctionsRecord) else [],
+            orders=orders(result.orders),
+            orders_reason="" if result.orders is None else result.orders.reason,
+            findings=result.findings,
+        )
+        for result in models
+    ]
+
+
+def _outputs(model: FunctionsRecord) -> list[ShownOutput]:
+    """Write every transfer function as a formula with poles and zeros, by output."""
+    outputs = []
+    for output, row in model.transfer_functions.items():
+        functions = [
+            ShownFunction(
+                transfer_function(output, source, each.num, each.den, each.num_std, each.den_std),
+                complex_numbers(each.poles, each.poles_std),
+                complex_numbers(each.zeros, each.zeros_std),
+            )
+            for source, each in row.items()
+        ]
+        fit = model.fits[output]
+        title = f"Position {PLACES.get(output, output)}: {counted(len(functions), 'transfer function')}"
+        if fit.undetermined:
+            title += f" ({fit.undetermined} of {fit.parameters} coefficients not determined by the data)"
+        note = f"Condition number of the fit {number(fit.condition, 2)}."
+        if not fit.converged:
+            note += " The search was stopped before it had settled."
+        outputs.append(ShownOutput(output, title, functions, note))
+    return outputs
+
+
+def _intro(model: FunctionsRecord) -> str:
+    units = {model.units.get(name, "") for name in model.inputs}
+    unit = {"us": "µs"}.get(next(iter(units)), next(iter(units))) if len(units) == 1 else ""
+    # A closed loop takes targets as they are.
+    trimmed = "about its mean" if isinstance(model, TransferFunctionsRecord) else ""
+    told = " ".join(part for part in ("" if unit == "1" else unit, trimmed) if part)
+    return (
+        f"Position (m) from each input{f' ({told})' if told else ''}, s in rad/s; position is the sum over the inputs. "
+        "Coefficients carry as many digits as their uncertainty allows. Pale ones have a standard deviation of more "
+        "than half their value: the data do not determine them, and only their order of magnitude is printed."
+    )
+
+
+def orders(scan: OrdersReport | None) -> Table | None:
+    """Tabulate a scan of orders: a line for each, errors on the part held back by output."""
+    if scan is None:
+        return None
+    outputs = list(dict.fromkeys(row.output for row in scan.table))
+    tried: dict[tuple[int, int], dict[str, OrderRow]] = {}
+    for row in scan.table:
+        tried.setdefault((row.poles, row.zeros), {})[row.output] = row
+    chosen = scan.recommended and (scan.recommended.poles, scan.recommended.zeros)
+    columns = [
+        *(column([rows[output].rmse for rows in tried.values()]) for output in outputs),
+        *(column([rows[output].rmse_held_out for rows in tried.values()]) for output in outputs),
+    ]
+    lines = []
+    for place, (order, rows) in enumerate(tried.items()):
+        cells = [
+            str(max(row.parameters for row in rows.values())),
+            *(
+                f"{sum(each for each in criterion if each is not None):.0f}".replace("-", MINUS)
+                for criterion in ([row.aic for row in rows.values()], [row.bic for row in rows.values()])
+            ),
+            *(cells[place] for cells in columns),
+        ]
+        lines.append(Row(f"{order[0]} / {order[1]}", cells, "average" if order == chosen else ""))
+    return Table(
+        label="Order",
+        heads=[
+            *("coefficients", "AIC", "BIC"),
+            *(f"fitted {output} (m)" for output in outputs),
+            *(f"held back {output} (m)" for output in outputs),
+        ],
+        rows=lines,
+        caption="Poles / zeros, each fitted to a part of the training data and judged on the rest of it, RMSE in "
+        "metres. AIC and BIC are for comparison: they take residuals for white and lean towards high orders.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What a model is worth axis by axis, and what the tests of its residuals found."""
+
+    title: str
+    verdicts: Sequence[str]
+    tests: Sequence[str]
+
+
+def judgements(models: Sequence[ModelReport]) -> list[Judgement]:
+    """Report axis by axis what each model is worth, and what the tests of its residuals found."""
+    return [
+        Judgement(
+            result.title,
+            found.verdicts,
+            [f"{output}: {test.sentence}." for output, test in found.residuals.items()],
+        )
+        for result in models
+        if (found := result.validation) is not None
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class ShownThrust:
+    """Thrust coefficients as a table with what a reader must know of it; or why there are none."""
+
+    table: Table | None = None
+    reasons: Sequence[str] = ()
+    facts: str = ""
+    missing: str = ""
+
+
+def thrust_coefficients(thrust: ThrustReport | None, missing: Mapping[str, str]) -> ShownThrust:
+    """Tabulate thrust coefficients with their uncertainty; or report why there are none."""
+    if thrust is None:
+        return ShownThrust(missing=missing.get("thrust") or missing.get("experiment", ""))
+    common, motors = thrust.common, thrust.per_motor
+    rows = []
+    single = any(value.determined for value in motors.values())
+    for label, value in (
+        ("All motors alike", common),
+        *((f"Motor {name.removeprefix('m')}", motors[name]) for name in motors if single),
+    ):
+        cells = [uncertain(value.per_mass, value.sigma)]
+        if thrust.mass:
+            cells.append(uncertain(value.newton, value.newton_sigma))
+        rows.append(Row(label, cells))
+    reasons = []
+    if common.reason:
+        reasons.append(f"All motors alike: not determined, {common.reason}.")
+    if not single:
+        why = "; ".join(dict.fromkeys(value.reason for value in motors.values() if value.reason))
+        reasons.append(f"Single motors: not determined, {why or 'the data do not tell them apart'}.")
+    else:
+        reasons += [
+            f"Motor {name.removeprefix('m')}: not determined, {value.reason}."
+            for name, value in motors.items()
+            if value.reason
+        ]
+    mass = (
+        f"Newtons are by the given mass of {thrust.mass:g} kg."
+        if thrust.mass
+        else "Motion alone gives only thrust over mass; give the take-off mass (--mass) to have newtons."
+    )
+    hover = None if thrust.hover_command is None else 100.0 * thrust.hover_command
+    return ShownThrust(
+        table=Table(
+            label="",
+            heads=["thrust/mass (m/s²)", "thrust (N)"] if thrust.mass else ["thrust/mass (m/s²)"],
+            rows=rows,
+            caption=f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
+            f"The uncertainty includes {number(100 * thrust.air_sigma, 2)} % for the density of the air, "
+            f"which all motors, and flights at one place, have in common. {mass}",
+        ),
+        reasons=reasons,
+        facts=f"The craft hovers at {number(thrust.hover_pwm, 4)} µs, {number(hover, 2)} % of full command; "
+        f"the model leaves {number(thrust.rmse, 2)} m/s² of the specific force unexplained.",
+    )

@@ -1,0 +1,131 @@
+"""What pages show of physics: parameters by every method side by side, and how much the inputs can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from logparse.quantity import column, joined, number, uncertain
+from logparse.table import Row, Table
+from pipeline.results.coverage import Linearity
+from pipeline.results.model_report import CoherenceReport, ModelReport, ParameterRow
+from reports.views import summary
+
+#: What stands in a cell whose note, below the table, says why there is no number.
+EMPTY = "–"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterLine:
+    """A parameter by every method, under the condition that holds for it; `known` where any method tells it."""
+
+    label: str
+    condition: str
+    cells: Sequence[str]
+
+    @property
+    def known(self) -> bool:
+        """Whether any method tells it."""
+        return any(cell != EMPTY for cell in self.cells)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownParameters:
+    """Physical parameters, a column for each method, and why some are not there."""
+
+    methods: Sequence[str]
+    rows: Sequence[ParameterLine]
+    notes: Sequence[tuple[str, str]]
+
+
+def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
+    """Tabulate physical parameters; nothing when no method was applied.
+
+    With the mass given each parameter that the mass turns into SI has a second line.
+    """
+    if not rows:
+        return None
+    methods = list(dict.fromkeys(row.method for row in rows))
+    lines, notes = [], []
+    for parameter in dict.fromkeys(row.parameter for row in rows):
+        found = {row.method: row for row in rows if row.parameter == parameter}
+        unit, _, condition = next(iter(found.values())).unit.partition(", ")
+        told = f"{_capital(parameter)}, {_written(unit)}" if unit.partition(" ")[0] != "1" else _capital(parameter)
+        cells = {
+            method: EMPTY if row.value is None else uncertain(row.value, row.sigma) for method, row in found.items()
+        }
+        lines.append(ParameterLine(told, condition or _bracket(unit), [cells.get(method, EMPTY) for method in methods]))
+        si_unit = next((row.si_unit for row in found.values() if row.si_value is not None), "")
+        if si_unit:
+            cells = {
+                method: uncertain(row.si_value, row.si_sigma)
+                for method, row in found.items()
+                if row.si_value is not None
+            }
+            line = ParameterLine(f"… in {_written(si_unit)}", "", [cells.get(method, EMPTY) for method in methods])
+            lines.append(line)
+        reasons: dict[str, list[str]] = {}
+        for method, row in found.items():
+            if row.note:
+                reasons.setdefault(row.note, []).append(method)
+        notes += [
+            (f"{_capital(parameter)}: {', '.join(who)}", summary.sentence(reason)) for reason, who in reasons.items()
+        ]
+    return ShownParameters(methods, lines, notes)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _bracket(unit: str) -> str:
+    return unit.partition("(")[2].rstrip(")") if "(" in unit else ""
+
+
+def _written(unit: str) -> str:
+    return unit.replace("^2", "²").replace("kg m²", "kg·m²")
+
+
+@dataclass(frozen=True, slots=True)
+class ShownCoherence:
+    """How much of each output is a linear answer to the inputs: a table, sentences, and the band in rad/s."""
+
+    table: Table | None
+    sentences: Sequence[str]
+    band: str
+
+
+def coherence(models: Sequence[ModelReport]) -> ShownCoherence | None:
+    """Tabulate how much of each output is a linear answer to the inputs of each model."""
+    told = [(result.title, result.coherence) for result in models if result.coherence is not None]
+    known = [(title, found) for title, found in told if not found.missing]
+    if not told:
+        return None
+    outputs = list(dict.fromkeys(output for _, found in known for output in found.outputs))
+    columns = [
+        column([found.outputs.get(output, Linearity()).multiple_median for _, found in known], 3, 2)
+        for output in outputs
+    ]
+    columns.append(column([found.chance for _, found in known], 3, 2))
+    rows = [Row(title, [cells[place] for cells in columns]) for place, (title, _) in enumerate(known)]
+    band = known[0][1].band_rad_s if known else None
+    return ShownCoherence(
+        table=Table("Inputs", [*outputs, "chance"], rows) if known else None,
+        sentences=[_worth(title, found) for title, found in known]
+        + [f"{_capital(title)}: {summary.sentence(found.missing)}" for title, found in told if found.missing],
+        band=" to ".join(number(edge, 2) for edge in band or ()),
+    )
+
+
+def _worth(title: str, found: CoherenceReport) -> str:
+    """Report of which outputs the inputs tell something at most frequencies of the band, and of which they do not."""
+    outputs = found.outputs
+    good = [name for name, each in outputs.items() if (each.above_chance or 0.0) > 0.5]
+    poor = [name for name in outputs if name not in good]
+    title = _capital(title.partition(" → ")[0])
+    if not poor:
+        return f"{title}: {joined(good)} answer to them at most frequencies."
+    if not good:
+        return f"{title}: at most frequencies no answer that chance would not give; slower motion may still follow."
+    answers = f"{joined(good)} answer{'s' if len(good) == 1 else ''} to them at most frequencies"
+    return f"{title}: {answers}, {joined(poor)} hardly more than by chance."

@@ -1,0 +1,234 @@
+"""How a craft turns, as sentences and tables: what its axes answer, how it follows, and what its loops have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from logparse import Finding
+from logparse.quantity import joined, uncertain
+from logparse.table import Row, Table
+from pipeline.results.rotation import AxisRotation, RotationResult
+from reports.figures.figure import Figure
+from reports.figures.frequency import bode_figure
+from sysid.frequency.coupling import Coupling
+from sysid.frequency.time_domain import GOOD_THEIL, UNRELATED
+from sysid.loops.loop import MARGINS, Margins
+from sysid.statistics.parameter import Parameter
+
+#: Names of margins as people say them.
+TITLES = {
+    "gain_db": "Gain margin",
+    "phase_deg": "Phase margin",
+    "crossover_hz": "Crossover",
+    "rejection_hz": "Disturbance-rejection bandwidth",
+    "peak_db": "Peak of the sensitivity",
+}
+
+#: Parameters in the order in which they are read, and the heads of their table.
+_SHOWN = ("gain", "damping", "lag", "lead", "delay", "mode_frequency", "mode_damping")
+_HEADS = ("gain", "damping", "lag", "lead", "delay", "mode", "mode damping", "J", "coherent", "attitude bandwidth")
+
+#: What stands in a cell without a number.
+_NOTHING = "–"
+
+
+def rotation_figures(axes: Iterable[AxisRotation]) -> list[Figure]:
+    """Draw the responses of the axes, and how they follow their attitude targets where that is known."""
+    figures = []
+    for axis in axes:
+        if axis.rate is not None:
+            figures.append(bode_figure(axis.rate, f"bode-{axis.axis}"))
+        if axis.attitude is not None and axis.attitude.determined:
+            figures.append(bode_figure(axis.attitude.response, f"attitude-{axis.axis}"))
+    return figures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turning:
+    """The sections of a flight's page on how it turns, and on its loops."""
+
+    sentences: Sequence[str]
+    table: Table | None
+    figures: Sequence[Figure]
+    loops: Table | None
+    warnings: Sequence[Finding]
+    doubts: Sequence[str]  #: What the margins rest on too weakly.
+    reasons: Sequence[tuple[str, str]]  #: Why margins are not determined, by axes.
+
+
+def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
+    """Lay out how a flight turns, and its loops; None where nothing was looked at."""
+    if found is None:
+        return None
+    said = [sentence for axis in found.every for sentence in sentences(axis)]
+    said += [coupling_sentence(each) for each in found.couplings if each.ratio.value is not None]
+    doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
+    return Turning(
+        sentences=[sentence.replace(f"{file}: ", "") for sentence in said],
+        table=parameter_table(found.every) if found.determined else None,
+        figures=rotation_figures(found.every),
+        loops=loop_table(found),
+        warnings=[each for each in found.findings if each.id in ("loop-unstable", "margins-thin")],
+        doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
+        reasons=_grouped(found, "loop_reason", file),
+    )
+
+
+def sentences(axis: AxisRotation) -> list[str]:
+    """Return what is known of an axis in words, or why nothing is and what to fly."""
+    said = []
+    name = axis.axis.capitalize()
+    gain = None if axis.rate is None else axis.rate.parameters.get("gain")
+    if axis.rate is not None and gain is not None:
+        if gain.value is not None:
+            delay = axis.rate.parameters["delay"]
+            said.append(
+                f"{name}: {_text(gain)} per unit of output"
+                + (f", delay {_milliseconds(delay)}" if delay.value is not None else "")
+                + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
+            )
+            if axis.rate.measured.source:
+                said[-1] = f"{said[-1][:-1]}, from {axis.rate.measured.source}."
+            said += _checked(axis)
+        else:
+            said.append(f"{name}: the gain is not determined: {gain.reason}.")
+    elif axis.reason:
+        what = "of the rate loop" if axis.axis != "vertical" else "to thrust"
+        said.append(f"{name}: no response {what}: {axis.reason}.")
+    if axis.attitude is not None and axis.attitude.determined:
+        said.append(
+            f"The {axis.axis} attitude follows its target up to {_text(axis.attitude.bandwidth)} "
+            f"with a phase delay of {_milliseconds(axis.attitude.phase_delay)}."
+        )
+    elif axis.attitude is not None and not axis.determined:
+        reason = axis.attitude.bandwidth.reason or axis.attitude.phase_delay.reason
+        said.append(f"How the {axis.axis} attitude follows its target is not determined: {reason}.")
+    elif axis.attitude_reason and not axis.determined:
+        said.append(f"{name} attitude: {axis.attitude_reason.removeprefix(f'{axis.axis}: ')}.")
+    return said
+
+
+def _checked(axis: AxisRotation) -> list[str]:
+    """Return how the model of an axis predicted flying that was held out, or why nothing was."""
+    assert axis.rate is not None
+    check = axis.rate.check
+    if check is None:
+        return (
+            [f"No flying is left to judge the {axis.axis} model: {axis.rate.check_reason}."]
+            if (axis.rate.check_reason)
+            else []
+        )
+    text = (
+        f"Of {check.seconds:.0f} s that were held out, such a model explains {max(check.fit_percent, 0.0):.0f} % "
+        f"(Theil’s coefficient {check.theil:.2f}, good up to {GOOD_THEIL:g}): {check.verdict}"
+    )
+    if check.correlation > UNRELATED:
+        text += (
+            f"; its errors go with what was asked ({check.correlation:.1f} standard deviations): it misses something"
+        )
+    if check.residuals is not None:
+        text += f"; {check.residuals.sentence.partition(':')[0].partition(';')[0]}"
+    return [f"{text}."]
+
+
+def coupling_sentence(found: Coupling) -> str:
+    """Return what the command of one axis does to another."""
+    known = found.ratio
+    if not found.significant:
+        most = abs(known.value or 0.0) + 2.0 * (known.sigma or 0.0)
+        return f"A {found.axis} command does not turn the craft about {found.other}: by {100.0 * most:.1g} % at most."
+    return (
+        f"A {found.axis} command turns the craft about {found.other} as well, by "
+        f"{uncertain(100.0 * (known.value or 0.0), 100.0 * (known.sigma or 0.0), '%')} of its own answer: look at the "
+        "centre of gravity, the autopilot’s mounting and unequal motors."
+    )
+
+
+def parameter_table(axes: Sequence[AxisRotation], *, brief: bool = False) -> Table:
+    """Tabulate the parameters, without columns that say nothing of any axis; in brief without errors in percent."""
+    rows = [_cells(axis, brief) for axis in axes]
+    # In brief, sentences beside the table tell the attitude's bandwidth.
+    shown = [k for k in range(len(_HEADS) - brief) if any(row[k] != _NOTHING for row in rows)]
+    return Table(
+        label="axis",
+        heads=[_HEADS[k] for k in shown],
+        rows=[Row(axis.axis, [row[k] for k in shown]) for axis, row in zip(axes, rows, strict=True)],
+        caption="Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
+        "percent. J up to 50 is excellent, up to 100 good.",
+    )
+
+
+def loop_table(found: RotationResult) -> Table | None:
+    """Tabulate the margins of the loops as flown, in both ways; None where none are known."""
+    if not found.loops:
+        return None
+    columns: dict[str, list[str]] = {}
+    for axis, loop in found.loops.items():
+        columns[axis] = [str(loop.state), *_margin_cells(loop.computed)]
+        if loop.measured is not None:
+            columns[f"{axis}, by the chirp"] = ["", *_margin_cells(loop.measured)]
+    labels = ["State", *(f"{TITLES[name]}, {unit}" for name, (unit, _) in MARGINS.items())]
+    return Table(
+        label="Margin",
+        heads=list(columns),
+        rows=[Row(label, [cells[k] for cells in columns.values()]) for k, label in enumerate(labels)],
+        caption="Margins of the loops broken at the mixer, with one standard error: computed from the craft’s "
+        "response and the controller of the log’s parameters, and, where the log allows it, measured straight by the "
+        "chirp. 6 dB and 45° are sound.",
+    )
+
+
+def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
+    """List reasons with the axes that they are of, each reason once."""
+    reasons: dict[str, list[str]] = {}
+    for axis in found.axes:
+        reason = str(getattr(axis, name)).replace(f"{file}: ", "").replace(f"{file} ", "the log ")
+        if reason:
+            reasons.setdefault(reason[:1].upper() + reason[1:] + ".", []).append(axis.axis)
+    return [(joined(axes).capitalize(), reason) for reason, axes in reasons.items()]
+
+
+def _margin_cells(margins: Margins) -> list[str]:
+    return [
+        _NOTHING if (known := getattr(margins, name)).value is None else uncertain(known.value, known.sigma)
+        for name in MARGINS
+    ]
+
+
+def _cells(axis: AxisRotation, brief: bool) -> list[str]:
+    cells = [_NOTHING] * len(_SHOWN)
+    cost = coherent = bandwidth = _NOTHING
+    if axis.rate is not None and axis.rate.cost is not None:
+        cells = [_with_errors(axis, name, brief) for name in _SHOWN]
+        cost = f"{axis.rate.cost:.1f}"
+    if axis.rate is not None and axis.rate.band is not None:
+        low, high = axis.rate.band
+        coherent = f"{low:.2g}-{high:.3g} Hz"
+    if axis.attitude is not None and axis.attitude.determined:
+        bandwidth = f"{_text(axis.attitude.bandwidth)}, {_milliseconds(axis.attitude.phase_delay)}"
+    return [*cells, cost, coherent, bandwidth]
+
+
+def _with_errors(axis: AxisRotation, name: str, brief: bool) -> str:
+    assert axis.rate is not None
+    known = axis.rate.parameters.get(name)
+    if known is None:
+        return _NOTHING
+    if known.value is None or known.sigma is None:
+        return "not determined"
+    text = _milliseconds(known) if known.unit == "s" else _text(known)
+    if known.value == 0.0 or known.unit == "s" or brief:
+        return text
+    insensitivity = abs(axis.rate.insensitivity[name])
+    return f"{text} ({100.0 * known.sigma / abs(known.value):.1f}, {100.0 * insensitivity:.1f} %)"
+
+
+def _text(known: Parameter) -> str:
+    return uncertain(known.value, known.sigma, "" if known.unit == "1" else known.unit.replace("^2", "²"))
+
+
+def _milliseconds(known: Parameter) -> str:
+    if known.value is None or known.sigma is None:
+        return "not determined"
+    return uncertain(1e3 * known.value, 1e3 * known.sigma, "ms")

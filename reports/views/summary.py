@@ -1,0 +1,291 @@
+"""The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from logparse.quantity import duration, joined, number, size, uncertain
+from pipeline.results.answer import Answer, AnswerLine, Tone
+from pipeline.results.model_report import ModelInShort, ModelReport, ParameterRow
+from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from reports.views.log_words import FORMATS as FORMATS
+from reports.views.log_words import UNKNOWN as UNKNOWN
+from reports.views.log_words import craft as craft
+from reports.views.log_words import firmware as firmware
+from reports.views.log_words import frame as frame
+from reports.views.log_words import sentence as sentence
+from sysid.rotors.thrust_record import ThrustReport
+from sysid.transfer_functions.model_record import FunctionsRecord
+
+_NUMBER = re.compile(r"[0-9]+(?:\.[0-9]+)?")
+#: Files of one reason that are named in a line.
+MOST_NAMED = 5
+TRUST_WORDS: Mapping[str, str] = {"yes": "trust", "limited": "with care", "no": "do not trust", "unknown": "not judged"}
+
+
+def order(model: FunctionsRecord) -> str:
+    """Name the order of a model's transfer functions: ``5 poles, 3 zeros``."""
+    return ", ".join(
+        f"{count} {kind if count != 1 else kind[:-1]}"
+        for kind, count in (("poles", model.poles), ("zeros", model.zeros))
+    )
+
+
+def described(result: ModelReport) -> str:
+    """Name a model with what it consists of: ``motor PWM → position (24 transfer functions, 5 poles, 3 zeros)``."""
+    model = result.model
+    if not isinstance(model, FunctionsRecord):
+        return result.title
+    count = sum(any(function.num) for row in model.transfer_functions.values() for function in row.values())
+    return f"{result.title} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownAnswer:
+    """A line of the answer, with its number as people read it."""
+
+    line: AnswerLine
+    number: str
+
+
+def answer_lines(answer: Answer | None) -> list[ShownAnswer]:
+    """Return word, number and text of each purpose as the page and the terminal show them."""
+    return [ShownAnswer(line, _number(line)) for line in (answer.lines if answer is not None else ())]
+
+
+def answers(answer: Answer | None) -> Mapping[str, ShownAnswer]:
+    """Return the same by purpose."""
+    return {shown.line.purpose: shown for shown in answer_lines(answer)}
+
+
+@dataclass(frozen=True, slots=True)
+class Brief:
+    """An answer in the cell of a table."""
+
+    text: str = "–"
+    tone: Tone = Tone.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class BriefAnswer:
+    """The answers of a flight in a table of flights."""
+
+    healthy: Brief  #: Whether it was, and if not, what happened.
+    loops: Brief  #: The least phase margin with its word where it was measured, else how well the attitude followed.
+    ahead: Brief  #: How far ahead a model predicts.
+
+
+def brief(answer: Answer | None) -> BriefAnswer:
+    """Return the answers of a flight in as few words as a table of flights has room for."""
+    said = answers(answer)
+    healthy, loops, ahead = (said.get(purpose) for purpose in ("Healthy", "Loops", "Predict ahead"))
+    return BriefAnswer(
+        healthy=Brief() if healthy is None else brief_health(healthy),
+        loops=Brief() if loops is None or not loops.number else _followed(loops),
+        ahead=Brief() if ahead is None or ahead.line.value is None else Brief(ahead.number, ahead.line.tone),
+    )
+
+
+def thrust_of(answer: Answer | None) -> tuple[float, float | None, str] | None:
+    """Return thrust of a motor with its error and unit as the first screen of a flight has it; None where unknown."""
+    line = next((each for each in (() if answer is None else answer.lines) if each.purpose == "Parameters"), None)
+    if line is None or line.value is None or line.unit not in ("N", "m/s²") or not line.text.startswith("thrust"):
+        return None
+    return line.value, line.sigma, line.unit
+
+
+def brief_health(shown: ShownAnswer) -> Brief:
+    """Return what happened in as few words as a table has room for."""
+    line = shown.line
+    named = line.tone in (Tone.BAD, Tone.CARE)
+    return Brief(f"{shown.number} {line.text}".split(";")[0].strip() if named else line.word, line.tone)
+
+
+def _followed(shown: ShownAnswer) -> Brief:
+    measured = shown.line.tone is not Tone.UNKNOWN
+    return Brief(f"{shown.line.word} {shown.number}" if measured else shown.number, shown.line.tone)
+
+
+def _number(line: AnswerLine) -> str:
+    """Write the number of a line: times to a tenth of a second, nothing beyond three digits without an error."""
+    value, sigma, unit = line.value, line.sigma, line.unit
+    if value is None:
+        return ""
+    if sigma is not None:
+        return uncertain(value, sigma, unit).replace(" °", "°")
+    text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
+    return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
+
+
+def facts(numbers: FlightReport) -> str:
+    """One line under the title: file, format, size, craft, when."""
+    log = numbers.log
+    parts = [FORMATS.get(log.format, log.format), size(log.bytes), craft(numbers.vehicle)]
+    if log.flight_count > 1:
+        parts.insert(0, f"flight {log.flight_number} of {log.flight_count}")
+    if log.start_utc:
+        parts.append(log.start_utc[:16].replace("T", " ") + " UTC")
+    return " · ".join(part for part in parts if part)
+
+
+def sentences(numbers: FlightReport) -> list[str]:
+    """Report what the log is and what was identified; the verdict follows these."""
+    return [part for part in (_what_it_is(numbers), _what_was_identified(numbers)) if part]
+
+
+def _what_it_is(numbers: FlightReport) -> str:
+    log, flight, vehicle = numbers.log, numbers.flight, numbers.vehicle
+    motors = len(vehicle.motors)
+    kind = FORMATS.get(log.format, "log")
+    name = f"of a craft with {motors} motors" if motors else "of a craft whose motors it does not describe"
+    text = f"A {kind} {name}, {duration(log.duration_s)} long."
+    if flight is None:
+        return text + " It holds no flight."
+    flown = f" The craft was in the air for {duration(flight.duration_s)}"
+    if flight.height_m is not None:
+        flown += f", up to {number(flight.height_m, 2)} m above its start"
+    if flight.distance_m is not None:
+        flown += f" and {number(flight.distance_m, 2)} m away from it"
+    others = f"; this is flight {log.flight_number} of {log.flight_count}" if log.flight_count > 1 else ""
+    return text + flown + others + "."
+
+
+def _what_was_identified(numbers: FlightReport) -> str:
+    fitted = next((row for row in numbers.rmse if row.part == "training"), None)
+    text = _identified(numbers)
+    return f"{text[:-1]}, fitted to the first {duration(fitted.duration_s)} of the flight." if fitted else text
+
+
+def _identified(numbers: FlightReport | CraftReport) -> str:
+    parts = [described(result) for result in numbers.models if result.model is not None]
+    text = f"Identified: {joined(parts)}." if parts else ""
+    coefficient = thrust_coefficient(numbers.thrust, numbers.parameters or ())
+    if coefficient:
+        text = f"Thrust: {coefficient}. {text}".strip()
+    return text or "Nothing could be identified."
+
+
+def joint_sentences(group: CraftReport) -> list[str]:
+    """Report what was identified from several flights of one craft, and from which."""
+    count = len(group.training) + len(group.held_out)
+    split = f"{len(group.training)} to fit, {len(group.held_out)} to judge"
+    text = f"{count} flights of one craft ({group.name}): {split}."
+    if not any(result.model is not None for result in group.models):
+        reason = next((result.missing for result in group.models if result.missing), "not fitted")
+        return [text, f"No joint model: {reason}."]
+    return [text, _identified(group).replace("Identified:", "Identified jointly:")]
+
+
+def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
+    """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
+    known = thrust_known(thrust, parameters)
+    if known is None or thrust is None:
+        return ""
+    over = "" if known[2] == "N" else " over the mass,"
+    return f"{uncertain(*known)}{over} per motor at full command {thrust_conditions(thrust)}"
+
+
+def thrust_known(
+    thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()
+) -> tuple[float | None, float | None, str] | None:
+    """Return the thrust of a motor, or over the mass, with error and unit: of all methods where they have one."""
+    if not thrust or not thrust.common.determined:
+        return None
+    best = next((row for row in parameters if (row.parameter, row.method) == ("thrust over mass", "headline")), None)
+    if best is not None and best.si_value is not None:
+        return best.si_value, best.si_sigma, "N"
+    if best is not None and best.value is not None:
+        return best.value, best.sigma, "m/s²"
+    if thrust.common.newton is not None:
+        return thrust.common.newton, thrust.common.newton_sigma, "N"
+    return thrust.common.per_mass, thrust.common.sigma, "m/s²"
+
+
+def thrust_conditions(thrust: ThrustReport) -> str:
+    """Report at which voltage and in which air thrust coefficients hold."""
+    voltage = thrust.reference_voltage
+    at = "at the unknown voltage of the flight" if voltage is None else f"at {voltage:.1f} V"
+    return f"{at}, in standard sea-level air"
+
+
+def first_reason(numbers: FlightReport | FlightInShort) -> str:
+    """Return the first reason why a flight has no validated model."""
+    reasons = [*numbers.missing.values(), *(result.missing for result in numbers.models)]
+    return next((str(reason) for reason in reasons if reason), "no model")
+
+
+def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
+    """Gather reasons that differ in numbers only, with their places, the most frequent first.
+
+    ``only 7 s`` and ``only 18 s`` are ``only 7–18 s``.
+    """
+    places: dict[str, list[int]] = {}
+    for place, reason in enumerate(reasons):
+        places.setdefault(_NUMBER.sub("0", reason), []).append(place)
+    found = {}
+    for same in sorted(places.values(), key=len, reverse=True):
+        numbers = zip(*(_NUMBER.findall(reasons[place]) for place in same), strict=True)
+        ranges = ["–".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers]
+        words = _NUMBER.split(reasons[same[0]])
+        found["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
+    return found
+
+
+Model = TypeVar("Model", bound=ModelInShort)
+
+
+def best(models: Sequence[Model]) -> Model | None:
+    """Choose the model that can be trusted most, and of equals the one that errs least against the mean's error."""
+
+    def rank(result: Model) -> tuple[int, float]:
+        ratios = [
+            error / mean if error is not None and (mean := row.rmse_mean_m[output]) else math.inf
+            for row in result.held_out
+            for output, error in row.rmse_m.items()
+        ]
+        return list(TRUST_WORDS).index(result.verdict.trust), sum(ratios) / len(ratios) if ratios else math.inf
+
+    judged = [result for result in models if result.held_out]
+    return min(judged, key=rank, default=None)
+
+
+def predicts(result: ModelInShort) -> str:
+    """Write how far ahead a model's predictions are worth having in every axis: ``5 s``; a dash where nowhere."""
+    horizon = result.uses.prediction.horizon_s
+    return "–" if horizon is None else f"{horizon:g} s"
+
+
+def not_used(numbers: FleetReport) -> dict[str, tuple[LeftOut, ...]]:
+    """Return what was found but not used, by what it is called."""
+    return {
+        "Passed over": numbers.passed_over,
+        "Copies, analysed once": numbers.duplicates,
+        "No longer there, but kept from earlier runs": numbers.removed,
+    }
+
+
+def left_out(numbers: FleetReport) -> list[str]:
+    """Name in a sentence for each kind what was found but not used, gathered by reason."""
+    sentences = []
+    for words, kind in not_used(numbers).items():
+        by_reason: dict[str, list[str]] = {}
+        for unused in kind:
+            by_reason.setdefault(unused.reason, []).append(unused.file)
+        parts = [f"{_named(files)} ({reason})" for reason, files in by_reason.items()]
+        if len(parts) > MOST_NAMED:  # every copy has a reason of its own
+            parts = [*parts[:MOST_NAMED], f"and {len(parts) - MOST_NAMED} more"]
+        if parts:
+            sentences.append(f"{words}: {'; '.join(parts)}.")
+    return sentences
+
+
+def _named(files: list[str]) -> str:
+    more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
+    return f"{', '.join(files[:MOST_NAMED])}{more}"
+
+
+def clause(reason: str) -> str:
+    """Return the first clause of a reason; the whole stands further down."""
+    return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")

@@ -1,0 +1,167 @@
+"""Wind and thrust scale of one flight, for a craft whose parameters are known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logparse import Finding, Severity
+from sysid.records.experiment import Floats
+from sysid.rigid_body.conditions.carried import ANY_FLIGHT, ANY_SIGMA, HIGHEST, LOWEST, WIND_SIGMA, carry_states
+from sysid.rigid_body.conditions.wander import FIXED
+from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
+from sysid.rigid_body.methods.output_error import Prior, fit_output_error
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
+from sysid.rotors.thrust_regression import AIR_SIGMA
+
+#: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
+UNUSUAL = 2.5
+
+#: Place of the first wind coefficient among the parameters of a flight.
+_WIND = len(OWN)
+
+
+def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return mean, sigma and limits of a training flight's exponent, thrust scale and wind coefficients.
+
+    Flights that are fitted together are of one load, so that air temperature is what their thrust may differ by.
+
+    Parameters
+    ----------
+    shapes : int
+        How many coefficients there are for each direction.
+    wind : float
+        Mean wind, m/s, which gusts go with.
+    """
+    gust = TURBULENCE * max(wind, LIGHT)
+    more = 2 * (shapes - 1)
+    mean = np.concatenate([ANY_FLIGHT, np.zeros(more)])
+    sigma = np.concatenate([[ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA], np.full(more, gust)])
+    return mean, sigma, np.concatenate([LOWEST, np.full(more, -50.0)]), np.concatenate([HIGHEST, np.full(more, 50.0)])
+
+
+def early_trim(flight: Motion, shared: Floats, law: int, source: str) -> FlightTrim:
+    """Find wind and thrust scale from the beginning of a flight, for what comes after it.
+
+    They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
+    take every gust for the mean, and paths that are tens of metres off for noise that prior knowledge outvotes.
+
+    Parameters
+    ----------
+    flight : Motion
+        Its beginning.
+    shared : ndarray
+        Parameters of the craft, in the order of `body_motion.THETA`.
+    law : int
+        Of drag.
+    source : str
+        For the result.
+    """
+    carried = carry_states(flight, shared, law)
+    own = carried.own[-1]
+    return trim_from(own, carried.covariances[-1][:FIXED, :FIXED], np.zeros(0), source, float(flight.t[-1]))
+
+
+def whole_trim(flight: Motion, shared: Floats, law: int, source: str, spacing: float | None) -> FlightTrim:
+    """Match the free run over a whole flight from the measured initial state by wind and thrust scale alone.
+
+    The start, the wind's exponent and standard errors are those of the filter (`early_trim`), because one free run has
+    no scatter to tell errors from.
+
+    Parameters
+    ----------
+    flight, shared, law, source
+        As for `early_trim`.
+    spacing : float or None
+        Time between the points of a varying wind, s; None for a constant one.
+    """
+    carried = carry_states(flight, shared, law)
+    start, covariance = carried.own[-1], carried.covariances[-1][:FIXED, :FIXED]
+    shapes, prior = wind_shapes(flight.t, np.zeros(0)), _prior(shared, start, 1, 0.0)
+    values = np.concatenate([shared, start])
+    free = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
+    own = free.values[SHARED:]
+    knots = wind_knots(flight.t, spacing)
+    if len(knots) == 0:
+        return trim_from(own, covariance, knots, source)
+    shapes = wind_shapes(flight.t, knots)
+    values = np.concatenate([free.values, np.zeros(2 * len(knots))])
+    prior = _prior(shared, own, 1 + len(knots), float(np.hypot(*own[_WIND:])))
+    varying = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
+    return trim_from(varying.values[SHARED:], covariance, knots, source)
+
+
+def trim_from(
+    values: Floats, covariance: Floats, knots: Floats, source: str, looked_until: float | None = None
+) -> FlightTrim:
+    """Name thrust scale and wind coefficients of one flight; the mean of the variation goes to the mean wind.
+
+    Parameters
+    ----------
+    values : ndarray, shape (4 + 2 k,)
+        Wind exponent, thrust scale, mean wind north and east, then the departures at each of k knots.
+    covariance : ndarray, shape (4 + 2 k, 4 + 2 k) or (4, 4)
+        Of all values, or of the first four.
+    knots : ndarray, shape (k,)
+        s.
+    source : str
+    looked_until : float, optional
+        Time until which the flight's motion was looked at, s; not given where that is all of it, or another flight's.
+    """
+    exponent, scale = map(float, values[:_WIND])
+    mean, parts = values[_WIND : _WIND + 2], values[_WIND + 2 :].reshape(-1, 2)
+    # Each knot stands for the time about it.
+    width = np.gradient(knots) if len(knots) > 1 else np.ones(len(knots))
+    if len(knots) > 1:
+        width[[0, -1]] *= 0.5
+    share = width / width.sum() if len(knots) else width
+    average = share @ parts if len(knots) else np.zeros(2)
+    sigma = []
+    for axis in range(2):
+        weights = np.zeros(len(covariance))
+        weights[_WIND + axis] = 1.0
+        if len(weights) > _WIND + 2:
+            weights[_WIND + 2 + axis :: 2] = share
+        sigma.append(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
+    north, east = mean + average
+    exponent_sigma, scale_sigma = np.sqrt(np.maximum(np.diag(covariance)[:_WIND], 0.0))
+    return FlightTrim(
+        wind_n=float(north),
+        wind_e=float(east),
+        wind_sigma=float(max(sigma)),
+        thrust_scale=scale,
+        thrust_scale_sigma=float(scale_sigma),
+        source=source,
+        wind_exponent=exponent,
+        wind_exponent_sigma=float(exponent_sigma),
+        looked_until=looked_until,
+        variation=tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts - average, strict=True)),
+    )
+
+
+def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
+    """Return a finding where the thrust scale of a flight is not what air temperature explains."""
+    departure, sigma = trim.thrust_scale - 1.0, float(np.hypot(AIR_SIGMA, trim.thrust_scale_sigma))
+    if abs(departure) <= UNUSUAL * sigma:
+        return None
+    heavier = "less" if departure < 0.0 else "more"
+    return Finding(
+        "thrust-scale-unusual",
+        Severity.WARNING,
+        f"at the same commands the thrust per mass of {flight} is {100.0 * abs(departure):.1f} % {heavier} than that "
+        f"of the flights fitted, {abs(departure) / sigma:.1f} times what air temperature explains: another payload, "
+        "battery or propellers, or another craft",
+        "weigh the craft and check battery and propellers; fit flights of one load together",
+        {"flight": flight, "thrust_scale": trim.thrust_scale, "sigma": trim.thrust_scale_sigma},
+    )
+
+
+def _prior(shared: Floats, own: Floats, shapes: int, wind: float) -> Prior:
+    """Hold the craft's parameters and the exponent, and leave the scale free."""
+    mean, sigma, low, high = trim_prior(shapes, wind)
+    mean[0], sigma[0], sigma[1] = own[0], 0.0, np.inf
+    return Prior(
+        np.concatenate([shared, mean]),
+        np.concatenate([np.zeros(SHARED), sigma]),
+        np.concatenate([shared, low]),
+        np.concatenate([shared, high]),
+    )

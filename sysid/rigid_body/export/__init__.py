@@ -1,0 +1,1 @@
+"""An identified craft for other programs: simulator frame, linear hover model, files."""

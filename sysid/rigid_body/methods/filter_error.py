@@ -1,0 +1,341 @@
+"""Filter error: parameters from flights in gusts, whose push is a process of its own and not drag.
+
+Output error takes what moves the craft to be known. In gusts it is not: they last as long as manoeuvres do, and the
+autopilot answers to them, so that the velocity goes with the gust and takes its push for drag. The filter-error method
+(Maine and Iliff 1985, NASA RP 1168, ch. 5; Jategaonkar 2015, ch. 5) has process noise: a Kalman filter foresees each
+measurement from those before, and the parameters are those that make the innovations likeliest.
+
+Velocity is measured much better than gusts disturb it, so that the equations of motion are taken at the measured
+velocity. What is left of the velocity is the integral of the acceleration by gusts, a Gauss-Markov process (Dryden's
+spectrum along the wind), of a white part that stands for what slowly sampled inputs hide, and noise::
+
+    v(t) - v(0) - int f(theta, v, R, u) dt = int a dt + e,    a' = -a / tau + white noise
+
+Their sizes are the likeliest of each flight, horizontally and vertically. Gusts are accelerations here and not winds:
+the likelihood of winds would gain by more drag, under which lesser winds do the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sysid.records.experiment import Floats
+from sysid.rigid_body.methods._gust_kernels import whiten
+from sysid.rigid_body.methods.output_error import HUBER, Prior, flight_slice, step_within
+from sysid.rigid_body.motion._rigid_kernels import accelerations
+from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
+
+#: Shortest and longest time between innovations, s, twice that of the motor outputs where the log has them so often. An
+#: autopilot that answers to a gust within a step ties its inputs to what they are taken to be independent of; steps as
+#: short as the outputs' sampling show what is hidden between samples.
+SHORTEST_STEP, LONGEST_STEP = 0.1, 0.2
+
+#: Length of a cluster of innovations whose scores are taken together, s.
+CLUSTER_SECONDS = 10.0
+
+#: Most rounds of parameters and disturbances in turn, and the change of the log-likelihood that ends them; most steps
+#: in a round, and the gain of the last.
+_ROUNDS, _SETTLED = 6, 0.2
+_STEPS, _CONVERGED = 10, 1e-3
+
+#: Limits of gust [m/s^2], its correlation time [s], white part [m/s^2 sqrt(s)] and noise of velocity [m/s]; where the
+#: search starts, and its first steps, as logarithms.
+_LOW, _HIGH = np.log([1e-4, 0.3, 1e-4, 1e-4]), np.log([10.0, 100.0, 3.0, 1.0])
+_START, _STRIDE = np.log([0.1, 5.0, 0.05, 0.02]), 0.7
+_EVALUATIONS = 250
+
+#: Correlation time of gusts beforehand: mean and standard deviation of its logarithm. Dryden's length is some 100 m at
+#: 15 m height; a push that wandered without end would pass for the mean wind.
+_TAU = (np.log(10.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What moves a craft beside its inputs."""
+
+    gust: float  #: Standard deviation of the acceleration by gusts, m/s^2.
+    tau: float  #: Its correlation time, s.
+    jolt: float  #: Spectral density of the white part of the acceleration, m/s^2 sqrt(s).
+    noise: float  #: Standard deviation of measured velocity, m/s.
+
+
+#: Disturbances of a flight, horizontal and vertical.
+Disturbances = tuple[Disturbance, Disturbance]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterErrorFit:
+    """Estimates by filter error."""
+
+    #: shape (n,): Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind of each flight.
+    values: Floats
+    covariance: Floats  #: shape (n, n): Prior knowledge included; zero for what is held.
+    information: Floats  #: shape (n, n): What the data alone say.
+    disturbances: tuple[Disturbances, ...]  #: Of each flight.
+    #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
+    costs: Floats
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Sum of the clusters' costs."""
+        return float(self.costs.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class MeanWind:
+    """Mean wind of a flight north and east, (2,) m/s, its covariance, (2, 2), and the drag that tells it, 1/s."""
+
+    mean: Floats
+    covariance: Floats
+    drag: float
+
+
+@dataclass(slots=True)
+class _Linearised:
+    """Normal equations, and each cluster's cost and score."""
+
+    costs: Floats
+    hessian: Floats
+    gradient: Floats
+    scores: Floats
+    flights: NDArray[np.int64]
+
+    @property
+    def cost(self) -> float:
+        return float(self.costs.sum())
+
+
+def fit_filter_error(
+    motions: Sequence[Motion],
+    start: Floats,
+    prior: Prior,
+    law: int,
+    *,
+    disturbances: Sequence[Disturbances] | None = None,
+    deadline: float = np.inf,
+) -> FilterErrorFit:
+    """Estimate the parameters of one craft from several flights in gusts.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+    start : ndarray, shape (n,)
+        Shared parameters, then wind exponent, thrust scale and wind of each flight.
+    prior : Prior
+        Of the same.
+    law : int
+        Of drag (`_rigid_kernels`).
+    disturbances : sequence of Disturbances, optional
+        To hold, such as for another law of drag under the same weights; default: the likeliest.
+    deadline : float
+        On `time.monotonic`; reached, the best values so far are returned as not converged.
+    """
+    free = np.flatnonzero(prior.sigma > 0.0)
+    weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
+    values, converged, last = np.clip(start, prior.low, prior.high), False, np.inf
+    found = list(disturbances or [])
+
+    def spent(now: _Linearised, at: Floats) -> float:
+        return now.cost + 0.5 * float(weight @ (at[free] - prior.mean[free]) ** 2)
+
+    for _ in range(_ROUNDS if disturbances is None else 1):
+        if disturbances is None:
+            parts = [_velocities(motion, values, k, law) for k, motion in enumerate(motions)]
+            found = [_likeliest(left, dt, found[k] if found else None) for k, (left, _, dt) in enumerate(parts)]
+        now, damping = _linearise(motions, values, law, found), 1e-9
+        total = spent(now, values)
+        for _ in range(_STEPS):
+            hessian = now.hessian[np.ix_(free, free)] + np.diag(weight)
+            uphill = now.gradient[free] - weight * (values[free] - prior.mean[free])
+            accepted = False
+            while not accepted and damping < 1e6:
+                trial = values.copy()
+                trial[free] = step_within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
+                then = _linearise(motions, trial, law, found)
+                cost = spent(then, trial)
+                if np.isfinite(cost) and cost <= total + 1e-9 * abs(total):
+                    accepted, damping = True, max(0.1 * damping, 1e-9)
+                else:
+                    damping = max(10.0 * damping, 1e-3)
+            if not accepted or time.monotonic() > deadline:
+                break
+            gain, values, now, total = total - cost, trial, then, cost
+            if gain < _CONVERGED:
+                break
+        if time.monotonic() > deadline:
+            break
+        if disturbances is not None or abs(last - total) < _SETTLED:
+            converged = True
+            break
+        last = total
+    return _result(now, values, free, weight, tuple(found), converged)
+
+
+def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list[MeanWind]:
+    """Compute the mean wind of each flight, gusts included, from the balance of its mean acceleration.
+
+    Over a whole flight the velocity changes by what the mean forces make it. The wind parameter of the fit is the mean
+    of a process of which the flight is a sample; this is the sample's.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+        The flights.
+    fit : FilterErrorFit
+        Of these flights.
+    law : int
+        Law of drag, as the kernels number it.
+
+    Returns
+    -------
+    list of MeanWind
+        Of each flight.
+    """
+    result = []
+    for k, (motion, (gusts, _)) in enumerate(zip(motions, fit.disturbances, strict=True)):
+        own = flight_slice(k, 1)
+        values = fit.values.copy()
+        for _ in range(_STEPS):
+            left, jacobian, _ = _velocities(motion, values, k, law)
+            by_wind = jacobian[-1, :2, SHARED + len(OWN) :]
+            step = np.linalg.lstsq(by_wind, (left[-1] - left[0])[:2], rcond=1e-9)[0]
+            values[own.start + len(OWN) : own.stop] += step
+            if np.abs(step).max() < 1e-6:
+                break
+        inverse = np.linalg.pinv(by_wind, rcond=1e-9)
+        # What the fit takes drag, tilt and thrust to be moves the wind with which forces balance.
+        places = np.r_[np.arange(SHARED), own.start : own.start + len(OWN)]
+        slope = inverse @ jacobian[-1, :2, : SHARED + len(OWN)]
+        seconds = float(motion.t[-1] - motion.t[0])
+        unseen = 2.0 * gusts.noise**2 + gusts.jolt**2 * seconds
+        covariance = slope @ fit.covariance[np.ix_(places, places)] @ slope.T + unseen * inverse @ inverse.T
+        drag = float(np.sqrt(abs(np.linalg.det(by_wind)))) / seconds
+        result.append(MeanWind(values[own.start + len(OWN) : own.stop], covariance, drag))
+    return result
+
+
+def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[Floats, Floats, float]:
+    """Unexplained velocity (n, 3), derivatives of the explained (n, 3, q) by the flight's parameters, and step [s]."""
+    theta = np.concatenate([values[:SHARED], values[flight_slice(flight, 1)]])
+    count = len(motion.t)
+    push, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta)))
+    heights = motion.ground - motion.position[:, 2]
+    signals, steady = motion.signals(values[LAG]), np.ones((count, 1))
+    accelerations(theta, signals, steady, heights, motion.velocity, law, push, jacobian)
+    step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
+    stride = max(round(step / motion.dt), 1)
+
+    def summed(rate: Floats) -> Floats:
+        steps = 0.5 * motion.dt * (rate[1:] + rate[:-1])
+        return np.asarray(np.concatenate([np.zeros((1, *rate.shape[1:])), np.cumsum(steps, axis=0)])[::stride])
+
+    return motion.velocity[::stride] - summed(push), summed(jacobian), stride * motion.dt
+
+
+def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
+    """Find the likeliest disturbances, horizontal and vertical, of unexplained velocities (n, 3)."""
+
+    def search(columns: Floats, start: Floats) -> Disturbance:
+        out = np.empty_like(columns)
+
+        def cost(x: Floats) -> float:
+            gust, tau, jolt, noise = np.exp(np.clip(x, _LOW, _HIGH))
+            logs = whiten(columns, dt, gust, tau, jolt, noise, out)
+            return float(_huber(out).sum() + columns.shape[1] * logs + 0.5 * ((x[1] - _TAU[0]) / _TAU[1]) ** 2)
+
+        simplex = start + np.vstack([np.zeros(len(start)), _STRIDE * np.eye(len(start))])
+        solved = scipy.optimize.minimize(
+            cost,
+            start,
+            method="Nelder-Mead",
+            options={"maxfev": _EVALUATIONS, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex},
+        )
+        return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
+
+    starts = [_START, _START] if before is None else [_logarithms(each) for each in before]
+    horizontal, vertical = np.ascontiguousarray(left[:, :2]), np.ascontiguousarray(left[:, 2:])
+    return search(horizontal, starts[0]), search(vertical, starts[1])
+
+
+def _logarithms(each: Disturbance) -> Floats:
+    return np.log([each.gust, each.tau, each.jolt, each.noise])
+
+
+def _huber(z: Floats) -> Floats:
+    size = np.abs(z)
+    return np.where(size > HUBER, HUBER * (size - 0.5 * HUBER), 0.5 * size**2)
+
+
+def _linearise(
+    motions: Sequence[Motion], values: Floats, law: int, disturbances: Sequence[Disturbances]
+) -> _Linearised:
+    """Form the normal equations of the innovations, large ones with less weight."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _linearised(motions, values, law, disturbances)
+
+
+def _linearised(
+    motions: Sequence[Motion], values: Floats, law: int, disturbances: Sequence[Disturbances]
+) -> _Linearised:
+    n = len(values)
+    hessian, gradient = np.zeros((n, n)), np.zeros(n)
+    costs, scores, flights = [], [], []
+    for flight, (motion, both) in enumerate(zip(motions, disturbances, strict=True)):
+        left, jacobian, dt = _velocities(motion, values, flight, law)
+        places = np.r_[np.arange(SHARED), np.arange(n)[flight_slice(flight, 1)]]
+        starts = np.arange(0, max(len(left) - 1, 1), max(round(CLUSTER_SECONDS / dt), 1))
+        spent, own = np.zeros(len(starts)), np.zeros((len(starts), n))
+        for axis, noise in enumerate((both[0], both[0], both[1])):
+            columns = np.column_stack([left[:, axis], jacobian[:, axis]])
+            out = np.empty_like(columns)
+            logs = whiten(columns, dt, noise.gust, noise.tau, noise.jolt, noise.noise, out)
+            z = out[:, 0]
+            spent += np.add.reduceat(_huber(z), starts) + logs / len(starts)
+            root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(z), 1e-300)))
+            rows, target = out[:, 1:] * root[:, None], z * root
+            hessian[np.ix_(places, places)] += rows.T @ rows
+            gradient[places] += rows.T @ target
+            own[:, places] += np.add.reduceat(rows * target[:, None], starts, axis=0)
+        costs.append(spent)
+        scores.append(own)
+        flights.append(np.full(len(starts), flight))
+    return _Linearised(np.concatenate(costs), hessian, gradient, np.vstack(scores), np.concatenate(flights))
+
+
+def _result(
+    now: _Linearised,
+    values: Floats,
+    free: NDArray[np.int64],
+    weight: Floats,
+    disturbances: tuple[Disturbances, ...],
+    converged: bool,
+) -> FilterErrorFit:
+    """Invert the information; enlarge standard errors where scores scatter more than the disturbances explain."""
+    own = np.ix_(free, free)
+    total = now.hessian[own] + np.diag(weight)
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    inverse = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)
+    scores = now.scores[:, free]
+    # Neighbours are taken together: a disturbance that is not as it is modelled does not end with a cluster.
+    same = (now.flights[1:] == now.flights[:-1])[:, None]
+    cross = (scores[1:] * same).T @ scores[:-1]
+    sandwich = inverse @ (scores.T @ scores + 0.5 * (cross + cross.T) + np.diag(weight)) @ inverse
+    growth = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    covariance, information = np.zeros_like(now.hessian), np.zeros_like(now.hessian)
+    covariance[own] = inverse * np.outer(growth, growth)
+    information[own] = now.hessian[own]
+    return FilterErrorFit(
+        values=values,
+        covariance=covariance,
+        information=information,
+        disturbances=disturbances,
+        costs=now.costs,
+        converged=converged,
+    )

@@ -1,0 +1,194 @@
+"""Errors that all of a flight shares, so that no scatter within it shows them.
+
+An attitude that is off by a constant leans the thrust with it, and blows a wind that was not there: with drag of
+0.25 1/s a milliradian is 0.04 m/s. Equations leave out what rotors really do (inflow, sampling of their commands
+between log lines, unlike motors); what that comes to on craft of known truth is added to what the fit says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse.units import STANDARD_GRAVITY
+from sysid.records.experiment import Floats
+from sysid.rigid_body.methods.filter_error import FilterErrorFit
+from sysid.rigid_body.methods.output_error import flight_slice
+from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion
+
+#: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
+#: variance is linear, half quadratic.
+DRAG_PART = 0.02
+
+#: Time by which attitude, thrust and velocity of a log may be apart, s. A swing at w 1/s then shows in phase with its
+#: velocity, as drag of w^2 times this: nothing on legs, half of the drag where a craft is only shaken.
+APART = 0.002
+
+#: Slowest usual speed for this, m/s.
+_SLOWEST = 0.3
+
+#: What the equations of thrust misrepresent: slew and lag of motors that are not of first order, inflow that differs
+#: between motors.
+FORM: Mapping[str, float] = {"climb_loss": 0.003, "motor_lag": 0.012}
+
+#: Part by which the steepness of thrust over command errs: commands between the lines of a log (10 Hz) are smoother
+#: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
+STEEPNESS = 0.025
+
+#: Part of the band of slow rows of motor outputs, at its upper end, by whose power the folded part is told.
+_TOP = 0.2
+
+#: Time over which a command's own mean is left out where its variation counts, s, and time of correlation beyond which
+#: gusts are too slow for the height controller to answer as to news, s.
+ANSWER_SECONDS, SLOW_GUSTS = 10.0, 3.0
+
+#: Error of a wind's exponent by the height of the ground under its profile.
+EXPONENT_ERROR = 0.09
+
+
+#: Motors of one kind differ by this part (standard deviation), which cannot be told from a centre of gravity to one
+#: side.
+UNLIKE_MOTORS = 0.04
+
+
+def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_]) -> FilterErrorFit:
+    """Return the fit with what flights do not show of its errors added to its covariance.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+    fit : FilterErrorFit
+    held : ndarray, shape (SHARED,)
+        Parameters that were given and not estimated.
+    """
+    covariance = fit.covariance.copy()
+    places = np.flatnonzero(~held)
+    errors, part = form_and_attitude(motions, fit.values), folded(motions, fit.values)
+    errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
+    covariance[places, places] += errors[places] ** 2
+    curved = np.zeros(SHARED)
+    curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
+    covariance[:SHARED, :SHARED] += np.outer(curved, curved)
+    exponents = [flight_slice(k, 1).start for k in range(len(motions))]
+    covariance[exponents, exponents] += EXPONENT_ERROR**2
+    return replace(fit, covariance=covariance)
+
+
+def unlike_motors(count: int) -> float:
+    """Compute the standard deviation, in arms, of a centre of gravity that unlike motors feign."""
+    return UNLIKE_MOTORS / float(np.sqrt(2.0 * max(count, 1)))
+
+
+def form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
+    """Compute standard deviations of errors that the laws and the attitude make in the shared parameters, (SHARED,)."""
+    sigma = np.zeros(SHARED)
+    for name, part in FORM.items():
+        sigma[THETA.index(name)] = part
+    # Estimators start anew in each flight: their errors average.
+    tilt = np.sqrt(np.mean([np.mean(motion.attitude_sigma[:2] ** 2) for motion in motions]) / len(motions))
+    sigma[[THETA.index("tilt_x"), THETA.index("tilt_y")]] = tilt
+    for place, axis in enumerate("xyz"):
+        speed = max(usual_speed(motions, place), _SLOWEST)
+        linear, square = (THETA.index(f"drag_{law}_{axis}") for law in ("linear", "quadratic"))
+        drag = DRAG_PART * (values[linear] * speed + values[square] * speed**2)
+        late = APART * _swing(motions, place) ** 2
+        # An error of attitude that goes with the speed, by an unknown part of it between -1 and 1, is drag.
+        leant = STANDARD_GRAVITY * tilt * np.sqrt(len(motions) / 3.0) / speed if axis != "z" else 0.0
+        sigma[linear] = float(np.linalg.norm((np.sqrt(0.5) * drag / speed, late, leant)))
+        sigma[square] = np.sqrt(0.5) * drag / speed**2
+    return sigma
+
+
+def _swing(motions: Sequence[Motion], axis: int) -> float:
+    """Acceleration over speed about their means along a body axis, 1/s: at which frequency the craft swings."""
+    speeds = [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, axis], m.velocity) for m in motions]
+    pushes = [np.gradient(speed, m.dt) for speed, m in zip(speeds, motions, strict=True)]
+    moved, pushed = (sum(float(np.var(each)) * len(each) for each in part) for part in (speeds, pushes))
+    return float(np.sqrt(pushed / moved)) if moved > 0.0 else 0.0
+
+
+def answered(motions: Sequence[Motion], fit: FilterErrorFit) -> float:
+    """Part of the thrust's variation that may be the height controller's answer to gusts.
+
+    An answer opposes what it answers to, and makes commands look less steep (and later) than they are by as much: the
+    bias of direct identification in closed loop (Ljung 1999, section 13.4), where the disturbance is not quite of the
+    kind that the fit takes it for. In hovers in gusty wind it came to 10 to 30 %.
+    """
+    gusts, varied = 0.0, 0.0
+    for motion, (_, vertical) in zip(motions, fit.disturbances, strict=True):
+        pull = _varying(motion, fit.values)
+        gusts += len(pull) * vertical.gust**2 / (1.0 + vertical.tau / SLOW_GUSTS)
+        varied += float(np.sum(pull**2))
+    return min(gusts / max(varied, 1e-12), 1.0)
+
+
+def folded(motions: Sequence[Motion], values: Floats) -> float:
+    """Part of the thrust's variation that is faster than rows of motor outputs show, and folds into what they show.
+
+    A point every tenth of a second of a command that answers to noise is noise itself, with a spectrum that does not
+    fall off towards the end of its band. Thrust does not go with it: commands look less steep, and later, than they are
+    (errors in variables). In hovers in gusts that came to 20 to 30 %, and 40 ms.
+    """
+    fold, whole = 0.0, 0.0
+    for motion in motions:
+        every = round(motion.input_interval / motion.dt)
+        rows = _varying(motion, values)[:: max(every, 1)]
+        power = np.abs(np.fft.rfft(rows * np.hanning(len(rows)))) ** 2
+        if every > 1:
+            fold += float(power[round((1.0 - _TOP) * len(power)) :].mean()) * len(power)
+        whole += float(power.sum())
+    return min(fold / max(whole, 1e-12), 1.0)
+
+
+def _varying(motion: Motion, values: Floats) -> Floats:
+    """Thrust per mass by its commands, about its mean over `ANSWER_SECONDS`, m/s^2; shape (N,)."""
+    thrust, expo = (values[THETA.index(name)] for name in ("thrust", "thrust_expo"))
+    pull = motion.density * ((1.0 - expo) * motion.linear + expo * motion.square) * thrust
+    size = min(round(ANSWER_SECONDS / motion.dt), len(pull) - 1) | 1
+    around = np.pad(pull, size // 2, mode="reflect")
+    return np.asarray(pull - np.convolve(around, np.full(size, 1.0 / size), mode="valid"))
+
+
+def _curvature(motions: Sequence[Motion], values: Floats, answer: float, fold: float) -> Floats:
+    """Compute what `STEEPNESS` makes of curvature and, as thrust at the usual command stays, of full thrust, (SHARED,).
+
+    The part `answer` of the commands answers to gusts (`answered`). Of the part `fold`, which is noise (`folded`), all
+    may be lacking in steepness or none: its standard deviation is that of a uniform number. With thrust as
+    c (1 - e + e c), steepness d ln T / d ln c is (1 - e + 2 e c) / (1 - e + e c).
+    """
+    linear, square = (
+        float(np.concatenate([getattr(m, name) for m in motions]).mean()) for name in ("linear", "square")
+    )
+    command, (thrust, expo) = square / max(linear, 1e-9), (THETA.index(name) for name in ("thrust", "thrust_expo"))
+    part = 1.0 - values[expo] + values[expo] * command
+    sigma = np.zeros(SHARED)
+    sigma[expo] = float(np.linalg.norm((STEEPNESS, answer, fold / np.sqrt(3.0)))) * part**2 / max(command, 1e-9)
+    sigma[thrust] = values[thrust] * (1.0 - command) / part * sigma[expo]
+    return sigma
+
+
+def usual_speed(motions: Sequence[Motion], axis: int) -> float:
+    """Root mean square of the speed along a body axis over the ground, m/s."""
+    along = [
+        np.einsum("ni,ni->n", motion.rotation.reshape(-1, 3, 3)[:, :, axis], motion.velocity) for motion in motions
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(along) ** 2)))
+
+
+def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
+    """Compute the standard deviation of each component of a wind that the attitude's error makes, m/s.
+
+    Parameters
+    ----------
+    motion : Motion
+    wind : ndarray, shape (2,)
+        m/s; a yaw that is off turns it.
+    drag : float
+        Deceleration per speed about the flight's mean, 1/s.
+    """
+    lean = STANDARD_GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
+    turned = float(np.hypot(*wind)) * float(motion.attitude_sigma[2])
+    return float(np.hypot(lean, turned))

@@ -1,0 +1,1 @@
+"""The equations of motion, and what they read of a flight."""

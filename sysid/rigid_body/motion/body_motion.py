@@ -1,0 +1,235 @@
+"""What the equations of motion read of one flight, as plain arrays on its clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from logparse import MissingDataError, Vehicle
+from logparse.recent import Recent
+from logparse.units import STANDARD_GRAVITY
+from sysid.records.experiment import Experiment, ExperimentError, Floats
+from sysid.records.motor_scaling import motor_commands
+from sysid.records.resampling import logged_rate
+from sysid.records.slow_rows import join_rows
+from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
+from sysid.rigid_body.motion._rigid_kernels import SIGNALS, path
+
+#: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
+THETA = (
+    "thrust",
+    "thrust_expo",
+    "drag_linear_x",
+    "drag_linear_y",
+    "drag_linear_z",
+    "drag_quadratic_x",
+    "drag_quadratic_y",
+    "drag_quadratic_z",
+    "climb_loss",
+    "tilt_x",
+    "tilt_y",
+    "motor_lag",
+)
+SHARED = len(THETA)
+
+#: Parameters of a flight before the coefficients of its wind.
+OWN = ("wind_exponent", "thrust_scale")
+LAG = THETA.index("motor_lag")
+
+#: Step by which the derivative by the lag is taken, s; also the shortest lag.
+_LAG_STEP = 1e-3
+
+_ANGLES = ("roll", "pitch", "yaw")
+_VELOCITY = ("v_n", "v_e", "v_d")
+_FORCE = ("f_x", "f_y", "f_z")
+_ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
+
+#: Longest time between logged motor outputs that is told apart, s.
+_LONGEST_INTERVAL = 1.0
+
+#: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
+ATTITUDE_SIGMA = np.radians(0.1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """One flight as the equations of motion see it."""
+
+    name: str
+    t: Floats  #: shape (N,)
+    rotation: Floats  #: shape (N, 9): Body to NED by rows.
+    density: Floats  #: shape (N,): Over 1.225 kg/m^3.
+    #: shape (N,): Sums of c and c^2 over the motors, times the square of the voltage over the reference.
+    linear: Floats
+    square: Floats
+    #: shape (N, 3): NED from the first sample, m and m/s.
+    position: Floats
+    velocity: Floats
+    acceleration: Floats | None  #: shape (N, 3): NED, by the accelerometer, m/s^2.
+    ground: float  #: Down coordinate of the place of take-off, m.
+    #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
+    attitude_sigma: Floats
+    #: Time between the motor outputs that were logged, s.
+    input_interval: float
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    def signals(self, lag: float) -> Floats:
+        """Arrange the inputs for the kernels, thrust delayed by a first-order lag [s]; shape (N, 14)."""
+        columns = np.empty((len(self.t), SIGNALS))
+        columns[:, :9] = self.rotation
+        columns[:, 9] = self.density
+        lag = max(lag, 0.0)
+        for place, values in ((10, self.linear), (11, self.square)):
+            columns[:, place] = lagged(values, lag, self.dt)
+            later = lagged(values, lag + _LAG_STEP, self.dt)
+            columns[:, place + 2] = (later - columns[:, place]) / _LAG_STEP
+        return columns
+
+    def cut(self, start: int, stop: int) -> Motion:
+        """Return the samples from `start` to before `stop`."""
+        part = slice(start, stop)
+        return replace(
+            self,
+            t=self.t[part],
+            rotation=np.ascontiguousarray(self.rotation[part]),
+            density=self.density[part],
+            linear=self.linear[part],
+            square=self.square[part],
+            position=np.ascontiguousarray(self.position[part]),
+            velocity=np.ascontiguousarray(self.velocity[part]),
+            acceleration=None if self.acceleration is None else self.acceleration[part],
+        )
+
+    def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
+        """Positions and velocities from the measured state at sample `start`; shape (stop - start, 6).
+
+        Parameters
+        ----------
+        theta : ndarray
+            Shared parameters (`THETA`), then wind exponent, thrust scale and wind of the flight.
+        shapes : ndarray, shape (N, w)
+            Functions of time that the wind is a sum of.
+        law : int
+            Law of drag, as the kernels number it.
+        start, stop : int
+            First sample, and the one after the last; None for all.
+
+        Returns
+        -------
+        ndarray, shape (stop - start, 6)
+            NED, m and m/s.
+        """
+        stop = len(self.t) if stop is None else stop
+        out = np.empty((stop - start, 6))
+        initial = np.concatenate([self.position[start], self.velocity[start]])
+        path(theta, self.signals(theta[LAG]), shapes, self.dt, self.ground, law, start, initial, out)
+        return out
+
+
+def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> Motion:
+    """Read from a record what the equations of motion read.
+
+    Parameters
+    ----------
+    record : Experiment
+        Inputs PWM of the motors, outputs x, y, z (north, east, up), with context.
+    vehicle : Vehicle
+        The autopilot's output scaling.
+    voltage : float or None
+        Reference, V; None to leave voltage out of account.
+    joined : bool
+        Whether slow rows of motor outputs are joined smoothly (`sysid.records.slow_rows`), which looks at rows to come:
+        for fits. Predictions run on straight lines.
+
+    Raises
+    ------
+    ExperimentError
+        Inputs are not PWM or outputs not positions.
+    MissingDataError
+        Attitude is missing.
+    """
+    return _recent.of(record, vehicle, voltage, joined, make=lambda: _read(record, vehicle, voltage, joined))
+
+
+#: A model reads the same flight anew for each horizon that it is judged at.
+_recent: Recent[Motion] = Recent(4)
+
+
+def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: bool) -> Motion:
+    if any(unit != "us" for unit in (record.units.get(name, "us") for name in record.input_names)):
+        raise ExperimentError(
+            f"{record.name}: a rigid body reads the motors' PWM; make the record with inputs='motors'"
+        )
+    if record.output_names != ("x", "y", "z"):
+        raise ExperimentError(
+            f"{record.name}: a rigid body moves in x, y, z (north, east, up); make the record with these"
+        )
+    context = record.context
+    if context is None or not context[list(_ANGLES)].notna().all(axis=None):
+        raise MissingDataError(f"{record.name}: no attitude, which the rigid body needs as an input; estimate it first")
+    interval = min(1.0 / logged_rate(record.u, record.dt), _LONGEST_INTERVAL)
+    outputs = record.u
+    if joined:
+        # What motors have in common is slower than rows come; their differences, which turn the craft, are not.
+        common = outputs.mean(axis=1, keepdims=True)
+        outputs = outputs + join_rows(common, record.dt, interval) - common
+    command = np.clip(motor_commands(outputs, vehicle), 0.0, 1.0)
+    ratio = np.ones(len(record.t))
+    if voltage is not None and "voltage" in context and bool(context["voltage"].notna().all()):
+        ratio = (context["voltage"].to_numpy(np.float64) / voltage) ** 2
+    density = context["density"].to_numpy(np.float64) / REFERENCE_DENSITY
+    rotation = rotation_matrices(*(context[name].to_numpy(np.float64) for name in _ANGLES))
+    position = record.y * np.array([1.0, 1.0, -1.0])
+    position = position - position[0]
+    velocity = context[list(_VELOCITY)].to_numpy(np.float64)
+    if not np.isfinite(velocity).all():
+        velocity = np.gradient(position, record.dt, axis=0)
+    force = context[list(_FORCE)].to_numpy(np.float64)
+    acceleration = None
+    if np.isfinite(force).all():
+        acceleration = np.einsum("nij,nj->ni", rotation, force) + np.array([0.0, 0.0, STANDARD_GRAVITY])
+    return Motion(
+        name=record.name,
+        t=record.t,
+        rotation=np.ascontiguousarray(rotation.reshape(-1, 9)),
+        density=np.where(np.isfinite(density), density, 1.0),
+        linear=ratio * command.sum(axis=1),
+        square=ratio * (command**2).sum(axis=1),
+        position=np.ascontiguousarray(position),
+        velocity=np.ascontiguousarray(velocity),
+        acceleration=acceleration,
+        ground=float(max(position[0, 2], position[-1, 2])),
+        attitude_sigma=_attitude_sigma(context),
+        input_interval=interval,
+    )
+
+
+def _attitude_sigma(context: pd.DataFrame) -> Floats:
+    """Root mean square of what the estimator states of its attitude, (3,) rad; `ATTITUDE_SIGMA` where it does not."""
+    if not set(_ATTITUDE_ERROR) <= set(context.columns):
+        return np.full(3, ATTITUDE_SIGMA)
+    stated = np.sqrt(np.mean(context[list(_ATTITUDE_ERROR)].to_numpy(np.float64) ** 2, axis=0))
+    return np.asarray(np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA))
+
+
+def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
+    """Matrices from body to NED, ``Rz(yaw) Ry(pitch) Rx(roll)``; shape (N, 3, 3).
+
+    Parameters
+    ----------
+    roll, pitch, yaw : ndarray, shape (N,)
+        rad.
+    """
+    sr, cr, sp, cp, sy, cy = (f(a) for a in (roll, pitch, yaw) for f in (np.sin, np.cos))
+    rows = [
+        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+        [-sp, sr * cp, cr * cp],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
