@@ -21,6 +21,8 @@ _KNOWN = np.zeros(256, np.int32)
 _KNOWN[list(b"BFIMPQADLC")] = [43, 5, 6, 7, 6, 7, 7, 13, 12, 14]
 _KNOWN[list(b"RSO")] = [-5, -11, -5]
 _DATA, _SUBSCRIPTION = ord("D"), ord("A")
+#: Kinds that begin with a name: information, of several parts, format, parameter, its default.
+_INFORMATION, _PARTS, _FORMAT, _PARAMETER, _DEFAULT = (ord(kind) for kind in "IMFPQ")
 #: Bytes that a message which is no data has at most, where nothing else says that its length is right.
 _MOST_OTHER = 1024
 
@@ -118,9 +120,11 @@ def _follow(data: Bytes, at: int, lengths: Int32s, known: Int32s, certain: bool)
         if other and (certain or lengths[1, topic] > 1):
             return at
         follows = stop == len(data) or _sound(data, stop, lengths, known, certain)
-        if length > _MOST_OTHER and not is_data:
-            # So long a message is rare, and names what it holds; a damaged length is not rare.
-            for place in range(at + 5, at + 9):
+        kind = data[at + 2]
+        named = kind in (_INFORMATION, _PARTS, _FORMAT, _PARAMETER, _DEFAULT)
+        if named or (length > _MOST_OTHER and not is_data):
+            # A damaged header reads as one of these by chance; and other long messages are rare, which hold text too.
+            for place in range(at + 5, min(at + 9, stop)):
                 follows = follows and 32 <= data[place] < 127
         if follows:
             if is_data and not certain:

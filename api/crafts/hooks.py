@@ -161,7 +161,8 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
     if secure:
         context = ssl.create_default_context()
         stream = context.wrap_socket(stream, server_hostname=host, do_handshake_on_connect=False)
-    deadline = threading.Timer(TIMEOUT, _cut_off, (stream,))
+    late = threading.Event()
+    deadline = threading.Timer(TIMEOUT, _cut_off, (stream, late))
     deadline.start()
     try:
         if isinstance(stream, ssl.SSLSocket):
@@ -182,15 +183,20 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
             },
         )
         return connection.getresponse().status
-    except http.client.HTTPException as error:
+    except (OSError, http.client.HTTPException) as error:
+        if late.is_set():  # what was cut off may end as it likes: by what came so far, or by a reset
+            raise OSError(f"no HTTP answer within {TIMEOUT:g} s") from error
+        if isinstance(error, OSError):
+            raise
         raise OSError(f"no HTTP answer: {type(error).__name__}") from error
     finally:
         deadline.cancel()
         stream.close()
 
 
-def _cut_off(stream: socket.socket) -> None:
+def _cut_off(stream: socket.socket, late: threading.Event) -> None:
     """End a connection that another thread waits for."""
+    late.set()
     with suppress(OSError):
         socket.socket.shutdown(stream, socket.SHUT_RDWR)
 

@@ -157,7 +157,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
-    remarks += [remark for item in axes if (remark := _rejects_less(item, aim))]
+    remarks += [remark for item in axes if (remark := rejects_less(item, aim))]
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
@@ -226,7 +226,7 @@ def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
     return AxisTuning(axis, reason, loop)
 
 
-def _rejects_less(item: AxisTuning, aim: Aim) -> str | None:
+def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
     """Return that a proposal gives rejection up for margins that the flown gains lack."""
     if item.tuned is None or item.loop is None or item.wider:
         return None

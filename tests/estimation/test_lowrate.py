@@ -11,7 +11,9 @@ from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
 from estimation.height_spikes import steady_heights
-from estimation.lowrate import DISTURBANCE, EKF_LASTING, SIZE, _factor, _filter, _Measured, _transition
+from estimation.lowrate.measurements import SIZE, Measured
+from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transition
+from estimation.lowrate.weights import DISTURBANCE, variance_factor
 from estimation.states import SensorNoise
 from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
@@ -199,7 +201,7 @@ def test_errors_that_last_weigh_as_much_as_they_do(hold):
     rng = np.random.default_rng(hold)
     t = 0.5 * np.arange(8000)
     residuals = np.repeat(rng.normal(0.0, 2.0, 8000 // hold), hold)
-    assert _factor(t, residuals, np.ones(8000)) == pytest.approx(4.0 * {1: 1.0, 4: 3.0}[hold], rel=0.15)
+    assert variance_factor(t, residuals, np.ones(8000)) == pytest.approx(4.0 * {1: 1.0, 4: 3.0}[hold], rel=0.15)
 
 
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):
@@ -219,15 +221,15 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     selector = np.zeros((3, SIZE))
     selector[:, 0:3] = selector[:, 9:12] = np.eye(3)
     measured = [
-        _Measured(when, "gps_position", selector, rng.normal(size=3), np.full(3, 0.04)) for when in np.round(t, 4)
+        Measured(when, "gps_position", selector, rng.normal(size=3), np.full(3, 0.04)) for when in np.round(t, 4)
     ]
     baro = np.zeros((1, SIZE))
     baro[0, 2], baro[0, 12] = -1.0, 1.0
-    measured.append(_Measured(measured[-1].t, "baro", baro, np.array([0.3]), np.array([0.02])))
+    measured.append(Measured(measured[-1].t, "baro", baro, np.array([0.3]), np.array([0.02])))
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
-    x, P, _ = _filter(
+    x, P, _ = filter_telemetry(
         nodes,
         idle,
         measured,
@@ -245,7 +247,7 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     xs, Ps, Fs, Qs = [], [], [], []
     for k, m in enumerate(measured[:-1]):
         F, _, Q = (
-            _transition(nodes[k] - nodes[k - 1], disturbance, gps_sigma, SensorNoise())
+            transition(nodes[k] - nodes[k - 1], disturbance, gps_sigma, SensorNoise())
             if k
             else (
                 np.eye(SIZE),

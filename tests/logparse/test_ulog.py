@@ -136,6 +136,17 @@ def test_a_damaged_length_costs_its_own_message_and_no_other(length):
     assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
 
 
+@pytest.mark.parametrize("kind", "IMFP")
+def test_a_damaged_header_that_reads_as_a_message_with_a_name_hides_no_other(kind):
+    """It may end where a sound message begins, by chance, and all between would be its value."""
+    log = bytearray(small_log())
+    at, end = (log.find(struct.pack("<HQ", 1, START + 4000 * k + 1)) - 3 for k in (1, 8))
+    log[at : at + 3] = struct.pack("<HB", end - at - 3, ord(kind))
+    source = UlogSource(bytes(log))
+    counts = source.counts(source.boots[0])
+    assert (counts["gyro"], counts["gyro_1"]) == (19, 20)
+
+
 def test_appended_data_is_found_behind_damage_and_a_message_cut_short():
     """A log cut off in flight gets the crash dump appended, at an offset that its first message holds."""
     log = bytearray(small_log() + message("D", bytes(24))[:-9])

@@ -191,7 +191,7 @@ def test_rejection_is_given_up_only_for_margins_that_the_flown_gains_lack():
     item = tune_axis(flown_loop(thin, LoopGains(P=0.0748, I=0.0729, D=0.0009), 1), Aim())
     assert item.tuned is not None
     assert not item.wider
-    assert "instead of 0.83: the flown gains leave 40 deg of phase margin" in tuning._rejects_less(item, Aim())
+    assert "instead of 0.83: the flown gains leave 40 deg of phase margin" in tuning.rejects_less(item, Aim())
 
 
 def test_values_come_back_as_typed():
