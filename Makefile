@@ -31,7 +31,7 @@ analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html 
 	@$(BIN)/rotorid analyze sample_logs --out out
 
 check: lint  ## lint and the fast tests: what to run before a commit
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow"
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow and not lengthy"
 
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
 test: setup  ## run all tests in random order; SEED=n repeats an order

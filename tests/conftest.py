@@ -44,6 +44,60 @@ for case in ("motion-vertical", "octa01_zurich_calm"):
 #: Fixtures, and parameters of tests, that stand for a program beside the tests: a browser, a database server.
 _PROGRAMS = {"browser", "postgresql", "s3"}
 
+#: Modules whose tests take more than three seconds together beside the slow ones, four fifths of the time of all: `make check`
+#: leaves them to `make test`.
+_LENGTHY = {
+    ROOT / "tests" / f"{name}.py"
+    for name in [
+        "api/test_access",
+        "api/test_analyses",
+        "api/test_crafts",
+        "api/test_database",
+        "api/test_ends",
+        "api/test_form_tokens",
+        "api/test_hooks",
+        "api/test_hostile",
+        "api/test_openapi",
+        "api/test_operation",
+        "api/test_other_sites",
+        "api/test_pages",
+        "api/test_server",
+        "docs/test_docstrings",
+        "docs/test_findings",
+        "estimation/test_estimate",
+        "estimation/test_further_sensors",
+        "estimation/test_robustness",
+        "fuzz/test_fuzz",
+        "logparse/foreign/test_tables",
+        "logparse/test_compiled",
+        "logparse/test_dataflash_damage",
+        "logparse/test_dataflash_edges",
+        "logparse/test_tlog",
+        "pipeline/test_bad_fields",
+        "pipeline/test_executors",
+        "pipeline/test_fleet",
+        "pipeline/test_identification",
+        "reports/test_report_schema",
+        "rotorid/test_front_door",
+        "rotorid/test_start",
+        "simulation/test_cases",
+        "simulation/test_sample_logs",
+        "sysid/frequency/test_bad_input",
+        "sysid/loops/test_as_flown",
+        "sysid/loops/test_design",
+        "sysid/loops/test_lua",
+        "sysid/loops/test_tuning",
+        "sysid/test_gusts",
+        "sysid/test_kim2017",
+        "sysid/test_motor_dropout",
+        "sysid/test_motor_loss",
+        "sysid/test_pem",
+        "sysid/test_rigid_body",
+        "sysid/test_steady_imbalance",
+        "sysid/test_trim",
+    ]
+}
+
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
@@ -52,6 +106,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
     The order within both groups stays random. A module of minutes that came last would leave the other workers idle.
     """
     for item in items:
+        if item.path in _LENGTHY:
+            item.add_marker("lengthy")
         parameters = getattr(item, "callspec", None)
         used = {*getattr(item, "fixturenames", ()), *map(str, parameters.params.values() if parameters else ())}
         if used & _PROGRAMS:
