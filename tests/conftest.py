@@ -44,7 +44,7 @@ for case in ("motion-vertical", "octa01_zurich_calm"):
 #: Fixtures, and parameters of tests, that stand for a program beside the tests: a browser, a database server.
 _PROGRAMS = {"browser", "postgresql", "s3"}
 
-#: Modules whose tests take more than three seconds together beside the slow ones, four fifths of the time of all: `make check`
+#: Modules whose tests take more than three seconds beside the slow ones, four fifths of the time of all: `make check`
 #: leaves them to `make test`.
 _LENGTHY = {
     ROOT / "tests" / f"{name}.py"
