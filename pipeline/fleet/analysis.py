@@ -104,6 +104,8 @@ def analyze_fleet(
     with _alone(store):
         progress(f"looking into {len(found.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
+        if former.software not in (None, software()):
+            progress("results here are of another version of rotorid or its libraries, and are made anew", 0.0)
         records = index_sources(found.sources, former, config, executor)
         known = {} if redo else _known(records, former, store, page_key(publish))
         began = perf_counter()

@@ -178,8 +178,21 @@ def test_only_what_is_new_or_changed_is_done(logs, tmp_path):
 def test_other_software_does_everything_anew(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(logs, out)
+    heard: list[str] = []
+    run(logs, out, progress=lambda what, _: heard.append(what))
+    assert not [each for each in heard if "another version" in each]
     of_software(monkeypatch, "0.2.0")
-    assert len(run(logs, out)[1]) == 4
+    assert len(run(logs, out, progress=lambda what, _: heard.append(what))[1]) == 4
+    assert "results here are of another version of rotorid or its libraries, and are made anew" in heard
+
+
+@pytest.mark.parametrize("written", ['{"logs": 3}', "no JSON"])
+def test_a_manifest_of_another_form_is_written_anew(logs, tmp_path, written):
+    out = tmp_path / "out"
+    run(logs, out)
+    (out / "manifest.json").write_text(written)
+    assert len(run(logs, out)[0].flights) == 4
+    assert manifest.read_manifest(open_store(out)).software is not None
 
 
 def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_path, monkeypatch):
