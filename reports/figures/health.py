@@ -36,9 +36,9 @@ _ROTORS_REACH = 600.0
 _OWN = {"asked": "@own", "flown": "@ink"}
 
 _CAPTIONS = {
-    "attitude": "Attitude asked for (blue) and flown (dark). They should lie on each other; where they part, the craft "
+    "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
     "could not do what was asked.",
-    "rates": "Angular rates asked for (blue) and flown (dark), as the rate controller saw them.",
+    "rates": "Angular rates asked for and flown, as the rate controller saw them.",
     "vibration": "Vibration as the autopilot measures it. Above the lower dashed line the estimate of height may "
     "suffer, above the upper it nearly always does.",
     "battery": "Battery. Voltage should fall slowly; dips show load beyond what the battery can give.",

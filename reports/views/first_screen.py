@@ -34,7 +34,7 @@ _LETTER = 0.012
 _PLACES = {"x": "north x", "y": "east y", "z": "up z"}
 _CAPTIONS = {
     "motors": "Motor outputs (µs): who parts from the others, and when; limits dashed.",
-    "attitude": "Attitude asked (blue) and flown (dark).",
+    "attitude": "Attitude asked and flown.",
     "altitude": "Height above the start.",
 }
 
