@@ -4,11 +4,13 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from logparse import containers
 
 ROOT = Path(__file__).parents[1]
 
@@ -133,6 +135,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         ended = [program.wait() for program in programs]
         if not any(ended) and cache is not None:
             cache.set("rotorid/kernels", compiled)
+
+
+@pytest.fixture
+def limit_unpacked() -> Iterator[Callable[[int], None]]:
+    """Give the function that bounds what archives may unpack to in this process; the test's bound ends with it."""
+    yield containers.limit_unpacked
+    containers.limit_unpacked(containers.MAX_UNPACKED_BYTES)
 
 
 @pytest.fixture(scope="module")

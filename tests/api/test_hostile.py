@@ -16,7 +16,7 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from logparse import LogError, containers, read_log
+from logparse import LogError, read_log
 from tests.api import standins
 from tests.api.conftest import running, unfinished
 from tests.api.programs import PATIENCE, wait_until
@@ -189,9 +189,11 @@ def test_text_of_a_log_is_never_markup(service: httpx.Client, upload: Upload) ->
 
 
 @pytest.mark.parametrize("pack", ["gzip", "zip"])
-def test_a_bomb_is_refused_before_it_fills_the_disk(tmp_path: Path, pack: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bomb_is_refused_before_it_fills_the_disk(
+    tmp_path: Path, pack: str, limit_unpacked: Callable[[int], None]
+) -> None:
     """A few hundred kB that unpack to more than a log may have."""
-    monkeypatch.setattr(containers, "MAX_UNPACKED_BYTES", 50 << 20)
+    limit_unpacked(50 << 20)
     zeros = b"\xa3\x95\x80\x80" + bytes((60 << 20) - 4)
     path = tmp_path / f"bomb.{pack}"
     if pack == "gzip":

@@ -68,13 +68,14 @@ def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(defer
 
 def test_columns_come_one_by_one_without_their_table(at_once, deferred):
     whole, tables = at_once[0], deferred.tables
+    kept = tables.imu
     wanted = ("out_roll", "w_x_ref", "out_thrust")
     for source in (whole, tables):
         columns = list(source.columns("rates", wanted))
         assert [column.name for column in columns] == list(wanted)
         for column in columns:
             pd.testing.assert_series_equal(column, whole.rates[column.name], check_exact=True)
-    assert not tables._long
+    assert tables.imu is kept, "no other long table was made, which would have taken its place"
     assert list(Tables().columns("rates", wanted)) == []
 
 
@@ -82,9 +83,10 @@ def test_times_are_those_of_the_table_until_they_are_released(at_once, deferred)
     whole, tables = at_once[0], deferred.tables
     for name in ("imu", "rates", "gps"):
         assert tables.times(name).tolist() == whole.times(name).tolist() == getattr(whole, name).index.tolist()
-    assert tables.times("imu") is tables.times("imu")
+    kept = tables.times("imu")
+    assert tables.times("imu") is kept
     tables.release()
-    assert not tables._times
+    assert tables.times("imu") is not kept
     assert Tables().times("imu") is None
 
 

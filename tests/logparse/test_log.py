@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import zipfile
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import FlightLog, LogError, Tables, containers, read_log
+from logparse import FlightLog, LogError, Tables, read_log
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 
@@ -127,7 +128,7 @@ def test_archive_that_is_cut_short_gives_what_it_holds(tmp_path: Path) -> None:
         read_log(tmp_path / "stub.gz")
 
 
-def test_archives_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_archives_that_are_refused(tmp_path: Path, limit_unpacked: Callable[[int], None]) -> None:
     path = small_log(tmp_path / "a.bin")
     with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:
         archive.write(path, "a.bin")
@@ -141,7 +142,7 @@ def test_archives_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "broken.zip").write_bytes(b"PK\x03\x04" + b"x" * 100)
     with pytest.raises(LogError, match="cannot be opened"):
         read_log(tmp_path / "broken.zip")
-    monkeypatch.setattr(containers, "MAX_UNPACKED_BYTES", 1000)
+    limit_unpacked(1000)
     with gzip.open(tmp_path / "bomb.gz", "wb") as packed:
         packed.write(path.read_bytes())
     with pytest.raises(LogError, match="unpacks to more"):

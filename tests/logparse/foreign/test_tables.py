@@ -165,7 +165,7 @@ def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path
 
 
 @pytest.mark.parametrize("suffix", [".csv.gz", ".csv.xz", ".csv.bz2", ".parquet", "5.mat", "73.mat"])
-def test_a_packed_table_may_not_unpack_beyond_what_a_log_may(tmp_path, suffix, monkeypatch):
+def test_a_packed_table_may_not_unpack_beyond_what_a_log_may(tmp_path, suffix, limit_unpacked):
     """A few kilobytes that unpack to a hundred times as much, as zeros do, fill the memory of a computer."""
     path, rows = tmp_path / f"bomb{suffix}", 200_000
     if suffix == ".parquet":
@@ -181,7 +181,7 @@ def test_a_packed_table_may_not_unpack_beyond_what_a_log_may(tmp_path, suffix, m
         pd.DataFrame({"t": np.zeros(rows)}).to_csv(path, index=False)
     assert len(read_columns(path)) == rows
     assert path.stat().st_size < 20_000
-    monkeypatch.setattr("logparse.containers._limit", 500_000)
+    limit_unpacked(500_000)
     with pytest.raises(RotoridError, match=r"bomb.*(more than|of numbers, more than)"):
         read_columns(path)
 
@@ -194,11 +194,11 @@ def test_a_cell_that_python_cannot_take_for_a_list_is_no_list(tmp_path, cell):
     assert np.array_equal(read_columns(path)["p[0]"], [np.nan, 1.0], equal_nan=True)
 
 
-def test_lists_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
+def test_lists_that_would_fill_the_memory_are_refused(tmp_path, limit_unpacked):
     """One long list makes a column for each of its numbers, in every row: 1 MB of text asked for 298 GB."""
     path = tmp_path / "table.csv"
     path.write_text("t,p\n" + '1,"[' + ",".join("0" * 1000) + ']"\n' + "1,[]\n" * 1000)
-    monkeypatch.setattr("logparse.containers._limit", 5_000_000)
+    limit_unpacked(5_000_000)
     with pytest.raises(TableError, match="column p: lists of up to 1000 numbers in 1001 rows"):
         read_columns(path)
 
