@@ -2,6 +2,8 @@
 
 import os
 import sqlite3
+import threading
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +21,9 @@ from api.store.scratch import open_locked
 
 #: Seconds that a statement waits for another process that holds SQLite's lock, unless the URL says ``?timeout=``.
 _PATIENCE = 10.0
+
+#: Who waits for a SQLite file's lock in this process stands in line here, by the database's URL.
+_turns: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
 
 #: Bytes kept for deleting at a full disk: SQLite writes every page that it changes into a log first.
 _RESERVE = 256 << 10
@@ -179,6 +184,18 @@ def _prepare_sqlite(connection: sqlite3.Connection) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    """Begin the transaction ourselves: Python's driver would only do so at the first change."""
-    writes = connection.get_execution_options().get("writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+    """Begin the transaction ourselves: Python's driver would only do so at the first change.
+
+    Writers take turns. SQLite lets them look for its lock ten times a second, which one that has just given it up takes
+    again between two looks of the others: on a slow disk these starved.
+    """
+    if not connection.get_execution_options().get("writes", False):
+        connection.exec_driver_sql("BEGIN")
+        return
+    turn = _turns[str(connection.engine.url)]
+    taken = turn.acquire(timeout=_PATIENCE)
+    try:
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+    finally:
+        if taken:
+            turn.release()

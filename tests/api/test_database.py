@@ -1,5 +1,6 @@
 """On both databases: the tables are what the records say, and many who work at once never get in each other's way."""
 
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
@@ -22,6 +23,7 @@ from api.store.resources import State
 from api.work.queue import Claim, Queue
 from tests.api import postgresql, standins
 from tests.api.conftest import running
+from tests.api.programs import PATIENCE
 
 PROBLEM = Problem(title="No", status=422, detail="No.")
 
@@ -95,6 +97,32 @@ def test_several_servers_may_open_a_new_file_at_once(tmp_path: Path) -> None:
             assert list(pool.map(ask, servers)) == [1, 1, 1, 1]
         for each in servers:
             each.close()
+
+
+def test_writers_of_a_slow_sqlite_file_take_turns(tmp_path: Path) -> None:
+    """Whoever had just given the lock up took it again, until the others gave up."""
+    opened = [Database(f"sqlite:///{tmp_path / 'rotorid.db'}") for _ in range(2)]
+    opened[0].migrate()
+    turns: list[int] = []
+    waiting = threading.Event()
+
+    def write(writer: int) -> None:
+        with opened[writer].write() as session:
+            waiting.set()
+            session.execute(select(LogRecord))  # begins the transaction
+            turns.append(writer)
+
+    with ThreadPoolExecutor(1) as pool:
+        with opened[0].write() as session:
+            session.execute(select(LogRecord))
+            other = pool.submit(write, 1)
+            assert waiting.wait(PATIENCE)
+            threading.Event().wait(0.4)  # by now SQLite looks at its lock ten times a second only
+        write(0)
+        other.result()
+    for each in opened:
+        each.close()
+    assert turns == [1, 0]
 
 
 def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep: Callable[..., str], url: str) -> None:
