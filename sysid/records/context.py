@@ -8,6 +8,7 @@ Columns of `Experiment.context`, all on the experiment's `t`:
 ``f_x f_y f_z``                        m/s^2, specific force, FRD, bias removed
 ``phi_n phi_e phi_d``                  rad, standard deviation of the attitude's error about north, east and down
 ``v_n v_e v_d``                        m/s
+``height``                             m above the ground of take-off; only where the craft was seen at rest there
 ``density``                            kg/m^3, NaN where neither pressure nor altitude is known
 ``voltage``                            V, NaN where not logged
 ``rate_x rate_y rate_z``               rad/s as the rate controller saw them; only where RATE or its like is logged

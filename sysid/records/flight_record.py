@@ -20,6 +20,7 @@ from sysid.records.resampling import resample
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
+    from logparse.flights import Flight
 
 #: A gap in the inputs longer than this ends the usable segment, s.
 LONGEST_GAP = 1.0
@@ -29,6 +30,9 @@ KNOWN = 0.5
 
 #: Commands that move by less than this many standard deviations of their rounding are mostly rounding.
 ABOVE_ROUNDING = 2.0
+
+#: Times from take-off or landing [s] between which a craft rests, and by how much its height then changes at most, m.
+REST, STILL = (1.5, 5.0), 0.2
 
 #: Input sets that are the sums of several signals: one of them missing is all missing.
 _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
@@ -112,6 +116,8 @@ def record_flight(
     t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
     u = resample(piece.index.to_numpy(np.float64), piece.to_numpy(np.float64), t)
     context = shared_context(beside, trajectory, log.tables, t)
+    if "height" not in context and (ground := _ground(states["p_d"], log.flight)) is not None:
+        context = context.assign(height=ground - resample_frame(states[["p_d"]], t)[:, 0])
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
             Finding(
@@ -155,6 +161,21 @@ def record_flight(
         context=context,
         findings=(*source.findings, *findings, *more),
     )
+
+
+def _ground(down: pd.Series, flight: Flight) -> float | None:
+    """Return the down coordinate at rest before take-off, else after landing; None where neither was logged.
+
+    A flight begins when the craft has risen by a few decimetres: in wind that grows with height these bend its profile.
+    """
+    for first, last in (
+        (flight.start - REST[1], flight.start - REST[0]),
+        (flight.stop + REST[0], flight.stop + REST[1]),
+    ):
+        rest = down.loc[first:last]
+        if len(rest) > 1 and rest.index[-1] - rest.index[0] > 0.5 and float(np.ptp(rest)) < STILL:
+            return float(rest.median())
+    return None
 
 
 def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:

@@ -33,7 +33,7 @@ from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma, trim_errors
-from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
+from sysid.rigid_body.conditions.trim import KNOWN_AT_BEST, early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
@@ -44,9 +44,6 @@ from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rate
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
-
-#: Smallest standard deviations with which exponent, thrust scale and wind of a flight are known when it is predicted.
-KNOWN_AT_BEST = np.array([0.02, 1e-3, 0.02, 0.02])
 
 #: Parameters in the order in which they are estimated, with their units; the first group from translation, the second
 #: from rotation.
@@ -186,8 +183,7 @@ class RigidBodyModel(Summarised):
         else:
             known, looked = carried.wander.start(_sigma(trim)), flight
         blocks = velocity_increments(looked, mean, self.law)
-        places = [self.estimated.index(name) for name in THETA]
-        errors = trim_errors(blocks, known, carried.wander, self.covariance[np.ix_(places, places)])
+        errors = trim_errors(blocks, known, carried.wander, self._doubt)
         free = flight.cut(start, len(flight.t)) if start > 0 else flight
         sigma = np.full((len(flight.t), 3), np.nan)
         sigma[start:] = drift_sigma(free, run, mean, self.law, errors, carried.wander)
@@ -312,8 +308,8 @@ class RigidBodyModel(Summarised):
         flight = self._motion(experiment)
         if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
             beginning = flight.cut(0, max(round(seconds / flight.dt), 2))
-            return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s")
-        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing)
+            return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s", self._doubt)
+        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing, self._doubt)
 
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
@@ -422,6 +418,12 @@ class RigidBodyModel(Summarised):
     def _shared(self) -> Floats:
         """Parameters of translation in the order of the kernels."""
         return np.array([self.value(name) for name in THETA])
+
+    @property
+    def _doubt(self) -> Floats:
+        """Covariance of `_shared`."""
+        places = [self.estimated.index(name) for name in THETA]
+        return self.covariance[np.ix_(places, places)]
 
     def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""

@@ -11,13 +11,13 @@ from tests.sysid import flights
 from tests.sysid.flights import frame
 
 
-def made(motors=None, flight=(10.0, 50.0)):
+def made(motors=None, flight=(10.0, 50.0), down=lambda t: -3.0 - 2.0 * t):
     """Make a climb to the north-west at sea level, 60 s with motors at 10 Hz and states at 50 Hz."""
     tm = np.arange(0.0, 60.0, 0.1)
     if motors is None:
         motors = frame(tm, m1=1500.0 + tm, m2=1400.0 - tm)
     baro = frame(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
-    path = {"north": lambda t: 100.0 + t, "east": lambda t: -t, "down": lambda t: -3.0 - 2.0 * t}
+    path = {"north": lambda t: 100.0 + t, "east": lambda t: -t, "down": down}
     return flights.made(Tables(motors=motors, baro=baro), flight=flight, **path)
 
 
@@ -32,6 +32,15 @@ def test_position_is_north_east_up_of_the_first_airborne_sample():
     assert record.units["z"] == "m"
     assert record.context["density"].iloc[0] == pytest.approx(1.225, rel=1e-3)
     assert record.context["voltage"].isna().all()
+
+
+def test_height_counts_from_where_the_craft_rested():
+    """Where a flight begins the craft has risen already: 0.4 m bent the profile of the wind by ten standard errors."""
+    before = Experiment.from_flight(*made(down=lambda t: -1.0 - np.maximum(t - 9.0, 0.0)))
+    np.testing.assert_allclose(before.context["height"], before.t - 9.0, atol=1e-6)
+    after = Experiment.from_flight(*made(down=lambda t: -2.0 - np.maximum(51.0 - t, 0.0)))
+    np.testing.assert_allclose(after.context["height"], 51.0 - after.t, atol=1e-6)
+    assert "height" not in Experiment.from_flight(*made()).context
 
 
 def test_records_of_one_flight_and_clock_share_their_context():

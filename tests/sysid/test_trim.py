@@ -69,7 +69,8 @@ def sheared(exponent, seed, speed=5.0):
         path(theta, flight.signals(theta[LAG]), shapes, flight.dt, ground, model.law, 0, initial, states)
         ground = max(states[0, 2], states[-1, 2])
     context = seen.context.assign(
-        **{f"v_{axis}": states[:, 3 + k] + 0.01 * rng.standard_normal(len(states)) for k, axis in enumerate("ned")}
+        **{f"v_{axis}": states[:, 3 + k] + 0.01 * rng.standard_normal(len(states)) for k, axis in enumerate("ned")},
+        height=ground - states[:, 2],
     )
     y = states[:, :3] * [1.0, 1.0, -1.0] + 0.005 * rng.standard_normal((len(states), 3))
     return replace(seen, y=y - y[0], context=context)
@@ -87,6 +88,31 @@ def test_every_flight_has_its_own_wind_profile():
         found = model.trim(seen)
         assert abs(found.wind_exponent - exponent) < max(3.0 * found.wind_exponent_sigma, 0.05)
         assert max(validate(model.trimmed([seen]), [seen], horizons=()).average.values()) < 1.0
+
+
+def test_the_profile_counts_from_the_ground_wherever_a_record_begins():
+    seen = sheared(0.45, 5)
+    later = seen.window(seen.t[0] + 20.0, seen.t[-1] - 15.0)
+    found = fitted().trim(later)
+    assert later.context["height"].iloc[[0, -1]].min() > 5.0
+    assert abs(found.wind_exponent - 0.45) < 0.05
+
+
+def test_a_trim_is_no_better_known_than_the_drag_that_it_goes_by():
+    """Drag of a craft that is 10 % off takes the wind with it: seven standard errors of the filter."""
+    seen, model = other(), fitted()
+    drags = [name for name in model.parameters if name.startswith("drag")]
+    places = [model.estimated.index(name) for name in drags]
+    covariance = model.covariance.copy()
+    values = np.array([model.value(name) for name in drags])
+    covariance[places], covariance[:, places] = 0.0, 0.0
+    covariance[np.ix_(places, places)] = 0.01 * np.outer(values, values)
+    off = {name: replace(model.parameters[name], used=1.1 * model.value(name)) for name in drags}
+    right = model.trim(seen)
+    found = replace(model, covariance=covariance, parameters={**model.parameters, **off}).trim(seen)
+    error = np.hypot(found.wind_n - right.wind_n, found.wind_e - right.wind_e)
+    assert 0.3 * found.wind_sigma < error < 2.0 * found.wind_sigma
+    assert found.thrust_scale_sigma < 0.01
 
 
 def test_a_free_run_is_free_from_where_its_trim_has_looked_at():

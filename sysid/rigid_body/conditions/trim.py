@@ -6,18 +6,32 @@ import numpy as np
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Floats
-from sysid.rigid_body.conditions.carried import ANY_FLIGHT, ANY_SIGMA, HIGHEST, LOWEST, WIND_SIGMA, carry_states
+from sysid.rigid_body.conditions.carried import (
+    ANY_FLIGHT,
+    ANY_SIGMA,
+    HIGHEST,
+    LOWEST,
+    WIND_SIGMA,
+    Carried,
+    carry_states,
+)
+from sysid.rigid_body.conditions.drift_band import trim_errors
 from sysid.rigid_body.conditions.wander import FIXED
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
 from sysid.rigid_body.methods.output_error import Prior, fit_output_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
+from sysid.rigid_body.motion.increments import velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
 UNUSUAL = 2.5
 
-#: Place of the first wind coefficient among the parameters of a flight.
-_WIND = len(OWN)
+#: Standard deviations that exponent, thrust scale and wind of a flight have at best: where the ground is, how the wind
+#: grows with height above it and how the air departs from the standard are not known better.
+KNOWN_AT_BEST = np.array([0.02, 1e-3, 0.02, 0.02])
+
+#: Places of the thrust scale and the first wind coefficient among the parameters of a flight.
+_SCALE, _WIND = OWN.index("thrust_scale"), len(OWN)
 
 
 def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -39,7 +53,7 @@ def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats
     return mean, sigma, np.concatenate([LOWEST, np.full(more, -50.0)]), np.concatenate([HIGHEST, np.full(more, 50.0)])
 
 
-def early_trim(flight: Motion, shared: Floats, law: int, source: str) -> FlightTrim:
+def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Floats | None = None) -> FlightTrim:
     """Find wind and thrust scale from the beginning of a flight, for what comes after it.
 
     They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
@@ -55,31 +69,36 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str) -> FlightT
         Of drag.
     source : str
         For the result.
+    doubt : ndarray, shape (SHARED, SHARED), optional
+        Covariance of the craft's parameters, which a trim makes up for; left out of the standard errors when not given.
     """
     carried = carry_states(flight, shared, law)
-    own = carried.own[-1]
-    return trim_from(own, carried.covariances[-1][:FIXED, :FIXED], np.zeros(0), source, float(flight.t[-1]))
+    own, covariance = carried.own[-1], _stated(flight, shared, law, carried, doubt)
+    return trim_from(own, covariance, np.zeros(0), source, float(flight.t[-1]))
 
 
-def whole_trim(flight: Motion, shared: Floats, law: int, source: str, spacing: float | None) -> FlightTrim:
+def whole_trim(
+    flight: Motion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats | None = None
+) -> FlightTrim:
     """Match the free run over a whole flight from the measured initial state by wind and thrust scale alone.
 
-    The start, the wind's exponent and standard errors are those of the filter (`early_trim`), because one free run has
-    no scatter to tell errors from.
+    The start and the wind's exponent are those of the filter (`early_trim`), and so are standard errors, because one
+    free run has no scatter to tell errors from; what lies between the two is added.
 
     Parameters
     ----------
-    flight, shared, law, source
+    flight, shared, law, source, doubt
         As for `early_trim`.
     spacing : float or None
         Time between the points of a varying wind, s; None for a constant one.
     """
     carried = carry_states(flight, shared, law)
-    start, covariance = carried.own[-1], carried.covariances[-1][:FIXED, :FIXED]
+    start = carried.own[-1]
     shapes, prior = wind_shapes(flight.t, np.zeros(0)), _prior(shared, start, 1, 0.0)
     values = np.concatenate([shared, start])
     free = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
     own = free.values[SHARED:]
+    covariance = _stated(flight, shared, law, carried, doubt) + np.outer(own - start, own - start)
     knots = wind_knots(flight.t, spacing)
     if len(knots) == 0:
         return trim_from(own, covariance, knots, source)
@@ -88,6 +107,19 @@ def whole_trim(flight: Motion, shared: Floats, law: int, source: str, spacing: f
     prior = _prior(shared, own, 1 + len(knots), float(np.hypot(*own[_WIND:])))
     varying = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
     return trim_from(varying.values[SHARED:], covariance, knots, source)
+
+
+def _stated(flight: Motion, shared: Floats, law: int, carried: Carried, doubt: Floats | None) -> Floats:
+    """Covariance of exponent, thrust scale and wind at the end of a flight, with what they make up for; (4, 4)."""
+    known = carried.covariances[-1]
+    covariance = known[:FIXED, :FIXED] + np.diag(KNOWN_AT_BEST**2)
+    if doubt is not None:
+        blocks = velocity_increments(flight, np.concatenate([shared, carried.own[-1]]), law)
+        more = trim_errors(blocks, known, carried.wander, doubt)[:FIXED, :FIXED] - known[:FIXED, :FIXED]
+        # The scale is over the model's thrust, however wrong that is.
+        more[_SCALE], more[:, _SCALE] = 0.0, 0.0
+        covariance += more
+    return np.asarray(covariance)
 
 
 def trim_from(

@@ -204,7 +204,8 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         position=np.ascontiguousarray(position),
         velocity=np.ascontiguousarray(velocity),
         acceleration=acceleration,
-        ground=float(max(position[0, 2], position[-1, 2])),
+        # A record that does not tell begins or ends near the ground.
+        ground=float(context["height"].iloc[0] if "height" in context else max(position[0, 2], position[-1, 2])),
         attitude_sigma=_attitude_sigma(context),
         input_interval=interval,
     )
