@@ -30,7 +30,7 @@ from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
-from pipeline.results.coverage import Coverage
+from pipeline.results.coverage import Coverage, LoggedRate
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.loops import FlightLoops
@@ -150,6 +150,10 @@ def _analyze(
         expected = expected_seconds(log, present(flight))
         progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
     timeline = stages.run("health", lambda _: assess_health(log, present(flight)))
+    # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
+    rates = (
+        None if isinstance(flight, Failure) else present(stages.run("health", lambda _: logged_rates(tables, flight)))
+    )
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
@@ -170,7 +174,7 @@ def _analyze(
 
     fitted = _fit(log, trajectory, flight, sound, config, name, stages)
 
-    coverage = _measured(log, trajectory, flight, fitted, stages)
+    coverage = _measured(log, trajectory, flight, fitted, rates, stages)
     done = aside()
     stages.take(done.stages)
     order, trims, weak = (None, None, ()) if isinstance(done.motors, Failure) else done.motors
@@ -229,6 +233,7 @@ def _without_trajectory(log: FlightLog, sound: Span | Failure, stages: Stages) -
     """Look at what needs no trajectory: how the craft turns, its loops and its motors."""
     if isinstance(sound, Failure):
         return _WithoutTrajectory(sound, sound, sound, stages)
+    log.tables.release()
     rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
     loops = stages.run("loops", lambda _: assess_loops(log, sound))
     motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
@@ -324,6 +329,7 @@ def _measured(
     trajectory: estimation.Trajectory | Failure,
     flight: Span | Failure,
     fitted: _Fitted,
+    rates: Mapping[str, LoggedRate] | None,
     stages: Stages,
 ) -> Coverage | Failure:
     """Compute what the flight covered."""
@@ -331,7 +337,6 @@ def _measured(
         return flight
     if isinstance(trajectory, Failure):
         return trajectory
-    rates = present(stages.run("health", lambda _: logged_rates(log.tables, flight)))
     records = fitted.experiments.values()
     coverage = stages.run(
         "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)

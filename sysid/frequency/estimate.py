@@ -357,7 +357,9 @@ def response_of_records(
         return first
     # What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.
     # A resonance that windows have flattened is found sharper each time.
-    found = _composite(records, windows, axis, hz, gyro_filter_hz, model)
+    remainders = [record.remainders() for record in records]
+    left = [without(model.response) for without in remainders]
+    found = _composite(left, windows, axis, hz, gyro_filter_hz, model)
     for _ in range(_PASSES):
         if np.max(np.abs(np.log(found.response / first.response)) / found.sigma, where=found.usable, initial=0.0) < 0.3:
             break
@@ -365,7 +367,8 @@ def response_of_records(
             model = refit(model, found)
         except FrequencyError:
             break
-        first, found = found, _composite(records, windows, axis, hz, gyro_filter_hz, model)
+        left = [without(model.response) for without in remainders]
+        first, found = found, _composite(left, windows, axis, hz, gyro_filter_hz, model)
     return found
 
 
@@ -422,10 +425,9 @@ def _composite(
     gyro_filter_hz: float | None,
     model: FrequencyFit | None,
 ) -> FrequencyResponse:
-    """Merge windows of several lengths, of the records as they are or of what a first model leaves of them."""
+    """Merge windows of several lengths, of the records as they are or of what a first `model` has left of them."""
     known = None if model is None else model.response(hz)
-    remains = records if model is None else [record.without(model.response) for record in records]
-    outputs = [ThinnedSignals(record.output[:, None]) for record in remains]
+    outputs = [ThinnedSignals(record.output[:, None]) for record in records]
     parts = []
     for each in windows:
         sums = [cut.sums(output) for cut, output in zip(each.of_records, outputs, strict=True) if cut is not None]

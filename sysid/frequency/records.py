@@ -108,23 +108,24 @@ class AxisRecord:
             differenced=True,
         )
 
-    def without(self, model: Callable[[Floats], Complex]) -> AxisRecord:
-        """Return the record without the answer of a model to its first input.
+    def remainders(self) -> Callable[[Callable[[Floats], Complex]], AxisRecord]:
+        """Return what takes the answer of a model to the first input out of the record, for one model after another.
 
-        Parameters
-        ----------
-        model : callable
-            From frequencies above zero, Hz, to the response of what was measured, before any difference.
+        Models map frequencies above zero, Hz, to the response of what was measured, before any difference.
         """
         size = scipy.fft.next_fast_len(2 * len(self.output))
         hz = np.fft.rfftfreq(size, self.dt).astype(np.float64)
-        answer = np.zeros(len(hz), dtype=np.complex128)
-        answer[1:] = model(hz[1:])
+        spectrum = np.fft.rfft(self.inputs[:, 0] - np.mean(self.inputs[:, 0]), size)
         if self.differenced:
-            answer *= self.difference_response(hz)
-        driving = self.inputs[:, 0] - np.mean(self.inputs[:, 0])
-        modelled = np.fft.irfft(np.fft.rfft(driving, size) * answer, size)[: len(self.output)]
-        return replace(self, output=self.output - modelled)
+            spectrum *= self.difference_response(hz)
+        spectrum[0] = 0.0
+
+        def without(model: Callable[[Floats], Complex]) -> AxisRecord:
+            answer = spectrum.copy()
+            answer[1:] *= model(hz[1:])
+            return replace(self, output=self.output - np.fft.irfft(answer, size)[: len(self.output)])
+
+        return without
 
     def difference_response(self, hz: Floats) -> Complex:
         """Return the frequency response of the central difference, shape (F,)."""
@@ -280,8 +281,9 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
         False in holes, which are bridged by straight lines.
     """
     values = np.column_stack(columns)
-    known = np.isfinite(values).all(axis=1)
-    t, values = t[known], values[known]
+    known = np.logical_and.reduce([np.isfinite(column) for column in columns])
+    if not known.all():
+        t, values = t[known], values[known]
     if len(t) < 8:
         raise FrequencyError(f"only {len(t)} of {len(columns[0])} samples are numbers: fly and log it again")
     step = float(np.median(np.diff(t)))

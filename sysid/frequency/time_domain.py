@@ -70,6 +70,7 @@ def fit_in_time(found: FrequencyFit, data: GivenLogs) -> Mapping[str, Parameter]
         raise FrequencyError("the time-domain check takes a fit of one axis")
     axis, structure = AXES[found.axes[0]], found.structure[0]
     records = [record.difference() if axis.attitude else record for record in records_of(data, axis)]
+    remainders_of = [record.remainders() for record in records]
     specs = structure.specs
     positive = np.array([spec.positive for spec in specs])
     scale = np.array([spec.scale for spec in specs])
@@ -81,7 +82,7 @@ def fit_in_time(found: FrequencyFit, data: GivenLogs) -> Mapping[str, Parameter]
 
     def remainders(x: Floats) -> list[Floats]:
         model = found.at(values_of(x))
-        left = [record.without(model.response) for record in records]
+        left = [without(model.response) for without in remainders_of]
         return [np.asarray((one.output - np.mean(one.output))[one.usable]) for one in left]
 
     x = np.asarray(np.where(positive, np.log(np.abs(start)), start / scale))
@@ -223,7 +224,7 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
     if seconds < _SHORTEST:
         raise FrequencyError(f"{seconds:.0f} s of held-out flying are too few to judge the {axis.name} axis")
     for record in records:
-        left = record.without(found.response)
+        left = record.remainders()(found.response)
         signals = np.column_stack([left.output, record.output, record.inputs[:, 0], record.instruments[:, 0]])
         error, output, command, outside = above(signals, _SLOWEST * record.dt)[record.usable].T
         errors.append(error)
@@ -281,5 +282,5 @@ def largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> f
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.
     worth = independent_samples([error * command / np.sqrt(np.mean((error * command) ** 2))])
     scale = float(np.sqrt(np.mean(error**2) * np.mean(command**2)))
-    values = [abs(float(np.mean(error[lag:] * command[: len(command) - lag]))) for lag in range(reach)]
+    values = [abs(float(error[lag:] @ command[: len(command) - lag])) / (len(error) - lag) for lag in range(reach)]
     return max(values) / max(scale, 1e-300) * float(np.sqrt(worth))

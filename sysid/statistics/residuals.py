@@ -17,7 +17,7 @@ from scipy.special import chdtri as chi2_isf
 from scipy.special import ndtri as normal_ppf
 
 from sysid.records.experiment import Floats
-from sysid.statistics.covariance import autocovariance, coloured_information
+from sysid.statistics.covariance import autocovariance, lagged_information
 
 #: Probability that a right model stays inside the bands and limits.
 LEVEL = 0.99
@@ -110,13 +110,18 @@ def examine_residuals(
     statistics: dict[str, float] = {}
     limit = float(chi2_isf(lags, 1.0 - LEVEL ** (1.0 / max(len(names), 1))))
     for column, name in enumerate(names):
-        before = [_lagged(inputs[k][:, column], lags) for k in usable]
-        size = float(np.sqrt(np.mean(np.concatenate([rows[:, 0] for rows in before]) ** 2)))
+        before = [inputs[k][:, column] - inputs[k][:, column].mean() for k in usable]
+        size = float(np.sqrt(np.mean(np.concatenate([u[lags - 1 : -1] for u in before]) ** 2)))
         if not size > 0.0:
             continue
-        regressors = [rows / size for rows in before]
-        total = np.asarray(sum(rows.T @ e[lags:] for rows, e in zip(regressors, centred, strict=True)))
-        spread = coloured_information(regressors, colour)
+        before = [u / size for u in before]
+        total = np.array(
+            [
+                sum(float(u[lags - lag : len(u) - lag] @ e[lags:]) for u, e in zip(before, centred, strict=True))
+                for lag in range(1, lags + 1)
+            ]
+        )
+        spread = lagged_information(before, lags, colour)
         deviations[name] = total / np.sqrt(np.maximum(np.diag(spread), 1e-300))
         # Inputs change slowly, so that their lags are nearly collinear: what they share counts once.
         values, vectors = np.linalg.eigh(spread)
@@ -137,9 +142,3 @@ def examine_residuals(
         independence=statistics,
         independence_limit=limit,
     )
-
-
-def _lagged(u: Floats, lags: int) -> Floats:
-    """Columns of the input 1, 2, ... `lags` samples before; shape (N - lags, lags)."""
-    centred = u - u.mean()
-    return np.column_stack([centred[lags - lag : len(u) - lag] for lag in range(1, lags + 1)])

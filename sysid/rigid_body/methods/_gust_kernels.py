@@ -76,3 +76,31 @@ def whiten(columns: Floats, dt: float, gust: float, tau: float, jolt: float, noi
         p_aa = phi * phi * p_aa + q_aa
         p_vv, p_va = n_vv, n_va
     return total
+
+
+@njit(cache=True, nogil=True)
+def integrated(rates: Floats, dt: float, stride: int) -> Floats:
+    """Integrate columns from their first sample on by trapezoids, and return every `stride`-th sum.
+
+    Sums in between and steps are not kept: of the derivatives of a long flight they would take four times its memory.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n, m)
+    dt : float
+        s.
+    stride : int
+
+    Returns
+    -------
+    ndarray, shape (ceil(n / stride), m)
+    """
+    n, m = rates.shape
+    sums = np.zeros(((n + stride - 1) // stride, m))
+    total = np.zeros(m)
+    for k in range(1, n):
+        for c in range(m):
+            total[c] += 0.5 * dt * (rates[k, c] + rates[k - 1, c])
+        if k % stride == 0:
+            sums[k // stride] = total
+    return sums

@@ -26,7 +26,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods._gust_kernels import whiten
+from sysid.rigid_body.methods._gust_kernels import integrated, whiten
 from sysid.rigid_body.methods.output_error import HUBER, Prior, flight_slice, step_within
 from sysid.rigid_body.motion._rigid_kernels import accelerations
 from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
@@ -67,6 +67,9 @@ class Disturbance:
 
 #: Disturbances of a flight, horizontal and vertical.
 Disturbances = tuple[Disturbance, Disturbance]
+
+#: Of a flight: unexplained velocity (n, 3), derivatives of the explained (n, 3, q) by its parameters, and step [s].
+_Velocities = tuple[Floats, Floats, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,11 +148,11 @@ def fit_filter_error(
     def spent(now: _Linearised, at: Floats) -> float:
         return now.cost + 0.5 * float(weight @ (at[free] - prior.mean[free]) ** 2)
 
+    parts = _explained(motions, values, law)
     for _ in range(_ROUNDS if disturbances is None else 1):
         if disturbances is None:
-            parts = [_velocities(motion, values, k, law) for k, motion in enumerate(motions)]
             found = [_likeliest(left, dt, found[k] if found else None) for k, (left, _, dt) in enumerate(parts)]
-        now, damping = _linearise(motions, values, law, found), 1e-9
+        now, damping = _linearise(parts, len(values), found), 1e-9
         total = spent(now, values)
         for _ in range(_STEPS):
             hessian = now.hessian[np.ix_(free, free)] + np.diag(weight)
@@ -158,7 +161,8 @@ def fit_filter_error(
             while not accepted and damping < 1e6:
                 trial = values.copy()
                 trial[free] = step_within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
-                then = _linearise(motions, trial, law, found)
+                then_parts = _explained(motions, trial, law)
+                then = _linearise(then_parts, len(trial), found)
                 cost = spent(then, trial)
                 if np.isfinite(cost) and cost <= total + 1e-9 * abs(total):
                     accepted, damping = True, max(0.1 * damping, 1e-9)
@@ -166,7 +170,7 @@ def fit_filter_error(
                     damping = max(10.0 * damping, 1e-3)
             if not accepted or time.monotonic() > deadline:
                 break
-            gain, values, now, total = total - cost, trial, then, cost
+            gain, values, now, total, parts = total - cost, trial, then, cost, then_parts
             if gain < _CONVERGED:
                 break
         if time.monotonic() > deadline:
@@ -221,8 +225,8 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
     return result
 
 
-def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[Floats, Floats, float]:
-    """Unexplained velocity (n, 3), derivatives of the explained (n, 3, q) by the flight's parameters, and step [s]."""
+def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Velocities:
+    """Hold the velocity of a flight against the integral of its modelled accelerations."""
     theta = np.concatenate([values[:SHARED], values[flight_slice(flight, 1)]])
     count = len(motion.t)
     push, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta)))
@@ -231,12 +235,9 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> tuple[
     accelerations(theta, signals, steady, heights, motion.velocity, law, push, jacobian)
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
     stride = max(round(step / motion.dt), 1)
-
-    def summed(rate: Floats) -> Floats:
-        steps = 0.5 * motion.dt * (rate[1:] + rate[:-1])
-        return np.asarray(np.concatenate([np.zeros((1, *rate.shape[1:])), np.cumsum(steps, axis=0)])[::stride])
-
-    return motion.velocity[::stride] - summed(push), summed(jacobian), stride * motion.dt
+    left = motion.velocity[::stride] - integrated(push, motion.dt, stride)
+    slopes = integrated(jacobian.reshape(count, -1), motion.dt, stride).reshape(len(left), *jacobian.shape[1:])
+    return left, slopes, stride * motion.dt
 
 
 def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
@@ -273,22 +274,22 @@ def _huber(z: Floats) -> Floats:
     return np.where(size > HUBER, HUBER * (size - 0.5 * HUBER), 0.5 * size**2)
 
 
-def _linearise(
-    motions: Sequence[Motion], values: Floats, law: int, disturbances: Sequence[Disturbances]
-) -> _Linearised:
-    """Form the normal equations of the innovations, large ones with less weight."""
+def _explained(motions: Sequence[Motion], values: Floats, law: int) -> list[_Velocities]:
+    """As `_velocities`, of all flights."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return _linearised(motions, values, law, disturbances)
+        return [_velocities(motion, values, flight, law) for flight, motion in enumerate(motions)]
 
 
-def _linearised(
-    motions: Sequence[Motion], values: Floats, law: int, disturbances: Sequence[Disturbances]
-) -> _Linearised:
-    n = len(values)
+def _linearise(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Disturbances]) -> _Linearised:
+    """Form the normal equations of the innovations by n parameters, large ones with less weight."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _linearised(parts, n, disturbances)
+
+
+def _linearised(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Disturbances]) -> _Linearised:
     hessian, gradient = np.zeros((n, n)), np.zeros(n)
     costs, scores, flights = [], [], []
-    for flight, (motion, both) in enumerate(zip(motions, disturbances, strict=True)):
-        left, jacobian, dt = _velocities(motion, values, flight, law)
+    for flight, ((left, jacobian, dt), both) in enumerate(zip(parts, disturbances, strict=True)):
         places = np.r_[np.arange(SHARED), np.arange(n)[flight_slice(flight, 1)]]
         starts = np.arange(0, max(len(left) - 1, 1), max(round(CLUSTER_SECONDS / dt), 1))
         spent, own = np.zeros(len(starts)), np.zeros((len(starts), n))
