@@ -199,10 +199,11 @@ def validate(
         first = start[record.name]
         if isinstance(told, RigidBodyModel) and record.name not in model.training:
             drift[record.name] = float(normal_ppf(0.5 + 0.5 * BAND)) * told.drift(record)
-            held = np.abs(record.y - simulated) <= drift[record.name]
-            inside[record.name] = held[max(first, 1) :].mean(axis=0)
         if first > len(record.t) - MIN_SAMPLES:
             continue
+        if record.name in drift:
+            held = np.abs(record.y - simulated) <= drift[record.name]
+            inside[record.name] = held[max(first, 1) :].mean(axis=0)
         trained = record.name in model.training
         rows += _free_run_rows(record, simulated, trained, first)
         for horizon in horizons:

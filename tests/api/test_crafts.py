@@ -54,6 +54,7 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     lost = service.get(f"/api/v1/crafts/{craft['id']}").json()["joint"]
     assert lost["analysis"] is None
     assert lost["lost"] in ("they held flight0, which was deleted", "")
+    assert "two uploaded flights with a known position are needed" not in service.get(f"/crafts/{craft['id']}").text
     anew = wait(lambda: (j := settled(service, craft["id"])["joint"])["analysis"] and j)
     assert anew["flights"] == ["flight1", "flight2", "flight3"]
     assert anew["analysis"] != craft["joint"]["analysis"]

@@ -86,3 +86,5 @@ def test_the_band_holds_what_it_says():
         assert rows[0]["half_width"][0] is None
         assert rows[0]["half_width"][-1] > 0.0
     assert 0.85 < np.mean(inside) < 0.98, np.round(inside, 2)
+    short = replace(seen[: round(20.0 / seen.dt)], name="short")  # all of it is looked at, and nothing scored
+    assert short.name not in validate(model, [seen, short], horizons=()).inside
