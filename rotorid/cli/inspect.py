@@ -21,11 +21,12 @@ def inspect(
     Example: rotorid inspect flight.bin
     """
     from pipeline.execution.progress import shown
+    from pipeline.names import file_name
 
     file, flight = parted(log)
     with shown(quiet=as_json) as progress:
         # The numerical packages take a second to import: the terminal shows first that something happens.
-        progress(f"reading {file.name}", 0.0)
+        progress(f"reading {file_name(str(file))}", 0.0)
         import logparse
         from logparse.inspection import inspect as look_into
         from logparse.serialization import as_json as to_text

@@ -130,6 +130,15 @@ def test_a_full_disk_costs_only_the_files(tmp_path, capsys, monkeypatch):
     assert "No space left" in shown.err
 
 
+def test_a_file_name_does_not_command_the_terminal(tmp_path, rotorid_here):
+    """The line of progress of `inspect` sent it as it is."""
+    log = tmp_path / "a\x1b[2J.bin"
+    log.write_bytes(b"no log")
+    run = rotorid_here("inspect", log)
+    assert r"reading a\x1b[2J.bin" in run.stderr
+    assert "\x1b" not in run.stdout + run.stderr
+
+
 def test_version():
     run = rotorid("--version")
     assert run.returncode == 0
