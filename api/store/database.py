@@ -6,13 +6,14 @@ import threading
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session, sessionmaker
 from sqlalchemy.pool import ConnectionPoolEntry
@@ -109,6 +110,14 @@ class Database:
     def close(self) -> None:
         """Close the connections."""
         self._engine.dispose()
+
+
+def now(session: Session) -> datetime:
+    """Return the time by a clock that all workers share: PostgreSQL's, or that of the computer of a SQLite file."""
+    connection = session.connection()  # a writer waits here for SQLite's lock, and may do so for longer than a lease
+    if connection.dialect.name == "postgresql":
+        return connection.execute(select(func.now())).scalar_one().astimezone(UTC)
+    return datetime.now(UTC)
 
 
 def _engine(url: str) -> Engine:

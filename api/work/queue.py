@@ -19,7 +19,7 @@ from sqlalchemy.engine import CursorResult
 from sqlalchemy.orm import Session
 
 from api.problems import Problem
-from api.store.database import Database
+from api.store.database import Database, now
 from api.store.ids import new_id
 from api.store.records import AnalysisRecord
 from api.store.resources import State
@@ -71,24 +71,24 @@ class Queue:
         Owners take turns, whoever has the fewest running first and then who waited longest since their last began; of
         one owner the oldest comes first.
         """
-        now = datetime.now(UTC)
-        # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
-        over = or_(AnalysisRecord.lease_until < now, AnalysisRecord.lease_until > now + _PLAUSIBLE * self._lease)
-        left = and_(AnalysisRecord.state == State.RUNNING, over)
         with self._database.write() as session:
+            time = now(session)
+            # A lease far in the future was given before the clock stepped back, and nobody may be left to prolong it.
+            over = or_(AnalysisRecord.lease_until < time, AnalysisRecord.lease_until > time + _PLAUSIBLE * self._lease)
+            left = and_(AnalysisRecord.state == State.RUNNING, over)
             session.execute(
                 update(AnalysisRecord)
                 .where(left, AnalysisRecord.attempts - AnalysisRecord.deaths >= _LOST)
-                .values(**_end(State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
+                .values(**_end(session, State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
             )
             found = _next(session, or_(AnalysisRecord.state == State.QUEUED, left))
             if found is None:
                 return None
             found.state = State.RUNNING
             found.stage, found.progress = "", 0.0
-            found.lease, found.lease_until = new_id(), now + self._lease
+            found.lease, found.lease_until = new_id(), time + self._lease
             found.attempts += 1
-            found.started = now
+            found.started = time
             return Claim(
                 analysis=found.id,
                 lease=found.lease,
@@ -102,7 +102,7 @@ class Queue:
         """Put a claim under a new lease, which only the caller knows; None when the old one is lost."""
         own = replace(claim, lease=new_id())
         with self._database.write() as session:
-            held = _change(session, claim, lease=own.lease, lease_until=datetime.now(UTC) + self._lease)
+            held = _change(session, claim, lease=own.lease, lease_until=now(session) + self._lease)
         return own if held else None
 
     def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
@@ -117,8 +117,8 @@ class Queue:
         progress : float
             Share of the whole that is done, from 0 to 1.
         """
-        until = datetime.now(UTC) + self._lease
         with self._database.write() as session:
+            until = now(session) + self._lease
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
 
     def finish(
@@ -139,7 +139,7 @@ class Queue:
         """
         short = asdict(found or Found())
         with self._database.write() as session:
-            if _change(session, claim, **_end(State.DONE), files=dict(files), results=claim.lease, **short):
+            if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **short):
                 analysis = session.get_one(AnalysisRecord, claim.analysis, populate_existing=True)
                 if claim.craft is not None:
                     craft_flights.joined(session, analysis)
@@ -153,7 +153,7 @@ class Queue:
     def fail(self, claim: Claim, problem: Problem) -> bool:
         """End an analysis that cannot be done; False, with nothing changed, when the lease is lost."""
         with self._database.write() as session:
-            return _change(session, claim, **_end(State.FAILED), problem=problem.model_dump(mode="json"))
+            return _change(session, claim, **_end(session, State.FAILED), problem=problem.model_dump(mode="json"))
 
     def give_back(self, claim: Claim) -> bool:
         """Return the work to the queue after an orderly stop, as if it had not been begun."""
@@ -200,7 +200,7 @@ def cancel(session: Session, analysis: str) -> bool:
     """End an analysis because its owner wants so; False when it had ended before."""
     open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
     changed = session.execute(
-        update(AnalysisRecord).where(AnalysisRecord.id == analysis, open_).values(**_end(State.CANCELLED))
+        update(AnalysisRecord).where(AnalysisRecord.id == analysis, open_).values(**_end(session, State.CANCELLED))
     )
     return isinstance(changed, CursorResult) and changed.rowcount == 1
 
@@ -220,12 +220,12 @@ def abandoned(attempts: int) -> Problem:
 _WAITING: dict[str, Any] = {"state": State.QUEUED, "stage": "", "progress": 0.0, "lease": None, "lease_until": None}
 
 
-def _end(state: State) -> dict[str, Any]:
+def _end(session: Session, state: State) -> dict[str, Any]:
     return {
         "state": state,
         "stage": "",
         "progress": 1.0 if state is State.DONE else AnalysisRecord.progress,
-        "ended": datetime.now(UTC),
+        "ended": now(session),
         "lease": None,
         "lease_until": None,
     }

@@ -3,8 +3,9 @@
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
+from unittest import mock
 
 import httpx
 import pytest
@@ -287,6 +288,28 @@ def test_a_clock_that_steps_back_blocks_nothing(database: Database, catalog: Cat
             session.execute(update(AnalysisRecord).values(lease_until=until))
         claimed = queue.claim()
         assert (claimed is not None and claimed.analysis == analysis) is free
+
+
+class _AnHourBehind(datetime):
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> "_AnHourBehind":
+        return super().now(tz) - timedelta(hours=1)
+
+
+def test_workers_whose_clocks_differ_take_nothing_from_each_other(
+    database: Database, catalog: Catalog, keep: Callable[..., str], url: str
+) -> None:
+    """One an hour behind and others took six analyses from each other up to 18 times."""
+    if url.startswith("sqlite"):
+        pytest.skip("its workers share a computer and its clock")
+    catalog.order([keep(b"log")], {}, "ann")
+    queue = Queue(database, lease=60.0, deaths=3)
+    claim = queue.claim()
+    assert claim is not None
+    with mock.patch("api.store.database.datetime", _AnHourBehind), mock.patch("api.work.queue.datetime", _AnHourBehind):
+        assert queue.prolong(claim)
+        assert queue.claim() is None
+    assert queue.claim() is None
 
 
 def _let_expire(database: Database, claim: Claim) -> None:
