@@ -32,14 +32,13 @@ from logparse.serialization import plain, recorded, restored
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import Carried, carry_states
-from sysid.rigid_body.conditions.drift_band import drift_sigma, trim_errors
+from sysid.rigid_body.conditions.drift_band import drift_sigma
 from sysid.rigid_body.conditions.trim import KNOWN_AT_BEST, early_trim, unusual_thrust, whole_trim
-from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS
+from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS, STATES
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
-from sysid.rigid_body.motion.body_motion import LAG, THETA, Motion, motion
-from sysid.rigid_body.motion.increments import velocity_increments
+from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion, motion
 from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
@@ -172,21 +171,25 @@ class RigidBodyModel(Summarised):
         theta, shapes = self.kernel_inputs(flight, trim)
         start = _free_from(flight, trim)
         run = flight.run(theta, shapes, self.law, start)
-        carried = self.carried.get(experiment.name) or self._carry(flight, self.flights.get(experiment.name))
         mean = np.array([*self._shared, trim.wind_exponent, trim.thrust_scale, trim.wind_n, trim.wind_e])
-        block = max(int(np.searchsorted(carried.edges, start, side="right")) - 1, 0)
+        looked = flight.cut(0, start + 1) if start > 0 else flight
+        told = carry_states(looked, self._shared, self.law, doubt=self._doubt)
+        errors = told.covariances[-1].copy()
         if start > 0:
-            known, looked = carried.covariances[block].copy(), flight.cut(0, start + 1)
-            # The run goes on with the mean: what the filter makes of gusts and departures of the moment is an error.
-            now = np.concatenate([carried.gust[block], [carried.departure[block]]])
-            known[FIXED:, FIXED:] += np.outer(now, now)
+            # The run goes on with its trim and without gusts: what the flight says against them is an error.
+            known = np.concatenate([told.own[-1] - mean[SHARED:], told.gust[-1], told.departure[-1:], told.craft[-1]])
+            errors += np.outer(known, known)
         else:
-            known, looked = carried.wander.start(_sigma(trim)), flight
-        blocks = velocity_increments(looked, mean, self.law)
-        errors = trim_errors(blocks, known, carried.wander, self._doubt)
+            # Another part of the flight was trimmed, which made up for the craft's errors as this one would.
+            own, gusts, craft = slice(0, FIXED), slice(FIXED, STATES), slice(STATES, None)
+            made_up = errors[own, craft] @ np.linalg.pinv(errors[craft, craft]) @ errors[craft, own]
+            begun = told.wander.start(_sigma(trim))
+            errors[gusts], errors[:, gusts] = 0.0, 0.0
+            errors[own, own], errors[gusts, gusts] = begun[own, own] + made_up, begun[gusts, gusts]
         free = flight.cut(start, len(flight.t)) if start > 0 else flight
         sigma = np.full((len(flight.t), 3), np.nan)
-        sigma[start:] = drift_sigma(free, run, mean, self.law, errors, carried.wander)
+        highest = max(float(np.max(looked.ground - looked.position[:, 2])), WIND_HEIGHT)
+        sigma[start:] = drift_sigma(free, run, mean, self.law, errors, told.wander, highest)
         return sigma
 
     def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
@@ -421,9 +424,12 @@ class RigidBodyModel(Summarised):
 
     @property
     def _doubt(self) -> Floats:
-        """Covariance of `_shared`."""
+        """Covariance of `_shared`, but for what a flight's thrust scale makes up for, and the lag, which is small."""
         places = [self.estimated.index(name) for name in THETA]
-        return self.covariance[np.ix_(places, places)]
+        doubt = self.covariance[np.ix_(places, places)]
+        doubt[LAG], doubt[:, LAG] = 0.0, 0.0
+        doubt[0, 0] = doubt[0, 1:] @ np.linalg.pinv(doubt[1:, 1:]) @ doubt[1:, 0]
+        return doubt
 
     def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""

@@ -37,6 +37,19 @@ def test_errors_of_scale_and_wind_drift_as_mechanics_says():
     np.testing.assert_allclose(sigma[:, 0], expected, rtol=0.01, atol=8e-3)  # straight lines within half a second
 
 
+def test_wind_above_what_was_looked_at_is_that_of_any_day():
+    """An exponent off by 0.15 above 5 m makes the wind at 10 m err by 0.15 ln 2 of itself; below, nothing."""
+    flight = level(1501)
+    flight = replace(flight, ground=10.0)
+    theta = np.concatenate([parameters(lx=0.3, ly=0.3)[:14], [4.0, 0.0]])
+    run, none = flight.run(theta, np.ones((len(flight.t), 1)), 0), np.zeros((STATES + SHARED, STATES + SHARED))
+    assert drift_sigma(flight, run, theta, 0, none, STILL, 20.0).max() == 0.0
+    sigma, t = drift_sigma(flight, run, theta, 0, none, STILL, 5.0), flight.t
+    np.testing.assert_allclose(
+        sigma[:, 0], 4.0 * 0.15 * np.log(2.0) * (t - (1.0 - np.exp(-0.3 * t)) / 0.3), rtol=0.01, atol=8e-3
+    )
+
+
 def test_white_noise_and_gusts_drift_as_random_walks():
     """White acceleration of density r makes r t^3 / 3; Monte Carlo agrees for gusts that fade."""
     flight = level(1501)

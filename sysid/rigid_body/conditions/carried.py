@@ -1,4 +1,8 @@
-"""Wind and thrust scale of a flight as states that a filter carries forward, from samples of the past alone."""
+"""Wind and thrust scale of a flight as states that a filter carries forward, from samples of the past alone.
+
+The craft's parameters can be states too, which do not change, within what their fit left open: it tells how far a wind
+made up for wrong drag, and which errors of the craft the flight contradicts.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,10 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body.conditions._carry_kernels import carry
-from sysid.rigid_body.conditions.wander import FIXED, GATE, MEMORY, STATES, Wander, fit_wander, own_design, room
+from sysid.rigid_body.conditions.wander import FIXED, GATE, MEMORY, STATES, Wander, fit_wander, own_design
 from sysid.rigid_body.conditions.wind import WIND_EXPONENT
 from sysid.rigid_body.methods.output_error import HUBER
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion
 from sysid.rigid_body.motion.increments import Increments, velocity_increments
 
 #: Winds in which multirotors fly: standard deviation of each component, m/s.
@@ -29,6 +33,9 @@ LOWEST, HIGHEST = np.array([0.0, 0.3, -50.0, -50.0]), np.array([1.0, 3.0, 50.0, 
 #: Time at the beginning of a flight from which the strengths of gusts and noise are found, s.
 SETTLING_SECONDS = 30.0
 
+#: Parameters of the craft that are below zero in none.
+_POSITIVE = np.array([name.startswith(("drag", "climb")) for name in THETA])
+
 #: Steps of robust least squares to where the filter is linearised, and linearisations of the filter.
 _START_STEPS, _LINEARISATIONS = 5, 2
 
@@ -41,7 +48,8 @@ class Carried:
     own: Floats  #: shape (K + 1, 4): Wind exponent, thrust scale, mean wind north and east [m/s].
     gust: Floats  #: shape (K + 1, 2): Of the wind towards north and east, m/s.
     departure: Floats  #: shape (K + 1,): Of the thrust scale.
-    covariances: Floats  #: shape (K + 1, 7, 7): Of the three in turn.
+    craft: Floats  #: shape (K + 1, SHARED): What to add to the craft's parameters.
+    covariances: Floats  #: shape (K + 1, 7 + SHARED, 7 + SHARED): Of the four in turn.
     wander: Wander
 
 
@@ -50,6 +58,7 @@ def carry_states(
     shared: Floats,
     law: int,
     known: tuple[Floats, Floats] | None = None,
+    doubt: Floats | None = None,
 ) -> Carried:
     """Follow wind and thrust scale through a flight.
 
@@ -65,34 +74,45 @@ def carry_states(
     known : tuple of ndarray, shape (4,), optional
         Wind exponent, thrust scale and wind of the flight as known beforehand, and their standard deviations; what is
         known of any flight when not given.
+    doubt : ndarray, shape (SHARED, SHARED), optional
+        Covariance of the craft's parameters; they are held when not given.
     """
     mean, sigma = (ANY_FLIGHT, ANY_SIGMA) if known is None else known
+    doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt
     size = min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t))
     early = flight.cut(0, size)
     own = _start(early, shared, law, mean, sigma)
     for _ in range(_LINEARISATIONS):
         blocks = velocity_increments(early, np.concatenate([shared, own]), law)
         wander = fit_wander(blocks, mean - own, sigma, float(np.hypot(*own[len(OWN) :])))
-        states, _ = _filtered(blocks, mean - own, sigma, wander)
+        states, _ = _filtered(blocks, mean - own, sigma, wander, doubt)
         own = np.clip(own + states[-1, :FIXED], LOWEST, HIGHEST)
     blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
-    states, covariances = _filtered(blocks, mean - own, sigma, wander)
+    states, covariances = _filtered(blocks, mean - own, sigma, wander, doubt)
     return Carried(
         edges=blocks.edges,
         own=np.clip(own + states[:, :FIXED], LOWEST, HIGHEST),
         gust=states[:, FIXED : FIXED + 2],
         departure=states[:, FIXED + 2],
+        craft=np.maximum(states[:, STATES:], np.where(_POSITIVE, -shared, -np.inf)),
         covariances=covariances,
         wander=wander,
     )
 
 
-def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander) -> tuple[Floats, Floats]:
-    means, covariances = room(len(blocks.missed))
+def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander, doubt: Floats) -> tuple[Floats, Floats]:
+    design = np.concatenate([own_design(blocks.jacobian), blocks.jacobian[:, :, :SHARED]], axis=2)
+    steps, count = len(design), STATES + SHARED
+    means, covariances, start = (
+        np.empty((steps + 1, count)),
+        np.empty((steps + 1, count, count)),
+        np.zeros((count, count)),
+    )
+    start[:STATES, :STATES], start[STATES:, STATES:] = wander.start(sigma), doubt
     decay, driven = wander.step(blocks.seconds)
-    design, noise = own_design(blocks.jacobian), wander.noise(blocks.seconds)
-    first = np.concatenate([mean, np.zeros(STATES - FIXED)])
-    carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, wander.start(sigma), means, covariances)
+    decay, driven = np.concatenate([decay, np.ones(SHARED)]), np.concatenate([driven, np.zeros(SHARED)])
+    first, noise = np.concatenate([mean, np.zeros(count - FIXED)]), wander.noise(blocks.seconds)
+    carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, start, means, covariances)
     return means, covariances
 
 

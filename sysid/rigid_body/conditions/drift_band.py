@@ -7,7 +7,7 @@ errors of the flight's trim, of the craft's parameters, by gusts, by departures 
     dp' = dv,    dv' = A(t) dv + J(t) (trim, gust, departure, craft),    gusts and departures fade and are renewed
 
 A trim makes up for most of what is wrong with the craft's parameters: thrust for the scale, drag for the wind. Its
-errors are those of the filter less what it takes over from the craft's, by the least squares that a trim is.
+errors are those of a filter to which both are open (`conditions.carried`).
 """
 
 from __future__ import annotations
@@ -15,55 +15,26 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.records.arrays import Floats
-from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS, SCALE_SECONDS, STATES, Wander, own_design
+from sysid.rigid_body.conditions.wander import STATES, Wander, own_design
+from sysid.rigid_body.conditions.wind import WIND_EXPONENT
 from sysid.rigid_body.motion._rigid_kernels import accelerations
-from sysid.rigid_body.motion.body_motion import LAG, SHARED, Motion
-from sysid.rigid_body.motion.increments import BLOCK_SECONDS, Increments
+from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
+from sysid.rigid_body.motion.increments import BLOCK_SECONDS
 
 #: Step of velocity by which its effect on the acceleration is found, m/s.
 _STEP = 0.05
 
-#: Places of position and velocity among the errors; then come the flight's states and the craft's parameters.
-_POSITION, _VELOCITY, _FLIGHT, _CRAFT = slice(0, 3), slice(3, 6), slice(6, 6 + STATES), slice(6 + STATES, None)
+#: Places of position and velocity among the errors; then come the flight's states, the craft's parameters, and the
+#: exponent of the wind above where it was looked at.
+_POSITION, _VELOCITY, _FLIGHT = slice(0, 3), slice(3, 6), slice(6, 6 + STATES)
+
+#: Places of the wind among the parameters of the kernels.
+_WIND = slice(SHARED + len(OWN), SHARED + len(OWN) + 2)
 
 
-def trim_errors(blocks: Increments, known: Floats, wander: Wander, doubt: Floats) -> Floats:
-    """Join the errors of a flight's trim with those of the craft's parameters that it made up for.
-
-    Parameters
-    ----------
-    blocks : Increments
-        What the trim was found from.
-    known : ndarray, shape (STATES, STATES)
-        Covariance of the flight's states were the craft known.
-    wander : Wander
-    doubt : ndarray, shape (SHARED, SHARED)
-        Covariance of the craft's parameters.
-
-    Returns
-    -------
-    ndarray, shape (STATES + SHARED, STATES + SHARED)
-    """
-    design = own_design(blocks.jacobian)
-    # Means over many blocks know what wanders as white noise of the same density at low frequencies.
-    effect = np.sqrt(np.mean(design[:, :, FIXED:] ** 2, axis=0)) / blocks.seconds
-    density = effect**2 @ np.array([2.0 * GUST_SECONDS * wander.gust**2] * 2 + [2.0 * SCALE_SECONDS * wander.scale**2])
-    noise = np.sqrt(wander.noise(blocks.seconds) + blocks.seconds * density)[:, None]
-    own = (design[:, :, :FIXED] / noise).reshape(-1, FIXED)
-    craft = (blocks.jacobian[:, :, :SHARED] / noise).reshape(-1, SHARED)
-    # What the data do not tell of a trim, they do not make it take over either.
-    least = np.diag(np.maximum(np.diag(known)[:FIXED], 1e-12) ** -1.0) * 1e-3
-    taken = -np.linalg.solve(own.T @ own + least, own.T @ craft)
-    joint = np.zeros((STATES + SHARED, STATES + SHARED))
-    joint[:STATES, :STATES] = known
-    joint[:FIXED, :FIXED] += taken @ doubt @ taken.T
-    joint[:FIXED, STATES:] = taken @ doubt
-    joint[STATES:, :FIXED] = joint[:FIXED, STATES:].T
-    joint[STATES:, STATES:] = doubt
-    return joint
-
-
-def drift_sigma(flight: Motion, run: Floats, theta: Floats, law: int, errors: Floats, wander: Wander) -> Floats:
+def drift_sigma(
+    flight: Motion, run: Floats, theta: Floats, law: int, errors: Floats, wander: Wander, highest: float = np.inf
+) -> Floats:
     """Return standard deviations of position along a free run; shape (N, 3), NED, m.
 
     Parameters
@@ -77,18 +48,23 @@ def drift_sigma(flight: Motion, run: Floats, theta: Floats, law: int, errors: Fl
     law : int
         Of drag.
     errors : ndarray, shape (STATES + SHARED, STATES + SHARED)
-        As of `trim_errors`.
+        Mean squares of errors of the flight's states and of the craft's parameters where the run begins.
     wander : Wander
+    highest : float
+        Height up to which the profile of the wind was looked at, m: above it, its exponent is that of any day.
     """
     size = max(round(BLOCK_SECONDS / flight.dt), 1)
     edges = np.arange(0, len(run), size)
     if edges[-1] != len(run) - 1:
         edges = np.append(edges, len(run) - 1)
     by_theta, by_velocity = _derivatives(flight, run, theta, law, edges)
-    drive = np.concatenate([own_design(by_theta), by_theta[:, :, :SHARED]], axis=2)
-    count = 6 + len(errors)
+    above = np.log(np.maximum((flight.ground - run[edges, 2]) / highest, 1.0))
+    steeper = by_theta[:, :, _WIND] @ theta[_WIND] * above[:, None]
+    drive = np.concatenate([own_design(by_theta), by_theta[:, :, :SHARED], steeper[:, :, None]], axis=2)
+    count = 7 + len(errors)
     covariance = np.zeros((count, count))
-    covariance[6:, 6:] = errors
+    covariance[6:-1, 6:-1] = errors
+    covariance[-1, -1] = WIND_EXPONENT[1] ** 2
     sigma = np.zeros((len(edges), 3))
     for k in range(1, len(edges)):
         seconds = float(flight.t[edges[k]] - flight.t[edges[k - 1]])

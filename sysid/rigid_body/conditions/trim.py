@@ -12,15 +12,12 @@ from sysid.rigid_body.conditions.carried import (
     HIGHEST,
     LOWEST,
     WIND_SIGMA,
-    Carried,
     carry_states,
 )
-from sysid.rigid_body.conditions.drift_band import trim_errors
 from sysid.rigid_body.conditions.wander import FIXED
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
 from sysid.rigid_body.methods.output_error import Prior, fit_output_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
-from sysid.rigid_body.motion.increments import velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
@@ -30,8 +27,8 @@ UNUSUAL = 2.5
 #: grows with height above it and how the air departs from the standard are not known better.
 KNOWN_AT_BEST = np.array([0.02, 1e-3, 0.02, 0.02])
 
-#: Places of the thrust scale and the first wind coefficient among the parameters of a flight.
-_SCALE, _WIND = OWN.index("thrust_scale"), len(OWN)
+#: Place of the first wind coefficient among the parameters of a flight.
+_WIND = len(OWN)
 
 
 def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -72,8 +69,8 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
     doubt : ndarray, shape (SHARED, SHARED), optional
         Covariance of the craft's parameters, which a trim makes up for; left out of the standard errors when not given.
     """
-    carried = carry_states(flight, shared, law)
-    own, covariance = carried.own[-1], _stated(flight, shared, law, carried, doubt)
+    own = carry_states(flight, shared, law).own[-1]
+    covariance = _stated(flight, shared, law, own, doubt)
     return trim_from(own, covariance, np.zeros(0), source, float(flight.t[-1]))
 
 
@@ -92,13 +89,12 @@ def whole_trim(
     spacing : float or None
         Time between the points of a varying wind, s; None for a constant one.
     """
-    carried = carry_states(flight, shared, law)
-    start = carried.own[-1]
+    start = carry_states(flight, shared, law).own[-1]
     shapes, prior = wind_shapes(flight.t, np.zeros(0)), _prior(shared, start, 1, 0.0)
     values = np.concatenate([shared, start])
     free = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
     own = free.values[SHARED:]
-    covariance = _stated(flight, shared, law, carried, doubt) + np.outer(own - start, own - start)
+    covariance = _stated(flight, shared, law, own, doubt)
     knots = wind_knots(flight.t, spacing)
     if len(knots) == 0:
         return trim_from(own, covariance, knots, source)
@@ -109,17 +105,11 @@ def whole_trim(
     return trim_from(varying.values[SHARED:], covariance, knots, source)
 
 
-def _stated(flight: Motion, shared: Floats, law: int, carried: Carried, doubt: Floats | None) -> Floats:
-    """Covariance of exponent, thrust scale and wind at the end of a flight, with what they make up for; (4, 4)."""
-    known = carried.covariances[-1]
-    covariance = known[:FIXED, :FIXED] + np.diag(KNOWN_AT_BEST**2)
-    if doubt is not None:
-        blocks = velocity_increments(flight, np.concatenate([shared, carried.own[-1]]), law)
-        more = trim_errors(blocks, known, carried.wander, doubt)[:FIXED, :FIXED] - known[:FIXED, :FIXED]
-        # The scale is over the model's thrust, however wrong that is.
-        more[_SCALE], more[:, _SCALE] = 0.0, 0.0
-        covariance += more
-    return np.asarray(covariance)
+def _stated(flight: Motion, shared: Floats, law: int, own: Floats, doubt: Floats | None) -> Floats:
+    """Mean squares of errors of the exponent, thrust scale and wind that were found of a flight; shape (4, 4)."""
+    told = carry_states(flight, shared, law, doubt=doubt)
+    apart = own - told.own[-1]
+    return np.asarray(told.covariances[-1][:FIXED, :FIXED] + np.outer(apart, apart) + np.diag(KNOWN_AT_BEST**2))
 
 
 def trim_from(

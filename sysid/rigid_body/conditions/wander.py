@@ -93,7 +93,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
     """
     design, known = own_design(blocks.jacobian), np.log(_EXPECTED)
     known[2] += np.log(TURBULENCE * max(wind, LIGHT))
-    means, covariances = room(len(design))
+    means, covariances = np.empty((len(design) + 1, STATES)), np.empty((len(design) + 1, STATES, STATES))
     first = np.concatenate([mean, np.zeros(STATES - FIXED)])
 
     def cost(logarithms: Floats) -> float:
@@ -114,8 +114,3 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
             options={"maxfev": _MOST_EVALUATIONS, "xatol": _NEAR, "fatol": _NEAR, "initial_simplex": simplex},
         ).x
     return Wander(*map(float, np.exp(found)))
-
-
-def room(steps: int) -> tuple[Floats, Floats]:
-    """Return arrays that receive means and covariances of a filter."""
-    return np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES, STATES))
