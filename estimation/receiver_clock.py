@@ -40,6 +40,8 @@ QUIETEST = 0.02
 FARTHEST = 3.0
 #: Longest hole between rows of attitude and IMU that is summed over, s.
 HOLE = 0.5
+#: Rows whose attitudes are matrices at a time: those of all rows would be larger than the log.
+PIECE = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +135,13 @@ def _velocity_felt(tables: Tables) -> tuple[Array, Array] | None:
         return None
     t = imu.index.to_numpy(np.float64)
     own = attitude.index.to_numpy(np.float64)
-    angles = [np.interp(t, own, np.unwrap(attitude[name].to_numpy(np.float64))) for name in ("roll", "pitch", "yaw")]
-    turned = matrix_from_quat(quat_from_euler(*angles))
-    force = np.einsum("nij,nj->ni", turned[:, :2], imu[ACCEL].to_numpy(np.float64))
+    angles = [np.unwrap(attitude[name].to_numpy(np.float64)) for name in ("roll", "pitch", "yaw")]
+    felt = imu[ACCEL].to_numpy(np.float64)
+    force = np.empty((len(t), 2))
+    for first in range(0, len(t), PIECE):
+        piece = slice(first, first + PIECE)
+        turned = matrix_from_quat(quat_from_euler(*(np.interp(t[piece], own, angle) for angle in angles)))
+        force[piece] = np.einsum("nij,nj->ni", turned[:, :2], felt[piece])
     step = np.minimum(np.diff(t), HOLE)[:, None]
     return t, np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (force[1:] + force[:-1]) * step, axis=0)])
 

@@ -118,6 +118,12 @@ def stray_rows(table: pd.DataFrame, limits: tuple[Limit, ...]) -> Marks:
 
 def _alone_off(t: Array, values: Array, limit: Limit) -> Rows:
     """Return the rows that are off the line between their neighbours where the rows about them are not."""
+    rise = np.diff(values)
+    if limit.angle:
+        rise = wrap(rise)
+    # No value is further off the line than from one of its neighbours: most tables have nothing to look at.
+    if not (np.abs(rise) > 0.999 * limit.least).any():
+        return np.empty(0, np.intp)
     off, across = _off_line(t, values, angle=limit.angle)
     dt = np.diff(t)
     bound = limit.least + 0.5 * limit.acceleration * dt[:-1] * dt[1:]

@@ -7,9 +7,9 @@ from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
+from logparse.units import STANDARD_GRAVITY
 from pipeline.results.coverage import AxisExcitation, Excitation, Linearity
 from sysid.records.context import resample_frame
 from sysid.records.excitation import Coherence
@@ -115,7 +115,7 @@ def _axes(context: pd.DataFrame, commands: Mapping[str, float], per_second: int)
         for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
     }
     axes["thrust"] = AxisExcitation(
-        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=word_of(size / (VARYING * standard_gravity))
+        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=word_of(size / (VARYING * STANDARD_GRAVITY))
     )
     return axes
 

@@ -15,9 +15,9 @@ from typing import Literal
 
 import msgspec
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
+from logparse.units import STANDARD_GRAVITY
 from sysid.bench.table import BenchError
 
 #: Difference between g by the simple pendulum and true g that asks for a look at the thread length.
@@ -111,7 +111,7 @@ def bifilar(
     *,
     oscillations: int = 10,
     mass_sigma: float = 0.005,
-    gravity: float = standard_gravity,
+    gravity: float = STANDARD_GRAVITY,
     axis: str = "",
 ) -> BifilarResult:
     """Compute a moment of inertia from timed swings.
@@ -209,7 +209,7 @@ class ThreadCheck:
 
 
 def check_thread(
-    times: Sequence[float], length: float, *, oscillations: int = 10, gravity: float = standard_gravity
+    times: Sequence[float], length: float, *, oscillations: int = 10, gravity: float = STANDARD_GRAVITY
 ) -> ThreadCheck:
     """Check the thread length by a simple pendulum (eq. 18).
 

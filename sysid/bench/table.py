@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.constants import g as standard_gravity
 
 from logparse import Finding, RotoridError, Severity
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 
 Flags = NDArray[np.bool_]
@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 #: Columns of a `BenchTable` and their units.
 COLUMNS = {"pwm": "us", "voltage": "V", "thrust": "N", "torque": "N m", "speed": "rad/s", "current": "A"}
 
-_KGF = standard_gravity
+_KGF = STANDARD_GRAVITY
 _POUND = 4.4482216152605
 
 #: Factor to SI by quantity and unit, the unit in lower case without blanks, dots and stars.

@@ -398,7 +398,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         Without a flight, or without the signals of the axis in it.
     """
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
-    rows = (signals.t >= start) & (signals.t <= stop)
+    rows = slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
     t = signals.t[rows]
     wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
     known = {name: signals.columns[name][rows] for name in wanted}
@@ -412,35 +412,34 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
             f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, or a "
             "minute of short stick inputs on it"
         )
+    beside: list[Floats] = []
+    name = ""
     if target is not None:
-        instrument, name = (
-            known[axis.input],
-            f"{axis.name} target" if axis.attitude else lift_asked(log, *t[[0, -1]])[2],
-        )
+        name = f"{axis.name} target" if axis.attitude else lift_asked(log, *t[[0, -1]])[2]
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
-        instrument, name = known[axis.reference], "rate target"
-    else:
-        instrument, name = known[axis.input], ""
+        beside, name = [known[axis.reference]], "rate target"
     _refuse_scattered(log, t)
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
-    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], instrument, *others])
-    if target is not None:  # not from the rows that may be lost, as in `record_of_chirp`
-        asked = _outside_target(log, axis, clock)
-        values[:, 2] = values[:, 2] if asked is None else asked
-    if np.std(values[:, 0]) < _STILL or np.std(values[:, 2]) == 0.0:
+    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], *others, *beside])
+    command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
+    # The target does not come from the rows that may be lost, as in `record_of_chirp`.
+    asked = None if target is None else _outside_target(log, axis, clock)
+    if asked is None:
+        asked = values[:, -1] if beside else command
+    if np.std(command) < _STILL or np.std(asked) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
     return AxisRecord(
         name=f"{log.path.name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
         start=float(clock[0]),
         dt=float(clock[1] - clock[0]),
-        inputs=np.column_stack([values[:, 0], values[:, 3:]]),
-        output=values[:, 1],
-        instruments=values[:, 2:],
+        inputs=np.column_stack([command, conditions]),
+        output=values[:, 1].copy(),
+        instruments=np.column_stack([asked, conditions]),
         usable=usable,
         band=ORDINARY_BAND,
         instrument=name,
         source=signals.source,
-        common=_of_lost_rows(t, values[:, 0]),
+        common=_of_lost_rows(t, command),
     )
 
 
@@ -479,7 +478,7 @@ def _of_lost_rows(t: Floats, command: Floats) -> float:
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
 
 
-def _other_outputs(axis: Axis, signals: RateSignals, rows: NDArray[np.bool_]) -> list[Floats]:
+def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Floats]:
     """Return the outputs of the other axes of rotation that move, so that what they do does not count as the axis's."""
     if not axis.attitude:
         return []

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as standard_gravity
+
+from logparse.units import STANDARD_GRAVITY
 
 #: MAVLink commands.
 _WAYPOINT, _TAKEOFF, _LAND, _SPEED, _DELAY = 16, 22, 21, 178, 93
@@ -128,4 +129,4 @@ def _deceleration(parameters: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 def thrust_errors(legs: Sequence[Leg]) -> dict[str, float]:
     """Predict the relative standard deviation of the thrust scale from the time in hover and climb."""
     seconds = sum(leg.stay for leg in legs)
-    return {"thrust_scale": float(_ACCELERATION_NOISE / standard_gravity / math.sqrt(max(seconds / _ALIKE, 1.0)))}
+    return {"thrust_scale": float(_ACCELERATION_NOISE / STANDARD_GRAVITY / math.sqrt(max(seconds / _ALIKE, 1.0)))}

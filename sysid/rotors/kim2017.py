@@ -23,11 +23,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_geometry import MotorGeometry, motor_geometry
 from sysid.records.motor_signals import too_slow, unexplained
@@ -146,7 +146,7 @@ class Kim2017Model(Summarised):
         z = data.altitude[0] - experiment.context["v_d"].iloc[0] * data.t if experiment.context is not None else data.t
         z = (
             z
-            - 0.5 * standard_gravity * data.t**2
+            - 0.5 * STANDARD_GRAVITY * data.t**2
             + integrate_twice(data.lift * thrust.sum(axis=1, keepdims=True), data.dt)[:, 0]
         )
         gyro = gyroscopic(data, self.inertia)

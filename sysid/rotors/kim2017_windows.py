@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_geometry import MotorGeometry
 from sysid.records.motor_signals import EXPLAINED, motor_signals
@@ -179,7 +179,7 @@ def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float,
         result.append(
             Window(
                 outputs=(
-                    _without(line, part.altitude + 0.5 * standard_gravity * part.t**2),
+                    _without(line, part.altitude + 0.5 * STANDARD_GRAVITY * part.t**2),
                     _without(spinning[0], part.rates[:, 0] - gyro[0]),
                     _without(spinning[1], part.rates[:, 1] - gyro[1]),
                     _without(spinning[2], part.rates[:, 2] - gyro[2]),

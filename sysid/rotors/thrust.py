@@ -17,11 +17,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from logparse import Finding, Severity
 from logparse.quantity import uncertain
 from logparse.summary import Summarised, listed
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
@@ -196,7 +196,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if mass is None:
         findings.append(mass_unknown())
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))
-    hover = command_for(standard_gravity / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
+    hover = command_for(STANDARD_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
         common=common,

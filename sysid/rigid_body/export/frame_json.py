@@ -23,9 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import scipy
-from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 
@@ -136,18 +136,18 @@ def _power(sheet: _Sheet, model: RigidBodyModel, mass: float, full_voltage: floa
     sheet.put("maxVoltage", volts, "voltage at which thrust was identified, or as given" if known else "assumed", known)
     sheet.put(
         "hoverThrOut",
-        standard_gravity / (count * model.value("thrust") * ratio),
+        STANDARD_GRAVITY / (count * model.value("thrust") * ratio),
         "weight over full thrust at refAlt and maxVoltage: 9.80665 / (n k/m)",
     )
     sheet.put("refAlt", 0.0, "identified coefficients hold in sea-level air")
     sheet.put("refTempC", 15.0, "standard atmosphere; the simulator does not use it", False)
     loss = model.parameters["climb_loss"]
     known = loss.determined and loss.used > 0.0
-    outflow = math.sqrt(standard_gravity / loss.used) if known else _OUTFLOW
+    outflow = math.sqrt(STANDARD_GRAVITY / loss.used) if known else _OUTFLOW
     sheet.put("refVoltage", volts, "with refCurrent: power in hover")
     sheet.put(
         "refCurrent",
-        outflow * mass * standard_gravity / 2.0 / volts,
+        outflow * mass * STANDARD_GRAVITY / 2.0 / volts,
         "power in hover whose outflow velocity loses thrust with climb as identified"
         if known
         else "power in hover with the outflow velocity of the simulator's default craft; loss of thrust in climb was "
@@ -191,7 +191,7 @@ def _drag(sheet: _Sheet, model: RigidBodyModel, mass: float, disc_area: float | 
         model.parameters[f"drag_{law}_{axis}"].determined for law in ("linear", "quadratic") for axis in ("x", "y")
     )
     # mdrag sqrt(disc_area) is all that acts; m d = mdrag sqrt(rho disc_area m g).
-    product = mass * linear / math.sqrt(_SEA_LEVEL * mass * standard_gravity)
+    product = mass * linear / math.sqrt(_SEA_LEVEL * mass * STANDARD_GRAVITY)
     if disc_area is not None:
         area, coefficient, how = disc_area, product / math.sqrt(disc_area), "as given"
     elif product > 0.0:
@@ -220,9 +220,9 @@ def _reference_flight(mass: float, area_cd: float, mdrag: float, disc_area: floa
     def surplus(angle: float) -> float:
         cosine = math.cos(angle)
         momentum = (
-            cosine * mdrag * speed * cosine * math.sqrt(mass * standard_gravity / cosine * _SEA_LEVEL * disc_area)
+            cosine * mdrag * speed * cosine * math.sqrt(mass * STANDARD_GRAVITY / cosine * _SEA_LEVEL * disc_area)
         )
-        return mass * standard_gravity * math.tan(angle) - momentum - 0.5 * _SEA_LEVEL * area_cd * speed**2
+        return mass * STANDARD_GRAVITY * math.tan(angle) - momentum - 0.5 * _SEA_LEVEL * area_cd * speed**2
 
     while surplus(math.radians(60.0)) < 0.0:
         speed *= 0.7
@@ -267,7 +267,7 @@ def _rotation(sheet: _Sheet, model: RigidBodyModel, mass: float, arm: float | No
         sheet.undetermined.append("motor1_yaw")
         return
     motors, expo = model.vehicle.motors, model.value("thrust_expo")
-    command = min(command_for(standard_gravity / (len(motors) * model.value("thrust")), expo), 1.0)
+    command = min(command_for(STANDARD_GRAVITY / (len(motors) * model.value("thrust")), expo), 1.0)
     curve = (1.0 - expo) * command + expo * command**2
     slope = 1.0 - expo + 2.0 * expo * command
     factor = gains["yaw"].used * (roll + pitch) * slope / (0.05 * length * thrust * (curve + command * slope))

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from logparse import MissingDataError
 from logparse.summary import Summarised, listed
+from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
@@ -142,7 +142,7 @@ def hover_model(model: RigidBodyModel, density: float = 1.225, voltage: float | 
     if voltage is not None and model.reference_voltage:
         ratio = (voltage / model.reference_voltage) ** 2
     air = density / model.reference_density
-    command = command_for(standard_gravity / (len(motors) * model.value("thrust") * air * ratio), expo)
+    command = command_for(STANDARD_GRAVITY / (len(motors) * model.value("thrust") * air * ratio), expo)
     if not 0.0 < command < 1.0:
         raise MissingDataError(f"no linear hover model: hover would take a command of {command:.2f}")
     slope = air * ratio * (1.0 - expo + 2.0 * expo * command)

@@ -79,8 +79,8 @@ def whiten(columns: Floats, dt: float, gust: float, tau: float, jolt: float, noi
 
 
 @njit(cache=True, nogil=True)
-def integrated(rates: Floats, dt: float, stride: int) -> Floats:
-    """Integrate columns from their first sample on by trapezoids, and return every `stride`-th sum.
+def integrated(rates: Floats, dt: float, stride: int, sums: Floats) -> None:
+    """Integrate columns from their first sample on by trapezoids, and keep every `stride`-th sum.
 
     Sums in between and steps are not kept: of the derivatives of a long flight they would take four times its memory.
 
@@ -90,17 +90,15 @@ def integrated(rates: Floats, dt: float, stride: int) -> Floats:
     dt : float
         s.
     stride : int
-
-    Returns
-    -------
-    ndarray, shape (ceil(n / stride), m)
+    sums : ndarray, shape (ceil(n / stride), m)
+        Receives the sums.
     """
-    n, m = rates.shape
-    sums = np.zeros(((n + stride - 1) // stride, m))
-    total = np.zeros(m)
-    for k in range(1, n):
+    rows, m = sums.shape
+    for c in range(m):
+        sums[0, c] = 0.0
+    for row in range(1, rows):
         for c in range(m):
-            total[c] += 0.5 * dt * (rates[k, c] + rates[k - 1, c])
-        if k % stride == 0:
-            sums[k // stride] = total
-    return sums
+            sums[row, c] = sums[row - 1, c]
+        for k in range((row - 1) * stride, row * stride):
+            for c in range(m):
+                sums[row, c] += 0.5 * dt * (rates[k + 1, c] + rates[k, c])

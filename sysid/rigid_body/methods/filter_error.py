@@ -235,9 +235,11 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Veloc
     accelerations(theta, signals, steady, heights, motion.velocity, law, push, jacobian)
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
     stride = max(round(step / motion.dt), 1)
-    left = motion.velocity[::stride] - integrated(push, motion.dt, stride)
-    slopes = integrated(jacobian.reshape(count, -1), motion.dt, stride).reshape(len(left), *jacobian.shape[1:])
-    return left, slopes, stride * motion.dt
+    velocity = motion.velocity[::stride]
+    gained, slopes = np.empty_like(velocity), np.empty((len(velocity), *jacobian.shape[1:]))
+    integrated(push, motion.dt, stride, gained)
+    integrated(jacobian.reshape(count, -1), motion.dt, stride, slopes.reshape(len(velocity), -1))
+    return velocity - gained, slopes, stride * motion.dt
 
 
 def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
