@@ -33,6 +33,9 @@ HELD, _USUALLY_HELD = 0.5, 5.0
 #: Longest usual step of a record, s: beyond it a unit of time is wrong.
 LONGEST_STEP = 1.0
 
+#: Shortest time that is a record of motion, s: below it a unit of time is wrong the other way.
+SHORTEST_RECORD = 0.2
+
 #: Longest spike, samples.
 _LONGEST_SPIKE = 3
 
@@ -97,6 +100,11 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
         rows = kept
     if len(rows) < FEWEST:
         raise TableError(f"{label}: column {name}: only {len(rows)} rows in a row have steady times")
+    if (span := float(t[rows[-1]] - t[rows[0]])) < SHORTEST_RECORD:
+        raise TableError(
+            f"{label}: column {name}: {len(rows)} rows last {span:.3g} s, too short for a record of motion; is the "
+            "time in days, hours or minutes? (time: {column: ..., unit: d})"
+        )
     return rows, findings
 
 
@@ -148,7 +156,7 @@ def known_rows(
         if not bad.any():
             continue
         if bad.all():
-            raise TableError(f"{label}: column {name} has no values")
+            raise TableError(f"{label}: column {name} has no numbers; is it text, or are there commas for points?")
         if fill and bad.mean() > MOST_MISSING:
             raise TableError(
                 f"{label}: column {name}: {100 * bad.mean():.0f} % of the samples are missing, too many to fill"
@@ -232,6 +240,7 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
         s.
     """
     still = np.diff(values, axis=0) == 0.0
+    stuck = [name for name, column in zip(names, still.T, strict=True) if column.all()]
     # Rows that repeat as a whole interrupt nothing: they are left out, and counted in the time.
     rows = np.concatenate([[0], 1 + np.flatnonzero(~still.all(axis=1))])
     values, still = values[rows], still[rows[1:] - 1]
@@ -248,7 +257,7 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
             values[:, k]
         ):
             held.setdefault((int(rows[first[worst]]), int(length[worst])), []).append(name)
-    return [
+    return [_finding("table-held", name, "the value never changes while others move") for name in stuck] + [
         _finding("table-held", ", ".join(columns), f"the value stands still for {length * dt:.2f} s while others move")
         for (_, length), columns in held.items()
     ]

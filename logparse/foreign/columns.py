@@ -30,7 +30,7 @@ WORLD_TO_NED: Mapping[str, Floats] = {
 FRD_TO_BODY: Mapping[str, Floats] = {"FRD": np.eye(3), "FLU": np.diag([1.0, -1.0, -1.0])}
 
 #: Factors to SI.
-TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LENGTH_UNITS: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
 SPEED_UNITS: Mapping[str, float] = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6}
 ANGLE_UNITS: Mapping[str, float] = {"rad": 1.0, "deg": math.pi / 180}
@@ -210,6 +210,8 @@ def _names(key: str, value: Any, count: int | None) -> tuple[str, ...]:
     names = tuple(str(each) for each in value)
     if count is not None and len(names) != count:
         raise TableError(f"columns: {key} takes {count} columns, not {len(names)} ({', '.join(names)})")
+    if len(set(names)) < len(names):
+        raise TableError(f"columns: {key} names a column twice ({', '.join(names)})")
     return names
 
 

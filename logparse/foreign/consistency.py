@@ -51,8 +51,9 @@ _MOST_ORDERED = 4
 #: Movement below which a check has nothing to go by: m/s, rad/s, m/s^2.
 _STILL_SPEED, _STILL_RATE, _STILL_FORCE = 0.05, 0.05, 0.3
 
-#: Time over which differences are taken, s: short against the motion, long against noise.
-_BASE = 0.04
+#: Time over which differences are taken, s: short against the motion, long against noise; and second differences of
+#: position, where no velocity is logged.
+_BASE, _LONG_BASE = 0.04, 0.2
 
 
 def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) -> list[Finding]:
@@ -103,14 +104,16 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
         )
     findings: list[Finding] = []
     speeds = [
-        name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.median(column) < 0.5 * usual
+        name
+        for name, column in zip(declared.motors.columns, motors.T, strict=True)
+        if not 0.5 * usual <= np.median(column) <= 2.0 * usual
     ]
     if speeds and declared.motors.quantity != "pwm":
         findings.append(
             Finding(
                 "table-unlike-motors",
                 Severity.WARNING,
-                f"column {', '.join(speeds)}: less than half of what the other motors have",
+                f"column {', '.join(speeds)}: less than half or more than twice what the other motors have",
                 "check unit and column of this motor",
                 {"column": ", ".join(speeds)},
             )
@@ -207,7 +210,8 @@ def check_motion(
     if not wrong and declared.rates is not None:
         wrong += _rates(declared, rotation, rates, dt, reach)
     if not wrong:
-        wrong += _thrust(declared, velocity, rotation, motors, dt, reach)
+        base = max(round(_LONG_BASE / dt / 2.0), 1) if declared.velocity is None else reach
+        wrong += _thrust(declared, velocity, rotation, motors, dt, base)
     if not wrong:
         wrong += _motors(declared, rates, motors, dt)
     if wrong:
@@ -418,6 +422,12 @@ def _thrust(
         crossed = min(abs(_alike(level[:, 0], lean[:, 1])), abs(_alike(level[:, 1], lean[:, 0])))
         if crossed > _ALIKE:
             return [f"columns {names}: the craft speeds up across its lean: the heading of the world's frame is wrong"]
+        sizes = _alike(np.linalg.norm(level, axis=1), np.linalg.norm(lean, axis=1))
+        if sizes > _ALIKE:
+            return [
+                f"columns {names}: the craft speeds up as much as it leans (correlation {sizes:+.2f}), but not where "
+                f"it leans (N {values[0]:+.2f}, E {values[1]:+.2f}): the heading is wrong; is the yaw in another unit?"
+            ]
     for axis, value in values.items():
         speeding = value * _ratio(level[:, axis], lean[:, axis])
         if abs(value) > _ALIKE and not _SPEEDING[0] < speeding < _SPEEDING[1]:
@@ -425,12 +435,11 @@ def _thrust(
                 f"columns {names}: the craft speeds up {speeding:.3g} times as much as its lean says: a unit of "
                 f"position, velocity or time is wrong{_unit_hint(speeding)}"
             ]
-    return _strength(declared, force[:, 2], motors[reach:-reach])
+    return _strength(declared, force[:, 2], _mean_over((motors**2).sum(axis=1, keepdims=True), 2 * reach)[:, 0])
 
 
-def _strength(declared: ColumnMap, pull: Floats, motors: Floats) -> list[str]:
+def _strength(declared: ColumnMap, pull: Floats, total: Floats) -> list[str]:
     names = ", ".join(declared.motors.columns)
-    total = (motors**2).sum(axis=1)
     if pull.std() < _STILL_FORCE:
         return []
     value = max(

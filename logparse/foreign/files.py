@@ -34,6 +34,9 @@ _OPENERS: Mapping[str, Callable[[Path], io.BufferedIOBase]] = {
     ".bz2": bz2.BZ2File,
 }
 
+#: Bytes of a text of which its separator and decimal mark are read.
+_SAMPLE = 4096
+
 #: Classes of MATLAB's variables that are no arrays of numbers.
 _NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
 
@@ -85,18 +88,22 @@ def _text(path: Path) -> pd.DataFrame:
     opener = next((_OPENERS[ending] for ending in _OPENERS if name.endswith(ending)), None)
     if opener is None:
         with path.open("rb") as plain:
-            return _values(plain, name)
+            return _values(plain)
     with opener(path) as packed, tempfile.TemporaryFile() as plain:
         _, damage = unpack(packed, plain, path.name)
         if damage is not None:
             raise damage
         plain.seek(0)
-        return _values(plain, name)
+        return _values(plain)
 
 
-def _values(file: IO[bytes], name: str) -> pd.DataFrame:
-    guess = name.endswith((".txt", ".tsv"))
-    return pd.read_csv(file, sep=None if guess else ",", engine="python" if guess else "c")
+def _values(file: IO[bytes]) -> pd.DataFrame:
+    """Read text by the separator that its first line has most of; beside another, decimals may have commas too."""
+    head, _, rows = file.read(_SAMPLE).decode("utf-8", "replace").partition("\n")
+    file.seek(0)
+    separator = max(",;\t", key=head.count) if any(mark in head for mark in ",;\t") else r"\s+"
+    decimal = "," if separator != "," and "," in rows and "." not in rows else "."
+    return pd.read_csv(file, sep=separator, decimal=decimal, encoding_errors="replace")
 
 
 def _parquet(path: Path) -> pd.DataFrame:
@@ -120,6 +127,10 @@ def _check_size(path: Path, size: int) -> None:
 def flatten(frame: pd.DataFrame) -> pd.DataFrame:
     """Part columns of lists, or of lists in strings, into columns of numbers; other text becomes NaN."""
     out: dict[str, np.ndarray] = {}
+    frame = frame.set_axis([str(column).strip() for column in frame.columns], axis=1)
+    if not frame.columns.is_unique:
+        twice = ", ".join(dict.fromkeys(frame.columns[frame.columns.duplicated()]))
+        raise TableError(f"column {twice} stands in the table more than once; give each its own name")
     for column in frame.columns:
         series = frame[column]
         if series.dtype.kind in "biuf":
@@ -129,11 +140,20 @@ def flatten(frame: pd.DataFrame) -> pd.DataFrame:
         sample = first.iloc[0] if len(first) else None
         if isinstance(sample, list | tuple | np.ndarray) or (isinstance(sample, str) and sample.lstrip()[:1] == "["):
             out |= _parted(str(column), series)
-        elif series.dtype.kind == "M":
-            out[str(column)] = series.to_numpy("datetime64[ns]").astype(np.int64) * 1e-9
         else:
-            out[str(column)] = pd.to_numeric(series, errors="coerce").to_numpy(np.float64)
+            out[str(column)] = _numbers(series)
     return pd.DataFrame(out)
+
+
+def _numbers(series: pd.Series) -> np.ndarray:
+    """Dates and durations in seconds; of text the numbers, or dates where it has none; NaN for what is neither."""
+    if series.dtype.kind not in "mM":
+        values = pd.to_numeric(series, errors="coerce").to_numpy(np.float64)
+        if np.isfinite(values).any() or not series.dropna().astype(str).str.contains(r"\d[:/-]\d").any():
+            return values
+        series = pd.to_datetime(series, errors="coerce", format="mixed")
+    stamps = series.to_numpy(f"{'timedelta' if series.dtype.kind == 'm' else 'datetime'}64[ns]")
+    return np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-9)
 
 
 def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:

@@ -27,6 +27,9 @@ Floats = npt.NDArray[np.float64]
 #: Norm of quaternions beyond which they are worth a remark.
 _NORM = 0.02
 
+#: Sampling interval of what is checked, s: motion has nothing that is faster.
+_CHECKED = 0.004
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionTable:
@@ -121,12 +124,15 @@ def read_motion(
     if len(clock) != len(t) or np.max(np.abs(clock - t)) > 0.3 * dt:
         columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
     found += check_units(declared, columns_of, label)
-    motion = _in_ned(columns_of, clock, declared)
-    check_motion(declared, *motion, columns_of["motors"], clock, label)
-    position, velocity, quaternion, rates = motion
-    found += unchecked_order(declared, rates, columns_of["motors"], float(clock[1] - clock[0]))
-    found += check_shifts(declared, position, velocity, quaternion, rates, float(clock[1] - clock[0]))
-    found += check_clock(declared, position, velocity, quaternion, rates, float(clock[1] - clock[0]))
+    position, velocity, quaternion, rates = _in_ned(columns_of, clock, declared)
+    every = slice(None, None, max(round(_CHECKED / dt), 1))
+    p, v, q, w = position[every], velocity[every], quaternion[every], rates[every]
+    motors, times = columns_of["motors"][every], clock[every]
+    check_motion(declared, p, v, q, w, motors, times, label)
+    step = float(times[1] - times[0])
+    found += unchecked_order(declared, w, motors, step)
+    found += check_shifts(declared, p, v, q, w, step)
+    found += check_clock(declared, p, v, q, w, step)
     unit = {"pwm": "us", "command": "1"}.get(declared.motors.quantity, "rad/s")
     return MotionTable(
         name=label,
@@ -150,6 +156,9 @@ def _require(frame: pd.DataFrame, declared: ColumnMap, label: str) -> None:
     """Check that every column that is named is there."""
     known = [str(column) for column in frame.columns]
     missing = [each for each in dict.fromkeys(declared.names) if each not in frame.columns]
+    # A name that a file has twice is read as NAME and NAME.1.
+    if twice := [each for each in dict.fromkeys(declared.names) if f"{each}.1" in known]:
+        raise TableError(f"{label}: column {', '.join(twice)} stands in the table more than once; rename one")
     if not missing:
         return
     hints = []
@@ -204,7 +213,13 @@ class _Converter:
                 )
             rotation = Rotation.from_quat(raw, scalar_first=signal.scalar_first)
         else:
-            rotation = Rotation.from_euler("ZYX", raw[:, ::-1] * signal.factor)
+            angles = raw * signal.factor
+            for name, angle in zip(signal.columns[:2], angles[:, :2].T, strict=True):
+                if (most := float(np.max(np.abs(angle)))) > 2.0 * np.pi:
+                    raise TableError(
+                        f"{self.label}: column {name}: a lean of {most:.3g} rad is more than a turn; is it in deg?"
+                    )
+            rotation = Rotation.from_euler("ZYX", angles[:, ::-1])
         if signal.world_to_body:
             rotation = rotation.inv()
         return _continuous(rotation.as_quat(scalar_first=True)), findings

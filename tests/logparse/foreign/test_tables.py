@@ -9,6 +9,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from logparse import RotoridError
+from logparse.foreign.clock import held_values
 from logparse.foreign.columns import read_column_map
 from logparse.foreign.files import TableError, read_columns
 from logparse.foreign.motion import read_motion
@@ -413,9 +414,75 @@ def test_a_column_that_is_mostly_missing_is_not_made_up():
         read_motion(frame, columns(fill=True))
 
 
-def test_time_in_another_unit_is_refused_with_its_column():
-    with pytest.raises(TableError, match="column t: samples are 10 s apart"):
-        read_motion(table().assign(t=table()["t"] * 1000.0), columns())
+@pytest.mark.parametrize(("factor", "told"), [(1000.0, "samples are 10 s apart"), (1 / 86400, "unit: d")])
+def test_time_in_another_unit_is_refused_with_its_column(factor, told):
+    """Days, as spreadsheets count them, make a record so short that nothing can be held against it."""
+    with pytest.raises(TableError, match=f"column t: .*{told}"):
+        read_motion(table().assign(t=table()["t"] * factor), columns())
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", "."), (";", ","), ("\t", ",")])
+def test_separators_and_decimal_commas_of_spreadsheets_are_read(tmp_path, separator, decimal):
+    path = tmp_path / "flight.csv"
+    table()[:300].to_csv(path, sep=separator, decimal=decimal, index=False)
+    assert np.allclose(read_columns(path), table()[:300])
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f"])
+def test_dates_and_times_of_day_are_times(form):
+    frame = table()
+    frame["t"] = pd.to_datetime(1.7e9 + frame["t"], unit="s").dt.strftime(form)
+    read = read_motion(frame, columns())
+    assert np.allclose(read.t - read.t[0], table()["t"], atol=1e-6)
+
+
+def test_a_column_that_stands_in_the_table_twice_is_refused(tmp_path):
+    """Which of the two is meant is not known; the first was taken."""
+    path = tmp_path / "flight.csv"
+    twice = pd.concat([table(), table()[["x"]]], axis=1)
+    twice.to_csv(path, index=False)
+    for source in (twice, path):
+        with pytest.raises(TableError, match="column x stands in the table more than once"):
+            read_motion(source, columns())
+
+
+@pytest.mark.parametrize(("angle", "told"), [("roll", "column roll: a lean of"), ("yaw", "the heading is wrong")])
+def test_degrees_of_one_angle_are_refused_where_no_rate_contradicts_them(angle, told):
+    frame = table("NED", "FRD")
+    angles = Rotation.from_quat(frame[["qx", "qy", "qz", "qw"]]).as_euler("ZYX")[:, ::-1]
+    frame[["roll", "pitch", "yaw"]] = angles
+    frame[angle] = np.degrees(frame[angle])
+    described = columns("NED", "FRD", attitude={"columns": ["roll", "pitch", "yaw"], "unit": "rad"})
+    del described["rates"]
+    with pytest.raises(TableError, match=told):
+        read_motion(frame, described)
+
+
+def test_noise_of_positions_does_not_hide_that_motors_lift_where_no_velocity_is_logged():
+    """A millimetre of noise is 10 m/s^2 from sample to sample: seventeen real flights were refused."""
+    frame = table()
+    frame[["x", "y", "z"]] += 1e-3 * np.random.default_rng(0).standard_normal((len(frame), 3))
+    described = columns()
+    del described["velocity"], described["rates"]
+    read_motion(frame, described)
+
+
+def test_fast_tables_are_checked_at_the_rate_of_motion():
+    """At 4 kHz the checks took half a minute and gigabytes; motors are still held against the turns."""
+    slow = table()
+    t = np.arange(0.0, slow["t"].iloc[-1], 1.0 / 4000.0)
+    fast = pd.DataFrame({name: np.interp(t, slow["t"], slow[name]) for name in slow})
+    assert len(read_motion(fast, columns()).t) == len(t)
+    with pytest.raises(TableError, match="in the order b, a, c, d they would"):
+        read_motion(swapped(fast, "a", "b"), columns())
+
+
+def test_a_motor_of_another_unit_and_a_column_that_never_changes_are_named():
+    (found,) = read_motion(table().assign(b=3.0 * table()["b"]), columns(fill=True)).findings
+    assert (found.id, found.evidence["column"]) == ("table-unlike-motors", "b")
+    signals = np.random.default_rng(0).standard_normal((300, 3)) * [1.0, 0.0, 1.0]
+    (found,) = held_values(signals, ("qw", "qx", "qy"), 0.01)
+    assert (found.id, found.evidence["column"]) == ("table-held", "qx")
 
 
 def test_quaternions_that_are_none_are_refused():
@@ -438,6 +505,7 @@ QUAD = {"columns": ["a", "b", "c", "d"], "frame": "quad/x"}
         ({"frame": {"world": "XYZ"}}, "must be one of NED, ENU, NWU"),
         ({"motors": QUAD | {"quantity": "pwm", "pwm": [1000, [2000]]}}, "widths of idle and full"),
         ({"motors": QUAD | {"quantity": "pwm", "pwm": {"idle": 1000}}}, "widths of idle and full"),
+        ({"motors": QUAD | {"quantity": "rpm", "columns": ["a", "b", "c", "c"]}}, r"motors names a column twice"),
         ({"mass": -1}, "positive number"),
         ({"position": "x"}, r"no column x\[0\]"),
     ],
