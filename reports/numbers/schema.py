@@ -11,10 +11,11 @@ import msgspec
 
 from pipeline.results.model_report import ModelsFile
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
+from pipeline.results.tables import TablesReport
 
 #: Types that each file may hold.
 _FILES: dict[str, tuple[type, ...]] = {
-    "report": (FlightReport, CraftReport, FleetReport),
+    "report": (FlightReport, CraftReport, FleetReport, TablesReport),
     "models": (ModelsFile,),
 }
 

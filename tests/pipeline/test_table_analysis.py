@@ -2,6 +2,7 @@
 
 import json
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
@@ -10,6 +11,7 @@ from logparse.serialization import as_json
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.flight.table_analysis import analyze_tables
+from reports.numbers.schema import schema
 from reports.pages.tables import tables_page
 from tests.sysid.six_dof import flown
 
@@ -53,6 +55,8 @@ def test_a_table_is_fitted_on_its_first_part_and_judged_on_the_rest(result):
     half = {each.state: each for each in result.errors if each.horizon == 0.5}
     assert all(each.model < 0.2 * each.held for each in half.values()), half
     numbers = json.loads(as_json(result.report()))
+    jsonschema.validate(numbers, schema("report"))
+    assert numbers["model"]["charges"] == result.model.shape.charges
     assert numbers["model"]["parameters"]["thrust"]["si_value"] == pytest.approx(flown.THRUST, rel=0.02)
     page = tables_page(result)
     assert "roll gain" in page

@@ -22,7 +22,7 @@ Offsets are what a centre of gravity beside the motors' centre, or unlike rotors
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -32,14 +32,13 @@ from logparse import Finding, MissingDataError
 from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof._kernels import ahead, free_run
+from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
 from sysid.rigid_body.six_dof.correction import CorrectionRecord, HorizonCorrection
 from sysid.rigid_body.six_dof.observer import Observer, missed_accelerations, pushes
 
 #: Longest step of the integration, s.
 LONGEST_STEP = 0.011
-
 #: Units of the shared parameters; T is 1 in the mean of the records fitted.
 UNITS: Mapping[str, str] = {
     "thrust": "m/s^2 at the mean strength of the rotors",
@@ -94,6 +93,7 @@ class SixDofReport:
     estimated: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
     winds: Mapping[str, tuple[float, ...]]
+    charges: Mapping[str, float]  #: Thrust of the same commands in each record over that of the mean record.
     errors: tuple[UsualErrors, ...]
     mass: float | None
     correction: CorrectionRecord | None
@@ -157,6 +157,41 @@ class SixDofModel(Summarised):
                 self.theta, drive, self._wind(record), np.zeros(6), record.states, dt, substeps(dt), self.attitude_given
             )
         )
+
+    def fly(
+        self, experiment: Experiment, controller: Callable[[float, Floats, Floats], Floats]
+    ) -> tuple[Floats, Floats]:
+        """Fly from a record's first state with a controller in the loop, or with its inputs changed.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Gives the first state, the clock and the wind; cut to the time that is asked for, as each sample takes
+            as long as the record is.
+        controller : callable
+            Of the time [s], the state, shape (18,) as in `BodyRecord.states`, and the record's inputs then, shape (m,),
+            in its units: the inputs that the craft gets instead.
+
+        Returns
+        -------
+        (ndarray, ndarray)
+            States, shape (N, 18), and the inputs that were given, shape (N, m).
+
+        Raises
+        ------
+        ValueError
+            When attitude is an input of the model, so that no controller can turn the craft.
+        """
+        if self.attitude_given:
+            raise ValueError("attitude is an input of this model: fit one with attitude='state'")
+        given, wind, dt = experiment.u.copy(), self._wind(self.record(experiment)), experiment.dt
+        states = self.record(experiment).states.copy()
+        for k in range(len(given) - 1):
+            given[k:] = controller(float(experiment.t[k]), states[k], experiment.u[k])
+            drive = drives(self.record(replace(experiment, u=given)), self.kinds, self.shape)[k]
+            states[k + 1] = states[k]
+            advance(self.theta, drive, wind[k], np.zeros(6), dt, substeps(dt), states[k + 1])
+        return states, given
 
     def predict(self, experiment: Experiment, horizon: float = 1.0) -> Floats:
         """Predict x, y, z of every sample from the state `horizon` seconds before; shape (N, 3).
@@ -284,6 +319,7 @@ class SixDofModel(Summarised):
             estimated=self.estimated,
             covariance=tuple(tuple(row) for row in self.covariance.tolist()),
             winds={name: tuple(wind.tolist()) for name, wind in self.winds.items()},
+            charges=self.shape.charges,
             errors=tuple(UsualErrors(horizon, *each.tolist()) for horizon, each in self.scales.items()),
             mass=self.mass,
             correction=None if self.correction is None else self.correction.record(),

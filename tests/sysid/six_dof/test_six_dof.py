@@ -104,6 +104,32 @@ def test_predict_begins_with_the_free_run_and_is_position_of_the_state(fitted):
 
 
 @pytest.mark.slow
+def test_flies_with_other_inputs_and_with_a_controller(fitted):
+    """The recorded inputs fly as in the free run; a controller holds level what they turn over.
+
+    Of inputs that act two samples later all that matters is known when a controller is asked.
+    """
+    model, _, unseen = fitted
+    model = replace(model, shape=replace(model.shape, delays=np.full(4, 0.02)))
+    start = unseen[300:450]
+    states, given = model.fly(start, lambda t, state, inputs: inputs)
+    assert np.array_equal(given[:-1], start.u[:-1])
+    assert np.allclose(states[:-1], model.simulate_states(start)[:-1], atol=1e-9)
+
+    mixer = np.linalg.pinv([-np.sin(flown.ANGLES), np.cos(flown.ANGLES), -flown.SPINS])
+
+    def level(t, state, inputs):
+        rotation, rates = state[6:15].reshape(3, 3), state[15:]
+        wanted = -8.0 * np.array([rotation[2, 1], -rotation[2, 0], 0.0]) - 3.0 * rates
+        return flown.HOVER * np.sqrt(np.maximum(1.0 + mixer @ (np.array([0.05, 0.05, 0.1]) * wanted), 0.1))
+
+    states, given = model.fly(start, level)
+    open_loop, _ = model.fly(start, lambda t, state, inputs: np.full(4, flown.HOVER))
+    lean = [np.arccos(each[-1, 14]) for each in (states, open_loop)]
+    assert lean[0] < 0.02 < 0.1 * lean[1], lean
+
+
+@pytest.mark.slow
 def test_validation_judges_every_state_by_horizon(fitted):
     model, _, unseen = fitted
     found = validate_states(model, unseen)
