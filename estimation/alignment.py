@@ -36,6 +36,8 @@ STILL_LONGEST, STILL_SHORTEST = 5.0, 1.0
 RUNNING_PWM, GROUND_SPEED = 1250.0, 1.0
 #: A force at rest that differs so much from the autopilot's attitude is biased, rad.
 TILT_DOUBTED = np.radians(5.0)
+#: Attitude of a start that is lost, 1-sigma, rad.
+LOST = 1.0
 #: Share of a sensor error's first uncertainty that a hole in the log brings back: what happened in it is not known.
 UNSEEN_SHARE = 0.1
 
@@ -198,6 +200,14 @@ def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
     if aligned.levelled:
         _levelled(P, x, "movement", own)
     return replace(aligned, x=x, P=P, yaw_source="movement")
+
+
+def lost(aligned: Alignment) -> Alignment:
+    """Return an alignment of whose attitude next to nothing is known."""
+    P, attitude = aligned.P.copy(), slice(ATTITUDE, ATTITUDE + 3)
+    P[attitude] = P[:, attitude] = 0.0
+    P[attitude, attitude] = np.eye(3) * LOST**2
+    return replace(aligned, P=P, levelled=False)
 
 
 def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> Alignment:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
-from estimation.alignment import Alignment, align, turned
+from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.states import SensorNoise
@@ -44,6 +44,10 @@ class Segment:
     def length(self) -> float:
         """Time that the IMU knows, s."""
         return self.signal.stop - self.signal.start
+
+    def rescaled(self, yaw: float) -> "Segment":
+        """Return the segment with the rate about the down axis times a factor."""
+        return self if yaw == 1.0 else replace(self, signal=self.signal.rescaled(yaw))
 
 
 def find_segments(tables: Tables, place: Surroundings, observations: Observations, noise: SensorNoise) -> list[Segment]:
@@ -121,6 +125,12 @@ def _aligned(
     field = place.field.ned if place.field and not place.compass_useless else None
     aligned = align(tables, samples, place.frame, field, noise, heading_known=not place.compass_useless)
     segment = Segment(number, samples, signal, aligned)
+    if not aligned.still:
+        # What the autopilot, or a force in the air, says of the attitude may be worth nothing.
+        adrift = replace(segment, aligned=lost(aligned))
+        fits = [_fit(each, observations, place, noise, matched=True) for each in (segment, adrift)]
+        if fits[1] - fits[0] > DECISIVE:
+            segment, aligned = adrift, adrift.aligned
     if aligned.yaw_source != "unknown" or place.frame is None:
         return segment
     if not np.any(observations.between(signal.start, signal.stop).kind == _kernels.GPS_VELOCITY):

@@ -29,9 +29,10 @@ from estimation.trust import (
     late_sensors,
     missed_steps,
     only_one_withdrawal,
+    scaled_gyro,
     wandering_compass,
 )
-from estimation.tuning import RELINEARISED, WINDOW, Tuned, moves_bias, relinearised, settled, tune
+from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -79,7 +80,9 @@ class _Known:
                 "lost most of it (a faster card or fewer messages help)"
             )
         longest = _longest(found)
-        return cls(observations, found, tune(longest.signal, observations, longest.aligned, place.world, noise))
+        tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
+        found = [s.rescaled(tuned.yaw_scale) if s.imu == longest.imu else s for s in found]
+        return cls(observations, found, tuned)
 
 
 def _longest(found: list[Segment]) -> Segment:
@@ -168,6 +171,7 @@ def estimate_strapdown(
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
     doubts += wandering_compass(tuned.noise.hard_iron_walk)
+    doubts += scaled_gyro(tuned.yaw_scale)
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
@@ -211,6 +215,7 @@ def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tu
         "lags": dict(tuned.lags),
         "noise": asdict(tuned.noise),
         "imu_noise_scale": tuple(tuned.imu_scale.tolist()),
+        "yaw_scale": tuned.yaw_scale,
         "declination": float(np.arctan2(field.ned[1], field.ned[0])) if field else float("nan"),
         "declination_source": field.declination_source if field else "none",
     }
@@ -265,7 +270,7 @@ def _estimate(
             known, estimates = plan.smooth(observations, x)
             admitted = admit(observations, estimates.deletion, gate)
             shocks = plan.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size)
-            if np.array_equal(admitted, observations.admitted) and np.array_equal(shocks.t, plan.shocks.t):
+            if np.array_equal(admitted, observations.admitted) and shocks is plan.shocks:
                 break
             observations, plan.shocks = replace(observations, admitted=admitted), shocks
     rates = np.concatenate([signal.rate(asked) for asked in plan.rows])
@@ -313,7 +318,7 @@ class _Plan:
     def relinearise(self, observations: Observations, x: np.ndarray) -> np.ndarray:
         """Return the start with the attitude that its first minutes find, shape (27,)."""
         start, levelled = self.signal.start, self.aligned.levelled
-        for _ in range(RELINEARISED if moves_bias(self.aligned.P, levelled=levelled) else 1):
+        for _ in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
             first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)
             before, x = x, relinearised(first, run(first), levelled=levelled)
             if settled(before, x):

@@ -1,7 +1,7 @@
 """When samples were true, which of them are usable, and the IMU's increments between any two times."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -123,6 +123,12 @@ class InertialSignal:
             start=float(t[0] - min(gyro_delay, accel_delay)),
             stop=float(t[-1] - max(gyro_delay, accel_delay)),
         )
+
+    def rescaled(self, yaw: float) -> "InertialSignal":
+        """Return the signal with the rate about the down axis times a factor."""
+        values = self.values.copy()
+        values[:, 2] *= yaw
+        return replace(self, values=values)
 
     def beyond(self, rate: float) -> np.ndarray:
         """Return for each sample whether the craft turns faster than `rate` [rad/s] about any axis, beyond its bias."""

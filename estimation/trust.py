@@ -38,6 +38,9 @@ LATE = 0.25
 #: 20 uT, and thirty times what `SensorNoise` takes for a compass in order.
 WANDERING = 6e-7
 
+#: A gyro whose scale is further off is named.
+SCALE_OFF = 0.01
+
 #: No craft flies on after its velocity stepped by so much so many times, m/s: such steps are not of the craft.
 WRECKING_STEP, WRECKED = 5.0, 3
 
@@ -100,7 +103,7 @@ def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Findi
 
 
 def impossible_biases(states: pd.DataFrame) -> list[Finding]:
-    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale for one that is merely off.
+    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale, or its own heading, for a mere bias.
 
     Parameters
     ----------
@@ -118,6 +121,18 @@ def impossible_biases(states: pd.DataFrame) -> list[Finding]:
                 inconsistent(
                     f"they agree only if the {what} is off by {off:.2g} {unit}, as one with wrong axes, units or scale",
                     {"bias": off},
+                )
+            )
+    if "b_mx" in states:
+        # Of a craft that flies level a wrong heading asks for up to twice the horizontal field.
+        iron = float(np.median(np.linalg.norm(states[["b_mx", "b_my", "b_mz"]], axis=1)))
+        level = float(np.median(np.hypot(states["m_n"], states["m_e"])))
+        if iron > level:
+            found.append(
+                inconsistent(
+                    f"they agree only if the compass is off by {1e6 * iron:.0f} µT, more than the horizontal field "
+                    f"of {1e6 * level:.0f} µT by which it tells the heading",
+                    {"bias": iron},
                 )
             )
     return found
@@ -219,9 +234,26 @@ def wandering_compass(walk: float) -> list[Finding]:
     ]
 
 
+def scaled_gyro(yaw_scale: float) -> list[Finding]:
+    """Name a gyro whose scale about the down axis is off; its rates are used with the scale found."""
+    off = 1.0 / yaw_scale - 1.0
+    if abs(off) < SCALE_OFF:
+        return []
+    return [
+        Finding(
+            "gyro-scale",
+            Severity.WARNING,
+            f"The gyro shows {abs(off):.1%} {'more' if off > 0.0 else 'less'} yaw than the craft turned, by compass "
+            "and GPS; its rates are used with the scale found.",
+            "Calibrate the IMU's temperature (INS_TCAL), or use another IMU.",
+            {"yaw_scale": yaw_scale},
+        )
+    ]
+
+
 def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
     """Name an IMU that missed steps of attitude or velocity which the other sensors saw."""
-    t = np.concatenate([s.t for s in shocks])
+    t, sizes = (np.concatenate(parts) for parts in zip(*(s.steps for s in shocks), strict=True))
     if t.size == 0:
         return []
     share = len(np.unique(np.floor(t))) / max(length, 1.0)
@@ -235,7 +267,7 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
             {"steps": len(t), "share_of_seconds": share},
         )
     ]
-    steps = np.sqrt(np.concatenate([s.variance[:, 1] for s in shocks]))
+    steps = sizes[:, 1]
     if np.count_nonzero(steps > WRECKING_STEP) >= WRECKED:
         findings.append(
             inconsistent(

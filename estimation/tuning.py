@@ -17,6 +17,7 @@ from estimation.alignment import Alignment, with_priors
 from estimation.attitude import error_rotation, turned_by
 from estimation.filter import COARSE, ForwardPass, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
+from estimation.shocks import believed
 from estimation.smoother import smooth
 from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
 from estimation.timing import GYRO_MOVING, InertialSignal
@@ -33,10 +34,13 @@ GPS_LAGS = (-2.0, -1.5, -1.1, -0.8, -0.55, -0.36, -0.24, -0.16, -0.08, 0.0)
 GPS_LAGS += tuple(-lag for lag in reversed(GPS_LAGS[:-1]))
 CLOSER, CLOSER_STEPS = 0.04, 4
 #: Steps about the lag of a receiver at which its likelihood is laid through a parabola, s, and the gain by which that
-#: must be likelier elsewhere: two standard deviations.
+#: must be likelier elsewhere for half of the way there to be believed: two standard deviations.
 PARABOLA, SIGNIFICANT = np.array([-0.04, -0.02, 0.0, 0.02, 0.04]), 2.0
-#: Readings so near to the ends of what is looked at do not decide on it, s.
-ENDS = 0.1
+#: Lags smaller than this are none, s.
+RESOLVED = 1e-3
+#: Readings so near to the ends of what is looked at do not decide on it, s; nor is it less than this share of all that
+#: is looked at that does.
+ENDS, ENDS_SHARE = 0.1, 0.125
 #: 1-sigma of the lags that tables give, s.
 LAG_KNOWN = 0.05
 #: A lag beyond this, s, spoils what is found along with it.
@@ -51,6 +55,9 @@ LAGGING: Mapping[str, tuple[int, ...]] = {
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
     "baro": (_kernels.BARO,),
 }
+#: Steps about the yaw gyro's scale at which likelihood is laid through a parabola, and how often: gyros of this class
+#: are off by up to 3 % (data sheets of MPU-6000 and ICM-20689).
+SCALE_STEPS, SCALE_PASSES = np.array([-0.02, 0.0, 0.02]), 3
 #: Ladders of the noise settings, with the names that they have in `SensorNoise`. Walks end where vibration that an
 #: accelerometer rectifies, or a gyro takes for turning, moves a bias by 0.5 m/s^2 or 1 deg/s in 100 s: where GPS is
 #: lost nothing else says how velocity drifts. A prior may only widen: that the three numbers which it is about came out
@@ -91,6 +98,7 @@ class Tuned:
     white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
     imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
     lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
+    yaw_scale: float  #: Factor on the rate about the down axis that makes it true.
 
     def in_time(self, observations: Observations) -> Observations:
         """Put observations at the times that were found."""
@@ -168,6 +176,7 @@ class _Search:
         self.given = self.noise = noise
         self.x, self.P, self.white_scale = aligned.x, aligned.P, np.ones(_kernels.KINDS)
         self.imu_scale = np.ones(2)
+        self.as_measured, self.yaw_scale = signal, 1.0
         self.span = signal.start, min(window(signal)[1], signal.stop)
         self.lags = {s: 0.0 for s, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
         self.passes = _Passes()
@@ -175,7 +184,7 @@ class _Search:
     @property
     def found(self) -> Tuned:
         """The settings."""
-        return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags)
+        return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags, self.yaw_scale)
 
     def lay_out(self, observations: Observations) -> Problem:
         """Lay out the window with the settings found so far."""
@@ -222,13 +231,16 @@ class _Search:
             for sensor in self.lags:
                 # Some hundredths of a second of a barometer say more of its noise than of its clock.
                 least = LAG_LARGE if sensor == "baro" else 0.0
-                found[sensor] = _find_lag(self.observations, LAGGING[sensor], self.lay_out, self.passes, least)
+                found[sensor] = _find_lag(
+                    self.observations, LAGGING[sensor], self.span, self.lay_out, self.passes, least
+                )
                 self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
                 self.lags[sensor] += found[sensor]
             # What was found with a clock that was off is found again with it set right.
             if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
                 break
             self.begin()
+        self._find_yaw_scale()
         problem = self.lay_out(self.observations)
         # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
         for column in range(2):
@@ -246,6 +258,54 @@ class _Search:
         if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
             for sensor in self.lags.keys() & {"gps", "gps2"}:
                 self.lags[sensor] += _refine_lag(self.observations, LAGGING[sensor], self.span, self.lay_out)
+        if self.yaw_scale != 1.0:
+            self._doubt_yaw_scale()
+
+    def _find_yaw_scale(self) -> None:
+        """Find the scale of the gyro about the down axis, where it is decisively likelier than 1.
+
+        Other axes turn to and fro, so that little comes of theirs but what is wrong elsewhere.
+        """
+        for _ in range(SCALE_PASSES):
+            scale, gain = self._likelier_scale()
+            if gain < DECISIVE:
+                return
+            self._rescale(scale)
+            self.begin()
+
+    def _doubt_yaw_scale(self) -> None:
+        """Find the scale again with the log's noise, and believe as much of it as the log shows.
+
+        One that is believed or not would turn the craft by all of it when one fix decides.
+        """
+        scale, _ = self._likelier_scale()
+        self._rescale(scale)
+        gain = self._log_likelihood()
+        self._rescale(1.0)
+        gain -= self._log_likelihood()
+        self._rescale(1.0 + (scale - 1.0) * believed(gain / DECISIVE))
+
+    def _likelier_scale(self) -> tuple[float, float]:
+        """Return the likeliest scale near that of now, by a parabola, and by how much it is likelier."""
+        middle = self.yaw_scale
+        values = []
+        for step in SCALE_STEPS.tolist():
+            self._rescale(middle * (1.0 + step))
+            values.append(self._log_likelihood())
+        self._rescale(middle)
+        bend, slope, _ = np.polyfit(SCALE_STEPS, values, 2)
+        if bend >= 0.0:
+            return middle, 0.0
+        step = float(np.clip(-0.5 * slope / bend, SCALE_STEPS[0], SCALE_STEPS[-1]))
+        return middle * (1.0 + step), step * (slope + bend * step)
+
+    def _log_likelihood(self) -> float:
+        return run(self.lay_out(self.observations), keep=False).log_likelihood
+
+    def _rescale(self, yaw_scale: float) -> None:
+        """Take another scale; what was found with the one before is of another problem."""
+        self.yaw_scale, self.signal = yaw_scale, self.as_measured.rescaled(yaw_scale)
+        self.passes = _Passes()
 
     def likelihood(self) -> float:
         """Return the log-likelihood of what was found, over readings that no lag moves out of the window."""
@@ -256,7 +316,7 @@ class _Search:
     def _started(self, problem: Problem) -> Problem:
         """Linearise about the attitude that a problem itself finds from its start, and match white noise to it."""
         levelled = self.aligned.levelled
-        for k in range(RELINEARISED if moves_bias(self.aligned.P, levelled=levelled) else 1):
+        for k in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
             result = run(problem)
             x, scale = problem.x, matched_scale(problem, result)
             problem = replace(problem, x=relinearised(problem, result, levelled=levelled), white_scale=scale)
@@ -286,9 +346,9 @@ def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np
     x = problem.x.copy()
     smoothed = smooth(problem, result).x[0]
     turn = error_rotation(x[6:10], smoothed[6:10])
-    if moves_bias(problem.P, levelled=levelled):
+    if problem.P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2:
         x[13:16] = smoothed[13:16]
-    elif problem.P[ATTITUDE, ATTITUDE] < TILT_KNOWN**2:
+    if not is_sought(problem.P, levelled=levelled):
         turn[:2] = 0.0
     x[6:10] = turned_by(x[6:10], turn)
     return x
@@ -299,14 +359,32 @@ def settled(before: np.ndarray, after: np.ndarray) -> bool:
     return bool(np.linalg.norm(error_rotation(before[6:10], after[6:10])) < SETTLED)
 
 
+def is_sought(P: np.ndarray, *, levelled: bool) -> bool:
+    """Return whether a start's tilt is so unknown that it takes several passes to find it."""
+    return moves_bias(P, levelled=levelled) or bool(P[ATTITUDE, ATTITUDE] >= TILT_KNOWN**2)
+
+
 def moves_bias(P: np.ndarray, *, levelled: bool) -> bool:
     """Return whether a start's tilt is as unknown as the accelerometer's bias that made it, so that both move."""
     return levelled and bool(P[ACCEL_BIAS, ACCEL_BIAS] > BIAS_KNOWN**2)
 
 
+def _compared(
+    observations: Observations, kinds: tuple[int, ...], span: tuple[float, float], farthest: float
+) -> Observations:
+    """Return the readings that stay in the `span` that is looked at under any lag of some kinds up to the farthest.
+
+    Likelihoods compare only if they are of the same readings: a fix that a lag moves out of the span is worth some 18,
+    and left the lag 10 to 50 ms off, in which a craft that climbs is as far beside the truth.
+    """
+    reach = min(farthest + ENDS, ENDS_SHARE * (span[1] - span[0]))
+    return observations.within(kinds, span[0] + reach, span[1] - reach)
+
+
 def _find_lag(
     observations: Observations,
     kinds: tuple[int, ...],
+    span: tuple[float, float],
     lay_out: Callable[[Observations], Problem],
     passes: _Passes,
     least: float,
@@ -316,14 +394,15 @@ def _find_lag(
     Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
     be decisively likelier.
     """
+    steps = GPS_LAGS if len(kinds) > 1 else FINE_LAGS
+    compared = _compared(observations, kinds, span, steps[-1])
 
     def at(lag: float) -> Problem:
-        return lay_out(observations.earlier(kinds, lag))
+        return lay_out(compared.earlier(kinds, lag))
 
     def posterior(lag: float) -> float:
         return passes.likelihood(at(lag)) - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
 
-    steps = GPS_LAGS if len(kinds) > 1 else FINE_LAGS
     likelihoods, _ = _climb(at, steps, 0.0, passes)
     near = max(likelihoods, key=likelihoods.__getitem__)
     if near in (steps[0], steps[-1]) or abs(near) + CLOSER < least:
@@ -339,7 +418,7 @@ def _find_lag(
             break
         near = best
     lag = _vertex((near - CLOSER, near, near + CLOSER), posteriors)
-    return lag if abs(lag) >= least and posterior(lag) > posteriors[0.0] else 0.0
+    return _earned(lag, posterior(lag) - posteriors[0.0]) if abs(lag) >= least else 0.0
 
 
 def _refine_lag(
@@ -348,18 +427,20 @@ def _refine_lag(
     span: tuple[float, float],
     lay_out: Callable[[Observations], Problem],
 ) -> float:
-    """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s.
-
-    Likelihoods compare only if they are of the same readings: a fix that a lag moves out of the `span` that is looked
-    at is worth some 18, and left the lag 10 to 20 ms off, in which a craft that climbs is as far beside the truth.
-    """
-    reach = PARABOLA[-1] + ENDS
-    compared = observations.within(kinds, span[0] + reach, span[1] - reach)
+    """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s."""
+    compared = _compared(observations, kinds, span, PARABOLA[-1])
     values = [run(lay_out(compared.earlier(kinds, step)), keep=False).log_likelihood for step in PARABOLA.tolist()]
     bend, slope, _ = np.polyfit(PARABOLA, values, 2)
-    if bend >= 0.0 or slope**2 < -4.0 * bend * SIGNIFICANT:
+    if bend >= 0.0:
         return 0.0
-    return float(np.clip(-0.5 * slope / bend, PARABOLA[0], PARABOLA[-1]))
+    step = float(np.clip(-0.5 * slope / bend, PARABOLA[0], PARABOLA[-1]))
+    return _earned(step, -0.25 * slope**2 / bend)
+
+
+def _earned(lag: float, gain: float) -> float:
+    """Return how much of a lag [s] is believed by its gain in log-likelihood; 0 below what rows resolve."""
+    part = lag * believed(gain / SIGNIFICANT)
+    return part if abs(part) >= RESOLVED else 0.0
 
 
 def _set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float], passes: _Passes) -> Problem:
