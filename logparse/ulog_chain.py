@@ -65,10 +65,10 @@ def _gaps(data: Bytes, lengths: Int32s, *, certain: bool) -> list[tuple[int, int
         following = _find(data, at + 1, lengths, _KNOWN, certain)
         if at + 3 <= len(data) and (stop := at + 3 + int(data[at]) + 256 * int(data[at + 1])) <= following:
             # Nothing else begins within it: a long message, one of a newer kind, or a sound one before a damaged one.
-            if stop == following:
+            least = int(_KNOWN[data[at + 2]])
+            if stop == following and (least >= 0 or stop - at == -least):
                 at = stop
                 continue
-            least = int(_KNOWN[data[at + 2]])
             if stop - at == -least or (0 < least <= stop - at <= _MOST_OTHER and data[at + 2] != _DATA):
                 at = stop
                 following = _find(data, at, lengths, _KNOWN, certain)

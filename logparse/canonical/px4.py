@@ -173,7 +173,7 @@ def _baro(messages: Messages) -> pd.DataFrame | None:
     alt = _values(frame, "baro_alt_meter", "altitude")
     if not np.isfinite(alt).any():
         # International standard atmosphere.
-        alt = 44330.77 * (1.0 - (pressure / 101325.0) ** 0.190263)
+        alt = 44330.77 * (1.0 - (np.where(pressure > 0.0, pressure, np.nan) / 101325.0) ** 0.190263)
     temperature = _values(frame, "baro_temp_celcius", "ambient_temperature", "temperature") + 273.15
     finite = alt[np.isfinite(alt)]
     if not len(finite):

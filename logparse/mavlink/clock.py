@@ -126,7 +126,7 @@ def _restarts(windows: Int64s, stamped: bool) -> Int64s:
     for k in candidates:
         stepped_back = windows[k, FIRST_BOOT] < windows[k - 1, LAST_BOOT] - RESTART_MS
         # After an outage a link may deliver late for a while, which is not a new boot.
-        later = windows[k : k + _LASTING, DELAY].min() - windows[k - 1, DELAY] > _LATER_US
+        later = int(windows[k : k + _LASTING, DELAY].min()) - int(windows[k - 1, DELAY]) > _LATER_US
         if stepped_back or later:
             kept.append(k)
     return np.array(kept, np.int64)

@@ -22,8 +22,8 @@ def wound(data: bytes, ending: str, rng: np.random.Generator) -> tuple[bytes, in
     """Overwrite one to forty bytes in a row behind the formats; return how many messages they lay in beside it."""
     every = list(messages(data, ending))
     last = max((k for k, (name, _) in enumerate(every) if name in _EXPLAIN), default=0)
-    # Nor at a seam of the log, where a message between two breaks would have nothing to be known by.
-    seams = (k for k in range(1, len(every)) if every[k][1].start != every[k - 1][1].stop)
+    # Nor within two messages of a seam of the log: one between two breaks would have nothing to be known by.
+    seams = (k + 2 for k in range(1, len(every)) if every[k][1].start != every[k - 1][1].stop)
     victims = every[max(last + 1, *seams, 1) : -1]
     if not victims:
         return data, 0

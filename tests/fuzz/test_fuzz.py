@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from logparse import LogError, read_log
+from tests.fuzz.__main__ import main
 from tests.fuzz.mutations import mutate
 from tests.fuzz.reading import read_whole
 from tests.fuzz.seeds import seeds
@@ -36,6 +37,12 @@ def test_a_wound_costs_the_messages_that_lay_in_it_and_no_others(ending, tmp_pat
         damaged, hit = wound(whole, ending, np.random.default_rng((seed, len(ending))))
         path.write_bytes(damaged)
         assert 0 <= before - count(read_log(path)) <= hit
+
+
+@pytest.mark.parametrize("seed", [806086, 725899])
+def test_a_clock_at_the_end_of_its_type_and_a_pressure_below_zero_are_read(seed):
+    """Two of 70,000 mutations: a difference that overflowed and a root of a negative number warned."""
+    assert main(seed, 1, sorted(seeds())) == 0
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,16 @@ def test_a_damaged_length_costs_its_own_message_and_no_other(length):
     assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
 
 
+@pytest.mark.parametrize("kind", "RSO")
+def test_a_damaged_kind_whose_messages_are_never_so_long_costs_no_other(kind):
+    """A sound message follows it, as behind one of a newer kind; pyulog read no further."""
+    log = bytearray(small_log())
+    log[log.find(struct.pack("<HQ", 1, START + 4001)) - 1] = ord(kind)
+    source = UlogSource(bytes(log))
+    counts = source.counts(source.boots[0])
+    assert (counts["gyro"], counts["gyro_1"], counts["logged_messages"]) == (19, 20, 2)
+
+
 @pytest.mark.parametrize("kind", "IMFP")
 def test_a_damaged_header_that_reads_as_a_message_with_a_name_hides_no_other(kind):
     """It may end where a sound message begins, by chance, and all between would be its value."""
