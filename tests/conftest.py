@@ -139,7 +139,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.fixture
 def limit_unpacked() -> Iterator[Callable[[int], None]]:
-    """Give the function that bounds what archives may unpack to in this process; the test's bound ends with it."""
+    """Yield the function that bounds what archives may unpack to in this process; the test's bound ends with it."""
     yield containers.limit_unpacked
     containers.limit_unpacked(containers.MAX_UNPACKED_BYTES)
 
