@@ -434,7 +434,7 @@ def _refine_lag(
     if bend >= 0.0:
         return 0.0
     step = float(np.clip(-0.5 * slope / bend, PARABOLA[0], PARABOLA[-1]))
-    return _earned(step, -0.25 * slope**2 / bend)
+    return _earned(step, float(-0.25 * slope**2 / bend))
 
 
 def _earned(lag: float, gain: float) -> float:
