@@ -32,7 +32,7 @@ def test_attitude_and_rates_follow_from_the_rate_controllers_outputs():
     """
     train, unseen = ro.load(LOG).experiment(rate=50.0, inputs="rate_outputs").split(0.7)
     models = [
-        ro.fit.six_dof(train, attitude=attitude, horizons=(0.1, 0.3, 1.0), most_runs=600)
+        ro.fit.six_dof(train, attitude=attitude, horizons=(0.1, 0.3, 1.0), most_runs=200)
         for attitude in ("state", "measured")
     ]
     free, given = (model.with_wind({unseen.name: model.winds[train.name]}) for model in models)
