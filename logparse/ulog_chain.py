@@ -66,7 +66,8 @@ def _gaps(data: Bytes, lengths: Int32s, *, certain: bool) -> list[tuple[int, int
         if at + 3 <= len(data) and (stop := at + 3 + int(data[at]) + 256 * int(data[at + 1])) <= following:
             # Nothing else begins within it: a long message, one of a newer kind, or a sound one before a damaged one.
             least = int(_KNOWN[data[at + 2]])
-            if stop == following and (least >= 0 or stop - at == -least):
+            # pyulog reads no further behind a kind of zero.
+            if stop == following and data[at + 2] and (least >= 0 or stop - at == -least):
                 at = stop
                 continue
             if stop - at == -least or (0 < least <= stop - at <= _MOST_OTHER and data[at + 2] != _DATA):

@@ -136,8 +136,8 @@ def test_a_damaged_length_costs_its_own_message_and_no_other(length):
     assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
 
 
-@pytest.mark.parametrize("kind", "RSO")
-def test_a_damaged_kind_whose_messages_are_never_so_long_costs_no_other(kind):
+@pytest.mark.parametrize("kind", "RSO\0")
+def test_a_damaged_kind_that_no_message_of_this_length_has_costs_no_other(kind):
     """A sound message follows it, as behind one of a newer kind; pyulog read no further."""
     log = bytearray(small_log())
     log[log.find(struct.pack("<HQ", 1, START + 4001)) - 1] = ord(kind)
