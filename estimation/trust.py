@@ -43,6 +43,8 @@ SCALE_OFF = 0.01
 
 #: No craft flies on after its velocity stepped by so much so many times, m/s: such steps are not of the craft.
 WRECKING_STEP, WRECKED = 5.0, 3
+#: Steps in more seconds than this share, four fifths of them over more than that share of a log, are no impacts.
+STEPPING, SPREAD = 0.05, 0.2
 
 #: What sensors whose lag is looked for are called.
 CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
@@ -256,7 +258,8 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
     t, sizes = (np.concatenate(parts) for parts in zip(*(s.steps for s in shocks), strict=True))
     if t.size == 0:
         return []
-    share = len(np.unique(np.floor(t))) / max(length, 1.0)
+    seconds = np.unique(np.floor(t))
+    share = len(seconds) / max(length, 1.0)
     findings = [
         Finding(
             "imu-steps",
@@ -276,8 +279,14 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
                 {"steps": int(np.count_nonzero(steps > WRECKING_STEP)), "largest": float(steps.max())},
             )
         )
-    if share > DOUBTFUL_SHARE:
-        findings.append(inconsistent(f"the IMU missed what the other sensors saw in {share:.0%} of the log's seconds"))
+    all_through = np.ptp(np.quantile(seconds, [0.1, 0.9])) > SPREAD * length
+    if share > DOUBTFUL_SHARE or (share > STEPPING and all_through):
+        findings.append(
+            inconsistent(
+                f"the IMU missed what the other sensors saw in {share:.0%} of the log's seconds, as one whose axes, "
+                "scale or mount are not what the log says"
+            )
+        )
     return findings
 
 
