@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
+from sqlalchemy import make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from api.problems import Problem
@@ -89,7 +90,7 @@ class Workplace:
             objects=settings.storage_url,
             scratch=scratch,
             analyze=analyze,
-            limits=worker.Limits(settings.time_limit, settings.memory_limit, settings.upload_limit),
+            limits=worker.Limits(settings.time_limit, settings.memory_limit, settings.upload_limit, _kept(settings)),
             lease=settings.lease,
             deaths=settings.deaths,
             preload=preload,
@@ -106,6 +107,13 @@ class Workplace:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         CONTEXT.set_forkserver_preload(["__main__", "api.work.worker", "logparse", *self.preload])
         forkserver.ensure_running()
+
+
+def _kept(settings: Settings) -> tuple[Path, ...]:
+    """Return where the service keeps its logs, results and database on this computer."""
+    database, storage = make_url(settings.database_url), Objects(settings.storage_url).folder
+    file = database.database if database.get_backend_name() == "sqlite" else None
+    return (settings.data, *([storage] if storage else []), *([Path(file)] if file else []))
 
 
 def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool) -> None:

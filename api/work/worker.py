@@ -20,6 +20,7 @@ import pipeline
 import reports
 from api import log_lines
 from api.settings import LogFormat
+from api.work import confinement
 from api.work.flown import write_flown
 from api.work.proposals import propose, propose_of_crafts
 from logparse import LogError, RotoridError
@@ -214,6 +215,7 @@ class Limits:
     time: float  #: s.
     memory: int  #: Bytes.
     unpacked: int  #: Bytes to which a packed log may unpack.
+    closed: tuple[Path, ...] = ()  #: Where the server keeps what is no analysis' business.
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
@@ -253,6 +255,7 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
     limit_unpacked(limits.unpacked)
     # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.
     tempfile.tempdir = str(task.folder.parent)
+    confinement.confine(limits.closed, task.folder.parent)
     try:
         analyze(task, progress)
     except RotoridError as error:
