@@ -16,14 +16,14 @@ _KNOWN = ("PATH", "HOME", "LANG", "LC_", "TZ", "TMPDIR", "XDG_", "PYTHON", "OPEN
 # System calls and rights of Landlock (linux/landlock.h), the same on all architectures.
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _VERSION, _PATH_BENEATH, _NO_NEW_PRIVILEGES = 1, 1, 38
-#: Rights on files (execute, write, read), and with them those on folders up to renaming from one to another.
-_FILE, _FOLDER = 0b111, (1 << 14) - 1
+#: Rights to read files; to execute and write them too; all those on folders, up to renaming from one to another.
+_READ, _FILE, _FOLDER = 0b100, 0b111, (1 << 14) - 1
 #: The first version that lets files be renamed from one folder to another.
 _LEAST = 2
 
 
-def confine(closed: Sequence[Path], own: Path) -> bool:
-    """Give up the environment and some folders, for good and for this process and those that it starts.
+def confine(closed: Sequence[Path], own: Path, given: Sequence[Path] = ()) -> bool:
+    """Close the environment and some folders to this process and those that it starts, for good.
 
     It must have one thread. What /proc tells of other processes is closed too.
 
@@ -34,6 +34,8 @@ def confine(closed: Sequence[Path], own: Path) -> bool:
         what lies beside them may.
     own : Path
         Folder that stays open, wherever it lies.
+    given : sequence of Path
+        Files, or links to files, that may be read wherever they lie.
 
     Returns
     -------
@@ -52,7 +54,9 @@ def confine(closed: Sequence[Path], own: Path) -> bool:
         others = [each for each in Path("/proc").iterdir() if each.name.isdigit() and int(each.name) != os.getpid()]
         shut = [*(path.resolve() for path in closed), *others]
         for path in (own.resolve(), *([Path(kept)] if kept else []), *_beside(Path("/"), shut)):
-            _open(libc, rules, path)
+            _open(libc, rules, path, _FOLDER if path.is_dir() else _FILE)
+        for path in given:
+            _open(libc, rules, path, _READ)
         _checked(libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0))
         _checked(libc.syscall(_RESTRICT_SELF, rules, 0))
     finally:
@@ -95,14 +99,14 @@ def _beside(folder: Path, closed: Sequence[Path]) -> Iterator[Path]:
             yield from _beside(child, closed)
 
 
-def _open(libc: ctypes.CDLL, rules: int, path: Path) -> None:
-    """Let all be done beneath a path; one that has gone by now is left out."""
+def _open(libc: ctypes.CDLL, rules: int, path: Path, rights: int) -> None:
+    """Grant rights at a path and beneath it; one that has gone by now is left out."""
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
         return
     try:
-        rule = struct.pack("=Qi", _FOLDER if path.is_dir() else _FILE, place)
+        rule = struct.pack("=Qi", rights, place)
         _checked(libc.syscall(_ADD_RULE, rules, _PATH_BENEATH, rule, 0))
     finally:
         os.close(place)

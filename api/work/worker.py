@@ -255,7 +255,8 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
     limit_unpacked(limits.unpacked)
     # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.
     tempfile.tempdir = str(task.folder.parent)
-    confinement.confine(limits.closed, task.folder.parent)
+    given = [log for log, _ in task.logs] + [file for each in task.members for file in each.experiments.values()]
+    confinement.confine(limits.closed, task.folder.parent, given)
     try:
         analyze(task, progress)
     except RotoridError as error:

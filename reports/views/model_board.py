@@ -232,12 +232,13 @@ def step_response(function: TransferFunction, t: Floats) -> Floats:
     system[0, :order] = -monic[1:]
     system[1:order, : order - 1] = np.eye(order - 1)
     system[0, order] = 1.0
-    step = expm(system * (t[1] - t[0]))
     state = np.zeros(order + 1)
     state[order] = 1.0
     out = np.append(padded[1:] - direct * monic[1:], direct)
     y = np.empty(len(t))
+    # What is far from stable is soon beyond all numbers.
     with np.errstate(over="ignore", invalid="ignore"):
+        step = expm(system * (t[1] - t[0]))
         for k in range(len(t)):
             y[k] = out @ state
             state = step @ state
@@ -260,6 +261,9 @@ def step_sigma(function: TransferFunction, t: Floats) -> Floats | None:
             else:
                 den[k - len(num) + 1] += sign * reach
             ends.append(step_response(replace(function, num=num, den=den), t))
-        slopes.append((ends[0] - ends[1]) / (2.0 * reach))
+        with np.errstate(over="ignore", invalid="ignore"):
+            slopes.append((ends[0] - ends[1]) / (2.0 * reach))
     jacobian = np.array(slopes).T
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", jacobian, function.covariance, jacobian), 0.0)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        variance = np.einsum("ki,ij,kj->k", jacobian, function.covariance, jacobian)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

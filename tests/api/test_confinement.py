@@ -23,7 +23,8 @@ def pry(task: Task, _: Progress) -> None:
         "list": lambda: list((data / "objects").iterdir()),
         "write": lambda: (data / "objects/mine").write_bytes(b""),
         "way round": lambda: (data.parent / "link/rotorid.db").read_bytes(),
-        "own log": lambda: task.logs[0][0].read_bytes(),
+        "given log": lambda: task.logs[0][0].read_bytes(),
+        "given log overwritten": lambda: task.logs[0][0].write_bytes(b""),
         "own file moved": lambda: (own.parent / "part").rename(own / "part"),
         "programs": lambda: Path(json.__file__).read_bytes(),
         "environment of the service": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
@@ -45,10 +46,11 @@ def test_an_analysis_reaches_nothing_of_the_service(tmp_path: Path, monkeypatch:
     """It could read the database, the logs of others, and the database's password and storage's keys."""
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "hunter2")
     data, own = tmp_path / "data", tmp_path / "data/scratch/own"
-    for file in ("rotorid.db", "objects/logs/1", "scratch/other/log", "scratch/own/log", "scratch/own/part"):
+    for file in ("rotorid.db", "objects/logs/1", "scratch/other/log", "objects/logs/2", "scratch/own/part"):
         (data / file).parent.mkdir(parents=True, exist_ok=True)
         (data / file).write_bytes(b"x")
     (own / "results").mkdir()
+    (own / "log").symlink_to(data / "objects/logs/2")
     (tmp_path / "link").symlink_to(data)
     closed = Workplace.of(Settings(data=data), pry, (), None).limits.closed
     receiver, sender = multiprocessing.Pipe(duplex=False)
@@ -60,4 +62,4 @@ def test_an_analysis_reaches_nothing_of_the_service(tmp_path: Path, monkeypatch:
     sender.close()
     assert receiver.recv() == Finished()
     process.join()
-    assert json.loads((own / "results/done.json").read_text()) == ["own log", "own file moved", "programs"]
+    assert json.loads((own / "results/done.json").read_text()) == ["given log", "own file moved", "programs"]

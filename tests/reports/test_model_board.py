@@ -42,6 +42,14 @@ def test_the_band_of_a_step_response_is_what_coefficients_scatter_by():
     assert step_sigma(TransferFunction(np.array([2.0]), np.array([1.0, 1.0])), T) is None
 
 
+def test_a_step_response_of_which_nothing_is_known_has_no_band():
+    """Coefficients as far off as their sigma let the answer overflow, which was a warning out of scipy."""
+    unknown = TransferFunction(np.array([1.0]), np.array([1.0, 1.0, 1.0]), covariance=np.diag([1.0, 1e24, 1e24]))
+    with np.errstate(all="raise"):
+        sigma = step_sigma(unknown, T)
+    assert not np.all(sigma < 1e6)
+
+
 def test_the_board_offers_every_model_and_axis_once_in_each_place():
     flight = made_flight()
     board = model_board(flight.models, set())
