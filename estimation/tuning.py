@@ -303,7 +303,7 @@ class _Search:
         return run(self.lay_out(self.observations), keep=False).log_likelihood
 
     def _rescale(self, yaw_scale: float) -> None:
-        """Take another scale; what was found with the one before is of another problem."""
+        """Set another scale; what was found with the one before is of another problem."""
         self.yaw_scale, self.signal = yaw_scale, self.as_measured.rescaled(yaw_scale)
         self.passes = _Passes()
 
