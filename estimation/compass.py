@@ -20,7 +20,7 @@ from estimation.smoother import smooth
 from estimation.states import ATTITUDE, FIELD, HARD_IRON, SensorNoise
 from estimation.timing import InertialSignal
 from estimation.trust import inconsistent
-from estimation.tuning import Tuned, relinearised, settled, window
+from estimation.tuning import DECISIVE, Tuned, relinearised, settled, window
 from logparse import Finding, Severity
 
 #: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...
@@ -121,19 +121,33 @@ def compass_turn(
     if readings.size < FEWEST:
         return None
     t = seen.t[readings]
-    problem = _without_compass(signal, observations, aligned, world, tuned, noise, t, stop)
-    for _ in range(PASSES):
-        result = run(problem)
-        before, x = problem.x, relinearised(problem, result, levelled=aligned.levelled)
-        if settled(before, x):
-            break
-        problem = replace(problem, x=x)
-    smoothed = smooth(problem, result)
-    attitude = matrix_from_quat(smoothed.x[1:, 6:10])
-    yaw_sigma = float(np.sqrt(np.median(smoothed.covariance[1:, ATTITUDE + 2, ATTITUDE + 2])))
     measured = seen.z[seen.start[readings][:, None] + np.arange(3)]
-    turn = _fitted(measured, np.einsum("nji,j->ni", attitude, field), noise, len(t) / max(np.ptp(t), LASTING))
-    return replace(turn, sigma=float(np.hypot(turn.sigma, yaw_sigma)))
+    rate = len(t) / max(np.ptp(t), LASTING)
+
+    def turn_from(start: Alignment) -> tuple[Turn, float, float]:
+        """Return the turn that comes of a start, the likelihood of all but the compass, and the first heading."""
+        problem = _without_compass(signal, observations, start, world, tuned, noise, t, stop)
+        for _ in range(PASSES):
+            result = run(problem)
+            before, x = problem.x, relinearised(problem, result, levelled=aligned.levelled)
+            if settled(before, x):
+                break
+            problem = replace(problem, x=x)
+        smoothed = smooth(problem, result)
+        attitude = matrix_from_quat(smoothed.x[1:, 6:10])
+        yaw_sigma = float(np.sqrt(np.median(smoothed.covariance[1:, ATTITUDE + 2, ATTITUDE + 2])))
+        turn = _fitted(measured, np.einsum("nji,j->ni", attitude, field), noise, rate)
+        yaw = float(euler_from_quat(smoothed.x[0, 6:10])[2])
+        return replace(turn, sigma=float(np.hypot(turn.sigma, yaw_sigma))), result.log_likelihood, yaw
+
+    turn, likelihood, yaw = turn_from(aligned)
+    if not turn.suspected:
+        return turn
+    # A craft that hardly accelerates shows several headings, and which is found hangs on the start: that of the compass
+    # is as good unless another is decisively likelier.
+    upright, likelihood_upright, _ = turn_from(turned(aligned, yaw - turn.angle, HEADING_UNKNOWN))
+    better = abs(upright.angle) < abs(turn.angle) and likelihood - likelihood_upright < DECISIVE
+    return upright if better else turn
 
 
 def _without_compass(

@@ -291,10 +291,10 @@ def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> Non
             expect(report.get_by_role("heading", name=part, exact=True)).to_be_attached()
         report.locator("#plot-prediction").scroll_into_view_if_needed()
         figure = report.locator("figure", has=report.locator("#plot-prediction"))
-        model = figure.get_by_label("rigid body")
+        model = figure.get_by_label("position target")  # the one to take for this flight
         expect(model).to_be_checked()
         model.press("Space")
-        expect(figure.locator(".legend .traces", has_text="rigid body")).to_have_css("opacity", "0.5")
+        expect(figure.locator(".legend .traces", has_text="position target")).to_have_css("opacity", "0.5")
         frame = page.frame(name="report")
         assert frame is not None
         assert frame.evaluate("document.documentElement.scrollWidth <= innerWidth")
