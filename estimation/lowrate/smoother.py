@@ -19,6 +19,8 @@ GPS_ERROR_TIME = 1000.0
 EKF_LASTING, EKF_TIME = 0.2, 30.0
 #: Readings of the barometer whose median is its height at the start: any one may be a spike.
 FIRST_HEIGHTS = 9
+#: So many nodes at a time, for the sake of memory.
+PIECE = 1000
 
 
 def filter_telemetry(
@@ -69,7 +71,11 @@ def filter_telemetry(
     nodes = nodes_of(t, measured)
     x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
     nis = np.full(len(measured), np.nan)
-    prior_x, prior_P, F = np.empty_like(x), np.empty_like(P), np.empty_like(P)
+    prior_x, prior_P = np.empty_like(x), np.empty_like(P)
+    pieces = [slice(begin, begin + PIECE + 1) for begin in range(0, len(t) - 1, PIECE)]
+    steps = (
+        step for piece in pieces for step in zip(*transitions(t[piece], driven[piece], gps_sigma, noise), strict=True)
+    )
     # Mean input of each step by Simpson's rule.
     edge = np.clip(t, thrust.x[0], thrust.x[-1])
     at, middle = thrust(edge), thrust(0.5 * (edge[1:] + edge[:-1]))
@@ -77,10 +83,9 @@ def filter_telemetry(
     done = 0
     for k in range(len(t)):
         if k:
-            step = t[k] - t[k - 1]
-            kf.F, kf.B, kf.Q = transition(step, driven[k], gps_sigma, noise)
-            kf.predict(u=mean_push[k - 1][:, None])
-        F[k], prior_x[k], prior_P[k] = kf.F, kf.x[:, 0], kf.P
+            F, B, Q = next(steps)
+            kf.predict(u=mean_push[k - 1][:, None], F=F, B=B, Q=Q)
+        prior_x[k], prior_P[k] = kf.x[:, 0], kf.P
         while done < len(measured) and nodes[done] == k:
             m = measured[done]
             done += 1
@@ -89,50 +94,55 @@ def filter_telemetry(
             kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
             nis[done - 1] = np.mean(kf.y[:, 0] ** 2 / np.diag(kf.S))
         x[k], P[k] = kf.x[:, 0], kf.P
-    for k in range(len(t) - 2, -1, -1) if smoothed else ():
-        gain = np.linalg.solve(prior_P[k + 1], F[k + 1] @ P[k]).T
-        x[k] += gain @ (x[k + 1] - prior_x[k + 1])
-        P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T
+    for piece in reversed(pieces) if smoothed else ():
+        F, _, _ = transitions(t[piece], driven[piece], gps_sigma, noise)
+        gains = np.linalg.solve(prior_P[piece][1:], F @ P[piece][:-1]).transpose(0, 2, 1)
+        for k, gain in reversed(list(enumerate(gains, start=piece.start))):
+            x[k] += gain @ (x[k + 1] - prior_x[k + 1])
+            P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T
     return x, P, nis
 
 
-def transition(
-    step: float, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
+def transitions(
+    t: np.ndarray, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F, B and Q over one step: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows.
+    """F, B and Q from node to node: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows.
 
     Parameters
     ----------
-    step : float
-        s.
-    driven : (6,) ndarray
-        As `filter_telemetry` takes it, at one node.
+    t : (n,) ndarray
+        Times of the nodes, s.
+    driven : (n, 6) ndarray
+        As `filter_telemetry` takes it.
     gps_sigma : (3,) ndarray
         m.
     noise : SensorNoise
+
+    Returns
+    -------
+    F, B, Q : ndarray, shapes (n - 1, 16, 16), (n - 1, 16, 3) and (n - 1, 16, 16)
     """
-    F, B, Q = np.eye(SIZE), np.zeros((SIZE, 3)), np.zeros((SIZE, SIZE))
+    step, driven = np.diff(t), driven[1:]
+    n = len(step)
+    F, B, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.zeros((n, SIZE, 3)), np.zeros((n, SIZE, SIZE))
     stay, lasts = np.exp(-step / GPS_ERROR_TIME), np.exp(-step / EKF_TIME)
+    # White noise drives d; steps are short against the correlation time, so the leading terms do.
+    powers = step[:, None, None] ** np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
+    spread = powers / np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
     for axis, time in enumerate(TIMES):
-        p, v, d, e = axis, 3 + axis, 6 + axis, 9 + axis
+        p, v, d, e, autopilot = axis, 3 + axis, 6 + axis, 9 + axis, 13 + axis
         a = np.exp(-step / time)
         # Exact integrals of a disturbance that decays with a.
         to_v = time * (1.0 - a)
         to_p = time * (step - to_v)
-        F[p, v], F[p, d], F[v, d], F[d, d], F[e, e] = step, to_p, to_v, a, stay
-        B[p, axis], B[v, axis] = 0.5 * step**2, step
-        # White noise of density q drives d; steps are short against the correlation time, so the leading terms do.
-        q = 2.0 * driven[axis] ** 2 / time
-        Q[np.ix_([p, v, d], [p, v, d])] = q * np.array(
-            [
-                [step**5 / 20.0, step**4 / 8.0, step**3 / 6.0],
-                [step**4 / 8.0, step**3 / 3.0, step**2 / 2.0],
-                [step**3 / 6.0, step**2 / 2.0, step],
-            ]
-        )
-        Q[e, e] = (1.0 - stay**2) * gps_sigma[axis] ** 2
-        F[13 + axis, 13 + axis], Q[13 + axis, 13 + axis] = lasts, (1.0 - lasts**2) * driven[3 + axis] ** 2
-    Q[12, 12] = noise.baro_walk**2 * step
+        F[:, p, v], F[:, p, d], F[:, v, d], F[:, d, d], F[:, e, e] = step, to_p, to_v, a, stay
+        B[:, p, axis], B[:, v, axis] = 0.5 * step**2, step
+        density = 2.0 * driven[:, axis] ** 2 / time
+        Q[:, p : d + 1 : 3, p : d + 1 : 3] = density[:, None, None] * spread
+        Q[:, e, e] = (1.0 - stay**2) * gps_sigma[axis] ** 2
+        F[:, autopilot, autopilot] = lasts
+        Q[:, autopilot, autopilot] = (1.0 - lasts**2) * driven[:, 3 + axis] ** 2
+    Q[:, 12, 12] = noise.baro_walk**2 * step
     return F, B, Q
 
 

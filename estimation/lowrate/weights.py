@@ -50,7 +50,7 @@ def softened(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     out = []
     for m, at in zip(measured, node, strict=True):
         if m.admitted and m.sensor == "baro":
-            expected = m.variance + np.einsum("ij,jk,ik->i", m.H, P[at], m.H) + TOLERANCE**2
+            expected = m.variance + _spread(m, P[at]) + TOLERANCE**2
             beyond = np.maximum((m.z - m.H @ x[at]) ** 2 / HONEST**2 - expected, 0.0)
             out.append(replace(m, variance=m.variance + beyond))
         else:
@@ -79,7 +79,7 @@ def judged_rows(
     speed = _measured_speed(measured)
     for k, (m, at) in enumerate(zip(given, node, strict=True)):
         late = (LATENESS * speed[k]) ** 2
-        variance = m.variance + np.einsum("ij,jk,ik->i", m.H, P[at], m.H) + TOLERANCE**2 + late
+        variance = m.variance + _spread(m, P[at]) + TOLERANCE**2 + late
         worst[k] = np.sqrt(np.max((m.z - m.H @ x[at]) ** 2 / variance, initial=0.0))
     sensors = np.array([m.sensor for m in measured])
     fused = np.array([m.admitted for m in measured])
@@ -133,7 +133,7 @@ def rescaled(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
         # What lasts in the autopilot's velocity counts, though it is a state: where another sensor is lost nothing
         # tells it from a climb.
         residual = m.z - m.H[:, :13] @ x[at, :13]
-        expected = m.variance - np.einsum("ij,jk,ik->i", m.H, P[at], m.H)
+        expected = m.variance - _spread(m, P[at])
         for key, one, variance in zip(keys[-1], residual, expected, strict=True):
             when, residuals, variances = found.setdefault(key, ([], [], []))
             when.append(m.t)
@@ -163,6 +163,11 @@ def variance_factor(t: np.ndarray, residuals: np.ndarray, expected: np.ndarray) 
     for lag in range(1, lags + 1):
         total += 2.0 * (1.0 - lag / (lags + 1)) * float(residuals[lag:] @ residuals[:-lag])
     return min(max(1.0, max(squares, total) / max(float(expected.sum()), 1e-12)), LARGEST_FACTOR)
+
+
+def _spread(row: Measured, P: np.ndarray) -> np.ndarray:
+    """Return the variance of what the states say of a row."""
+    return np.asarray(((row.H @ P) * row.H).sum(axis=1))
 
 
 def _measured_speed(measured: list[Measured]) -> np.ndarray:

@@ -34,8 +34,11 @@ class Multisine:
     @property
     def peak_factor(self) -> float:
         """Return (max - min) / (2 sqrt 2 rms): 1 for a sine."""
-        x = self.at(np.arange(_SAMPLES) / _SAMPLES * self.period)
-        return float((x.max() - x.min()) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(x**2))))
+        return _peak_factor(self.at(np.arange(_SAMPLES) / _SAMPLES * self.period))
+
+
+def _peak_factor(x: Floats) -> float:
+    return float((x.max() - x.min()) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(x**2))))
 
 
 def orthogonal_multisines(inputs: int, low: float, high: float, period: float) -> tuple[Multisine, ...]:
@@ -57,20 +60,21 @@ def _optimised(harmonics: Floats, period: float) -> Multisine:
     """Choose phases: Schroeder's, then clipping in time and keeping the phases of what results."""
     count = len(harmonics)
     order = np.arange(1, count + 1)
-    phase = -np.pi * order * (order - 1) / count
-    amplitude = np.full(count, 1.0 / np.sqrt(count))
     bins = harmonics.astype(int)
-    best = Multisine(harmonics / period, amplitude, phase, period)
+
+    def over_a_period(phase: Floats) -> Floats:
+        spectrum = np.zeros(_SAMPLES // 2 + 1, complex)
+        spectrum[bins] = -1j * np.exp(1j * phase) * _SAMPLES / 2.0 / np.sqrt(count)
+        return np.fft.irfft(spectrum)
+
+    best = phase = -np.pi * order * (order - 1) / count
+    x = signal = over_a_period(phase)
     for _ in range(_ROUNDS):
-        x = Multisine(harmonics / period, amplitude, phase, period).at(np.arange(_SAMPLES) / _SAMPLES * period)
-        limit = _CLIP * np.max(np.abs(x))
-        spectrum = np.fft.rfft(np.clip(x, -limit, limit))[bins]
-        phase = np.angle(spectrum) + 0.5 * np.pi
-        candidate = Multisine(harmonics / period, amplitude, phase, period)
-        if candidate.peak_factor < best.peak_factor:
-            best = candidate
-    grid = np.arange(_SAMPLES) / _SAMPLES * period
-    x = best.at(grid)
-    start = grid[int(np.flatnonzero((x[:-1] <= 0.0) & (x[1:] > 0.0))[0])]
-    shifted = np.mod(best.phase + 2.0 * np.pi * best.hz * start, 2.0 * np.pi)
-    return Multisine(best.hz, amplitude / np.max(np.abs(x)), shifted, period)
+        limit = _CLIP * np.max(np.abs(signal))
+        phase = np.angle(np.fft.rfft(np.clip(signal, -limit, limit))[bins]) + 0.5 * np.pi
+        signal = over_a_period(phase)
+        if _peak_factor(signal) < _peak_factor(x):
+            best, x = phase, signal
+    start = int(np.flatnonzero((x[:-1] <= 0.0) & (x[1:] > 0.0))[0]) / _SAMPLES
+    shifted = np.mod(best + 2.0 * np.pi * harmonics * start, 2.0 * np.pi)
+    return Multisine(harmonics / period, np.full(count, 1.0 / np.sqrt(count) / np.max(np.abs(x))), shifted, period)

@@ -12,7 +12,7 @@ from scipy.interpolate import Akima1DInterpolator
 from estimation import Trajectory, compare, errors, estimate
 from estimation.height_spikes import steady_heights
 from estimation.lowrate.measurements import SIZE, Measured
-from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transition
+from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transitions
 from estimation.lowrate.weights import DISTURBANCE, variance_factor
 from estimation.states import SensorNoise
 from logparse import read_log
@@ -229,40 +229,25 @@ def test_smoother_agrees_with_filterpy_where_there_is_no_input():
     nodes = np.array([m.t for m in measured[:-1]])
     idle = Akima1DInterpolator(nodes, np.zeros((len(nodes), 3)))
     gps_sigma = np.array([1.0, 1.0, 1.5])
-    x, P, _ = filter_telemetry(
-        nodes,
-        idle,
-        measured,
-        gps_sigma,
-        SensorNoise(),
-        np.tile(np.append(DISTURBANCE, np.full(3, EKF_LASTING)), (len(nodes), 1)),
-    )
-
     disturbance = np.append(DISTURBANCE, np.full(3, EKF_LASTING))
+    driven = np.tile(disturbance, (len(nodes), 1))
+    x, P, _ = filter_telemetry(nodes, idle, measured, gps_sigma, SensorNoise(), driven)
+
     kf = KalmanFilter(dim_x=SIZE, dim_z=3)
     kf.x = np.zeros((SIZE, 1))
     kf.x[:3, 0] = measured[0].z
     kf.x[12, 0] = measured[-1].z[0] + measured[0].z[2]
     kf.P = np.diag(np.concatenate([np.full(6, 10.0), disturbance[:3], gps_sigma, [10.0], disturbance[3:]]) ** 2)
-    xs, Ps, Fs, Qs = [], [], [], []
+    F, _, Q = transitions(nodes, driven, gps_sigma, SensorNoise())
+    Fs, Qs = [np.eye(SIZE), *F], [np.zeros((SIZE, SIZE)), *Q]
+    xs, Ps = [], []
     for k, m in enumerate(measured[:-1]):
-        F, _, Q = (
-            transition(nodes[k] - nodes[k - 1], disturbance, gps_sigma, SensorNoise())
-            if k
-            else (
-                np.eye(SIZE),
-                None,
-                np.zeros((SIZE, SIZE)),
-            )
-        )
-        kf.predict(F=F, Q=Q)
+        kf.predict(F=Fs[k], Q=Qs[k])
         kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
         if k == len(nodes) - 1:
             kf.update(measured[-1].z[:, None], R=np.diag(measured[-1].variance), H=baro)
         xs.append(kf.x.copy())
         Ps.append(kf.P.copy())
-        Fs.append(F)
-        Qs.append(Q)
     theirs, their_P, _, _ = kf.rts_smoother(np.array(xs), np.array(Ps), Fs, Qs)
     np.testing.assert_allclose(x, theirs[:, :, 0], atol=1e-8)
     np.testing.assert_allclose(P, their_P, atol=1e-8)
