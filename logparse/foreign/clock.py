@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import percentile_filter
 
 from logparse.findings import Finding, Severity
 from logparse.foreign.files import TableError
@@ -23,6 +24,9 @@ FEWEST = 50
 
 #: A sample is a spike if it leaves both neighbours by so many usual steps, in the same direction, and comes back.
 SPIKE = 25.0
+
+#: The same of the steps of the samples around it, so many to either side: three samples that leap are six of them.
+_LIVELY, _NEARBY = 10.0, 12
 
 #: Usual steps that a value of exactly zero must be away from its neighbours to be one that was lost.
 _ZERO = 3.0
@@ -220,7 +224,10 @@ def _spikes(column: Floats) -> npt.NDArray[np.bool_]:
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
     # Telemetry that is lost is often logged as zero, which in a lively signal is no farther off than other steps.
     lost = (column == 0.0) & (np.abs(middle) > _ZERO * usual)
-    bad = lost | (np.abs(column - middle) > SPIKE * usual)
+    # Where it is lively for a while, as in a chirp or at take-off, that is how the signal is.
+    nearby = percentile_filter(steps, 75, 2 * _NEARBY + 1)
+    lively = np.maximum(np.append(nearby, nearby[-1]), np.append(nearby[0], nearby))
+    bad = lost | (np.abs(column - middle) > np.maximum(SPIKE * usual, _LIVELY * lively))
     # What stays is a step, not a spike; a median over seven samples already says so.
     return np.asarray(bad if bad.mean() < 0.05 else np.zeros(n, dtype=bool))
 

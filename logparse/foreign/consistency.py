@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from logparse.findings import Finding, Severity
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
 from logparse.foreign.files import TableError
+from logparse.foreign.lift import check_lift, following, mean_square, specific_force
 from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
@@ -38,12 +39,12 @@ _ODD, _CLEAR = 2.5, 0.8
 #: How many times as fast as its lean says a craft may speed up, by regression: drag takes some, units much more.
 _SPEEDING = (0.25, 2.0)
 
-#: Correlation of thrust and motors below which they are not of one record; 0.45 on real flights in 12 m/s wind.
-_DRIVEN = 0.3
-
 #: Part of the changes of rates that motors must explain to show their order, and what part of the best order's the one
 #: declared must explain.
 _TURNING, _BEHIND = 0.15, 0.6
+
+#: Part of the others' movement below which a motor hardly moves.
+_QUIET = 0.1
 
 #: Most motors whose orders are all tried.
 _MOST_ORDERED = 4
@@ -102,23 +103,31 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
             f"{label}: columns {', '.join(declared.rates.columns)}: rates of {top:.3g} rad/s in the mean are beyond "
             "any such craft; are they in deg/s?"
         )
-    findings: list[Finding] = []
-    speeds = [
+    spread = motors.std(axis=0)
+    quiet = [
+        name
+        for name, own in zip(declared.motors.columns, spread, strict=True)
+        if own < _QUIET * float(np.median(spread))
+    ]
+    unlike = [
         name
         for name, column in zip(declared.motors.columns, motors.T, strict=True)
-        if not 0.5 * usual <= np.median(column) <= 2.0 * usual
+        if declared.motors.quantity != "pwm" and not 0.5 * usual <= np.median(column) <= 2.0 * usual
     ]
-    if speeds and declared.motors.quantity != "pwm":
-        findings.append(
-            Finding(
-                "table-unlike-motors",
-                Severity.WARNING,
-                f"column {', '.join(speeds)}: less than half or more than twice what the other motors have",
-                "check unit and column of this motor",
-                {"column": ", ".join(speeds)},
-            )
+    return [
+        Finding(
+            "table-unlike-motors",
+            Severity.WARNING,
+            f"column {', '.join(names)}: {text}",
+            "check unit and column of this motor",
+            {"column": ", ".join(names)},
         )
-    return findings
+        for names, text in (
+            (unlike, "less than half or more than twice what the other motors have"),
+            (quiet, "hardly moves while the other motors do"),
+        )
+        if names
+    ]
 
 
 def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
@@ -176,8 +185,8 @@ def check_motion(
     motors: Floats,
     t: Floats,
     label: str,
-) -> None:
-    """Compare motion with itself and with the motors, in NED and FRD.
+) -> list[Finding]:
+    """Compare motion with itself and with the motors, in NED and FRD; what is odd and may still be right is told.
 
     Parameters
     ----------
@@ -209,13 +218,15 @@ def check_motion(
         wrong += _velocity(declared, position, velocity, rotation, dt, reach)
     if not wrong and declared.rates is not None:
         wrong += _rates(declared, rotation, rates, dt, reach)
+    base = max(round(_LONG_BASE / dt / 2.0), 1) if declared.velocity is None else reach
     if not wrong:
-        base = max(round(_LONG_BASE / dt / 2.0), 1) if declared.velocity is None else reach
         wrong += _thrust(declared, velocity, rotation, motors, dt, base)
     if not wrong:
         wrong += _motors(declared, rates, motors, dt)
     if wrong:
         raise TableError(f"{label}: " + "; ".join(wrong))
+    pull = -specific_force(velocity, rotation, dt, base)[:, 2]
+    return check_lift(declared, pull, motors, 2 * base, dt)
 
 
 def _slope(values: Floats, dt: float, reach: int) -> Floats:
@@ -398,7 +409,7 @@ def _thrust(
     names = ", ".join((*declared.position.columns, *declared.attitude.columns))
     acceleration = _slope(velocity, dt, reach)
     inside = rotation[reach:-reach]
-    force = inside.apply(acceleration - np.array([0.0, 0.0, STANDARD_GRAVITY]), inverse=True)
+    force = specific_force(velocity, rotation, dt, reach)
     mean = force.mean(axis=0)
     size = float(np.linalg.norm(mean))
     if mean[2] > -0.7 * max(size, 1e-9):
@@ -435,24 +446,13 @@ def _thrust(
                 f"columns {names}: the craft speeds up {speeding:.3g} times as much as its lean says: a unit of "
                 f"position, velocity or time is wrong{_unit_hint(speeding)}"
             ]
-    return _strength(declared, force[:, 2], _mean_over((motors**2).sum(axis=1, keepdims=True), 2 * reach)[:, 0])
-
-
-def _strength(declared: ColumnMap, pull: Floats, total: Floats) -> list[str]:
-    names = ", ".join(declared.motors.columns)
-    if pull.std() < _STILL_FORCE:
+    driven = following(-force[:, 2], mean_square(motors, 2 * reach), dt)
+    if not driven.unlike:
         return []
-    value = max(
-        (_alike(-pull[max(shift, 0) : len(pull) + min(shift, 0)], total[max(-shift, 0) : len(pull) - max(shift, 0)])
-         for shift in range(-3, 13, 1) if len(pull) > 20),
-        default=1.0,
-    )  # fmt: skip
-    if value < _DRIVEN:
-        return [
-            f"columns {names}: thrust does not grow with the motors (correlation {value:+.2f}): are they the motors of "
-            "this record?"
-        ]
-    return []
+    return [
+        f"columns {', '.join(declared.motors.columns)}: thrust does not grow with the motors (correlation "
+        f"{driven.likeness:+.2f}): are they the motors of this record?"
+    ]
 
 
 def _motors(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[str]:

@@ -24,8 +24,12 @@ from logparse.frames import Vehicle
 
 Floats = npt.NDArray[np.float64]
 
-#: Norm of quaternions beyond which they are worth a remark.
-_NORM = 0.02
+#: How far quaternions are off unit length beyond rounding, and what is worth a remark.
+_ROUNDED, _NORM = 0.003, 0.02
+
+#: Part of what quaternions miss of unit length that another scale of one of their parts must explain to be believed,
+#: and the change of its square.
+_EXPLAINED, _ODD_SCALE = 0.95, 0.1
 
 #: Sampling interval of what is checked, s: motion has nothing that is faster.
 _CHECKED = 0.004
@@ -128,7 +132,7 @@ def read_motion(
     every = slice(None, None, max(round(_CHECKED / dt), 1))
     p, v, q, w = position[every], velocity[every], quaternion[every], rates[every]
     motors, times = columns_of["motors"][every], clock[every]
-    check_motion(declared, p, v, q, w, motors, times, label)
+    found += check_motion(declared, p, v, q, w, motors, times, label)
     step = float(times[1] - times[0])
     found += unchecked_order(declared, w, motors, step)
     found += check_shifts(declared, p, v, q, w, step)
@@ -201,6 +205,11 @@ class _Converter:
                     f"{self.label}: columns {named}: quaternions have norms from {norm.min():.3g} to {norm.max():.3g}; "
                     "that is no attitude, or a column of it is another's"
                 )
+            if off > _ROUNDED and (odd := _odd_part(raw)) is not None:
+                raise TableError(
+                    f"{self.label}: column {signal.columns[odd[0]]}: with {odd[1]:.2f} times these values quaternions "
+                    f"({named}) would have unit length; they are up to {100 * off:.1f} % off it: another scale?"
+                )
             if off > _NORM:
                 findings.append(
                     Finding(
@@ -223,6 +232,19 @@ class _Converter:
         if signal.world_to_body:
             rotation = rotation.inv()
         return _continuous(rotation.as_quat(scalar_first=True)), findings
+
+
+def _odd_part(quaternion: Floats) -> tuple[int, float] | None:
+    """Name the part of quaternions of which another scale would make them unit ones, and that scale; None for none."""
+    known = quaternion[np.isfinite(quaternion).all(axis=1)]
+    missing = 1.0 - np.sum(known**2, axis=1)
+    whole = float(missing @ missing)
+    for k, square in enumerate((known**2).T):
+        slope = float(square @ missing) / max(float(square @ square), 1e-300)
+        left = float(np.sum((missing - slope * square) ** 2))
+        if left < (1.0 - _EXPLAINED) * whole and abs(slope) > _ODD_SCALE and slope > -1.0:
+            return k, float(np.sqrt(1.0 + slope))
+    return None
 
 
 def _without_turns(attitude: Floats, declared: ColumnMap) -> Floats:

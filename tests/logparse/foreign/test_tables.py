@@ -9,7 +9,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from logparse import RotoridError
-from logparse.foreign.clock import held_values
+from logparse.foreign.clock import held_values, without_spikes
 from logparse.foreign.columns import read_column_map
 from logparse.foreign.files import TableError, read_columns
 from logparse.foreign.motion import read_motion
@@ -483,6 +483,48 @@ def test_a_motor_of_another_unit_and_a_column_that_never_changes_are_named():
     signals = np.random.default_rng(0).standard_normal((300, 3)) * [1.0, 0.0, 1.0]
     (found,) = held_values(signals, ("qw", "qx", "qy"), 0.01)
     assert (found.id, found.evidence["column"]) == ("table-held", "qx")
+
+
+@pytest.mark.parametrize("name", ["qx", "qz", "qw"])
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_part_of_the_quaternion_of_another_scale_is_named(name, factor):
+    with pytest.raises(TableError, match=f"column {name}: with {1.0 / factor:.2f} times these values"):
+        read_motion(scaled(table(), [name], factor), columns())
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_feet_along_the_vertical_are_named_by_the_thrust(velocity):
+    """Position and velocity agree, and attitude says nothing of it."""
+    described = columns() if velocity else {key: value for key, value in columns().items() if key != "velocity"}
+    assert "table-thrust" not in {each.id for each in read_motion(table(), described).findings}
+    feet = scaled(table(), ["z", "vz"] if velocity else ["z"], 3.28)
+    (found,) = [each for each in read_motion(feet, described).findings if each.id == "table-thrust"]
+    assert found.evidence["column"] == ("z, vz" if velocity else "z")
+    assert found.evidence["change"] == pytest.approx(3.28, rel=0.15)
+
+
+def test_squares_given_for_rotor_speeds_are_named_by_the_thrust():
+    frame = table().assign(**{name: table()[name] ** 2 / 1e4 for name in "abcd"})
+    described = columns(motors={"columns": list("abcd"), "quantity": "rad/s", "frame": "quad/x"})
+    assert "table-thrust" in {each.id for each in read_motion(frame, described).findings}
+
+
+def test_a_chirp_after_calm_is_no_spike_and_a_lost_sample_in_it_is_one():
+    """Of exported chirps a tenth of the samples was replaced by their neighbours."""
+    t = np.arange(3000) / 50.0
+    calm = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    rate = calm + np.where(t > 55.0, np.sin(2.0 * np.pi * 10.0 * t), 0.0)
+    assert without_spikes(rate[:, None], ("wx",))[1] == []
+    rate[[1000, 2900]] = 5.0, 50.0
+    (found,) = without_spikes(rate[:, None], ("wx",))[1]
+    assert "2 samples leap away" in found.reason
+
+
+def test_a_motor_that_hardly_moves_is_named():
+    rng = np.random.default_rng(0)
+    still = table()["b"].mean() + 0.02 * table()["b"].std() * rng.standard_normal(len(table()))
+    found = read_motion(table().assign(b=still), columns()).findings
+    assert ("table-unlike-motors", "b") in {(each.id, each.evidence.get("column")) for each in found}
 
 
 def test_quaternions_that_are_none_are_refused():
