@@ -7,11 +7,11 @@ import pandas as pd
 
 from estimation import _kernels
 from estimation.filter import Filtered
+from estimation.outages import LONGEST_SILENCE
 from estimation.timing import LONGEST_HOLE
+from estimation.trajectory import POSITION_KNOWN
 from logparse import Finding, Severity
 
-#: A receiver silent for longer than this is out, s.
-LONGEST_SILENCE = 5.0
 #: Refused fixes nearer to each other than this belong to one glitch, s.
 GLITCH_PAUSE = 2.0
 
@@ -113,37 +113,58 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
     ]
 
 
-def gps_troubles(segment: Filtered) -> list[Finding]:
-    """Report where GPS positions stayed away or were refused, in one segment."""
+def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> list[Finding]:
+    """Report where GPS positions stayed away or were refused, in one segment.
+
+    Parameters
+    ----------
+    segment : Filtered
+        What the filter has to say of it.
+    t : ndarray, shape (n,)
+        Times of the trajectory's rows in it, s.
+    covariance : ndarray, shape (n, 3, 3, 3)
+        See `Trajectory.covariance`.
+    """
     o = segment.observations
     mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
     if mine.size == 0:
         return []
     findings = []
-    t = o.t[mine]
-    for before, after in pairwise([*t.tolist(), segment.stop]):
-        if after - before > LONGEST_SILENCE:
-            findings.append(
-                Finding(
-                    "gps-outage",
-                    Severity.WARNING,
-                    f"No GPS position for {after - before:.0f} s from t = {before:.1f} s; the smoother bridges it.",
-                    evidence={"start": before, "stop": after},
-                )
-            )
+    when = o.t[mine]
+    for before, after in pairwise([*when.tolist(), segment.stop]):
+        rows = slice(*np.searchsorted(t, [before, after]))
+        if after - before > LONGEST_SILENCE and t[rows].size:
+            drift = np.sqrt(np.trace(covariance[rows, :2, :2, :2], axis1=2, axis2=3).max(axis=0))
+            findings.append(_outage(before, after, *drift.tolist(), lost=after == segment.stop))
     refused = np.flatnonzero(segment.inverse_variance[o.start[mine]] == 0.0)
-    for run in np.split(refused, np.flatnonzero(np.diff(t[refused]) > GLITCH_PAUSE) + 1):
+    for run in np.split(refused, np.flatnonzero(np.diff(when[refused]) > GLITCH_PAUSE) + 1):
         if run.size < 2:
             continue
         scalars = np.concatenate([np.arange(o.start[g], o.start[g + 1]) for g in mine[run]])
         size = float(np.abs(segment.innovation[scalars]).max())
+        start, stop = when[run[[0, -1]]].tolist()
         findings.append(
             Finding(
                 "gps-glitch",
                 Severity.WARNING,
-                f"GPS positions up to {size:.0f} m off were refused from t = {t[run[0]]:.1f} to {t[run[-1]]:.1f} s.",
+                f"GPS positions up to {size:.0f} m off were refused from t = {start:.1f} to {stop:.1f} s.",
                 "Look at satellites and HDOP there; a mast and distance from power cables help.",
-                {"start": float(t[run[0]]), "stop": float(t[run[-1]]), "size_m": size, "fixes": int(run.size)},
+                {"start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
             )
         )
     return findings
+
+
+def _outage(start: float, stop: float, position: float, velocity: float, *, lost: bool) -> Finding:
+    """Report a stretch without GPS positions, with the largest 1-sigma of what is horizontal there, m and m/s."""
+    known = f"there the horizontal position is known to {position:.3g} m, velocity to {velocity:.2g} m/s (1-sigma)"
+    silence = f"No GPS position for {stop - start:.0f} s from t = {start:.1f} s"
+    return Finding(
+        "gps-outage",
+        Severity.ERROR if lost and position > POSITION_KNOWN else Severity.WARNING,
+        f"{silence} to the end of the record: {known} at worst."
+        if lost
+        else f"{silence}; the smoother bridges it: {known} at worst.",
+        "Look at the receiver, its cable and its supply; rely on what was flown before." if lost else "",
+        {"start": start, "stop": stop, "position_sigma_m": position, "velocity_sigma_mps": velocity},
+    )

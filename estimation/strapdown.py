@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ from estimation.consistency import innovation_statistics
 from estimation.filter import Filtered, Problem, World, assemble, new_memory, run, ticks
 from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu, stuck_magnetometer
 from estimation.observations import Observations, observe, usable_field, usable_fixes
+from estimation.outages import excess, outages, widen
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, find_segments
 from estimation.shocks import Shocks
 from estimation.smoother import Estimates, filled_in, filtered, new_adjoint, smooth_piece
@@ -32,7 +34,7 @@ from estimation.trust import (
     scaled_gyro,
     wandering_compass,
 )
-from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune
+from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -164,7 +166,7 @@ def estimate_strapdown(
     for segment in found:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
-        findings += gps_troubles(estimated.filtered)
+        findings += gps_troubles(estimated.filtered, estimated.rows.t, estimated.rows.estimates.covariance)
     diagnostics = _diagnostics(tables, done, place, tuned)
     doubts = [turned_compass(turn)] if turn is not None else []
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
@@ -261,10 +263,10 @@ def _estimate(
     signal = segment.signal
     observations = observations.between(*(ticks(np.array([signal.start, signal.stop])) * TICK))
     plan = _Plan(signal, aligned, t, world, tuned, moves=bool(signal.beyond(TURNING).any()))
+    x, gate = aligned.x, tuned.noise.gate
     if not smoothed:
-        known, estimates = plan.filter(observations, aligned.x)
+        known, estimates = plan.filter(observations, x)
     else:
-        x, gate = aligned.x, tuned.noise.gate
         for _ in range(PASSES):
             x = plan.relinearise(observations, x)
             known, estimates = plan.smooth(observations, x)
@@ -273,6 +275,9 @@ def _estimate(
             if np.array_equal(admitted, observations.admitted) and shocks is plan.shocks:
                 break
             observations, plan.shocks = replace(observations, admitted=admitted), shocks
+    moving, _ = window(signal)
+    if spans := outages(observations, moving, signal.stop):
+        widen(estimates.covariance, t, spans, excess(partial(plan.surprises, x=x), observations, moving))
     rates = np.concatenate([signal.rate(asked) for asked in plan.rows])
     forces = np.concatenate([signal.force(asked) for asked in plan.rows])
     return _Estimated(segment, known, _Rows(t, filled_in(estimates, smoothed=smoothed), rates, forces))
@@ -345,6 +350,16 @@ class _Plan:
             pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
         deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
         return known, replace(found, deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+
+    def surprises(self, observations: Observations, x: np.ndarray) -> np.ndarray:
+        """Return how far each reading lies from what those before it foretell, squared and over its variance, (s,)."""
+        P, memory, squares = self.aligned.P, new_memory(x), []
+        for start, stop in self.spans:
+            problem = self.lay_out(observations, np.empty(0), x, P, start, stop)
+            result = run(problem, keep=False, memory=memory)
+            x, P = result.last_state, result.last_covariance
+            squares.append(result.innovation**2 / result.variance)
+        return np.concatenate(squares)
 
     def _forward(
         self, observations: Observations, x: np.ndarray, found: Estimates | None

@@ -45,7 +45,7 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 
 
 #: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
-_POSITION_KNOWN = 25.0
+POSITION_KNOWN = 25.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -78,11 +78,11 @@ class Trajectory(Summarised):
         """
         sigma = self.sigma.loc[start:stop]
         largest = float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
-        if largest <= _POSITION_KNOWN:
+        if largest <= POSITION_KNOWN:
             return ""
         return (
             f"The horizontal position is not known (its 1-sigma grows to {largest:.0f} m), so there is no motion to "
-            "fit: the log has no usable GPS"
+            "fit: the log has no usable GPS there"
         )
 
     def summary(self) -> Mapping[str, str]:
