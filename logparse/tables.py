@@ -6,12 +6,14 @@ A value that was not logged or cannot be is NaN. A table that the log does not h
 """
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+
+from logparse.summary import Summarised, listed
 
 #: Columns of each canonical table with their unit and meaning. Tables named here have exactly these columns,
 #: except `motors` and `esc`, which have one column (or one of each kind) per motor.
@@ -143,8 +145,8 @@ class Geodetic:
     alt: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tables:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Tables(Summarised):
     """The canonical tables of one log (see `COLUMNS`) and the parameters that say how they were sensed.
 
     `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
@@ -171,6 +173,15 @@ class Tables:
     further: Mapping[str, tuple[pd.DataFrame, ...]] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
     origin: Geodetic | None = None
+
+    def summary(self) -> dict[str, str]:
+        """Return the rows and columns of each table that the log has."""
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {
+            name: f"{len(table)} rows of {listed(tuple(map(str, table.columns)))}"
+            for name, table in found.items()
+            if isinstance(table, pd.DataFrame)
+        }
 
     def has(self, name: str) -> bool:
         """Whether the log has a table."""

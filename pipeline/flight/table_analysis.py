@@ -13,6 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.flight.table_answer import table_answer
 from pipeline.results.tables import TableResult
 from sysid import Experiment, choose_observer, fit_six_dof, validate_states
+from sysid.rigid_body.six_dof.fit import FASTEST
 from sysid.validation.state_residuals import missed_motion, predict_record
 
 #: How far ahead the observer is chosen for and the prediction is shown, s.
@@ -40,7 +41,7 @@ def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig)
     """
     declared = read_column_map(columns)
     motions = [read_motion(path, columns, path.name if len(paths) > 1 else None) for path in paths]
-    records = [Experiment.from_motion(motion) for motion in motions]
+    records = [Experiment.from_motion(motion).at_most(FASTEST) for motion in motions]
     training, judged = _parted(records, config)
     mass = config.mass if config.mass is not None else declared.mass
     model = fit_six_dof(training, mass=mass, indoors=declared.indoors)

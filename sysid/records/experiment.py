@@ -17,6 +17,7 @@ from logparse.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
 from sysid.records.flight_record import record_flight
+from sysid.records.resampling import FASTER
 from sysid.records.resampling import resample as resample_columns
 from sysid.records.table_record import table_signals
 
@@ -352,6 +353,18 @@ class Experiment(Summarised):
             context = pd.DataFrame(values, index=pd.Index(t, name=context.index.name), columns=context.columns)
         u, y = resample_columns(self.t, self.u, t), resample_columns(self.t, self.y, t)
         return replace(self, t=t, u=u, y=y, context=context)
+
+    def at_most(self, rate: float) -> Experiment:
+        """Return the record itself, or resampled where it has clearly more samples per second than `rate`.
+
+        Inputs are held from one sample to the next: those of the new record are taken in the middle of what each of its
+        intervals spans, so that a delay stays what it was.
+        """
+        if not self.rate > FASTER * rate:
+            return self
+        slower = self.resample(rate)
+        middle = slower.t + 0.5 * (1.0 / rate - 1.0 / self.rate)
+        return replace(slower, u=resample_columns(self.t, self.u, np.minimum(middle, self.t[-1])))
 
     def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Experiment:
         """Keep some of the inputs and outputs, in the order given; all of them where nothing is given.

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
+from logparse.summary import Summarised
 from logparse.table import Table
 from sysid.records.experiment import Experiment, require_alike
 from sysid.rigid_body.six_dof.model import SixDofModel
@@ -61,8 +62,8 @@ class StateVerdict:
         return f"{self.state}: {warning}{ahead}, against {self.simple:.3g} {self.unit} without a model"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StateValidation:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class StateValidation(Summarised):
     """Errors of every state, horizon and record, and a verdict for each state."""
 
     errors: tuple[StateErrors, ...]
@@ -72,6 +73,10 @@ class StateValidation:
     def table(self) -> pd.DataFrame:
         """The errors as rows."""
         return pd.DataFrame([asdict(each) for each in self.errors])
+
+    def summary(self) -> dict[str, str]:
+        """Return how far ahead each state is predicted."""
+        return {each.state: each.sentence.removeprefix(f"{each.state}: ") for each in self.verdicts}
 
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""

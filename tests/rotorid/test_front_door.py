@@ -92,6 +92,7 @@ def test_results_show_themselves_in_a_few_lines(log, halves, body):
         assert len(repr(result)) < 1500
         assert result._repr_html_().startswith("<table")
     assert "octa plus" in repr(log)
+    assert len(repr(log.tables)) < 1500
 
 
 def test_no_result_shows_its_arrays_instead_of_its_summary():

@@ -106,6 +106,9 @@ FLOORS: Mapping[str, tuple[float, float]] = {
 #: The same for delays and lags, samples.
 FLOOR_SAMPLES = 0.025
 
+#: Rate at which faster records are fitted, Hz: no motion is faster, and delays and lags are in seconds.
+FASTEST = 250.0
+
 #: Place of a delay or lag that all rotors share.
 ALL = -1
 
@@ -159,6 +162,10 @@ def fit_six_dof(
         slow or too noisy for rotation.
     name : str
 
+    Notes
+    -----
+    Records of more than `FASTEST` are fitted at that rate; the model is one of seconds, and predicts at any.
+
     Raises
     ------
     ExperimentError
@@ -169,7 +176,7 @@ def fit_six_dof(
     if attitude not in ("state", "measured"):
         raise ValueError(f"attitude must be state or measured, not {attitude!r}")
     given = attitude == "measured"
-    records = require_alike(experiments)
+    records = [record.at_most(FASTEST) for record in require_alike(experiments)]
     kinds = input_kinds(records[0])
     bodies = [body_record(record, kinds) for record in records]
     dt = bodies[0].dt
