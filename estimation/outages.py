@@ -27,7 +27,15 @@ CLASS_EXCESS = 4.0
 
 
 def outages(observations: Observations, start: float, stop: float) -> list[tuple[float, float]]:
-    """Return from when to when no receiver was believed between two times, s; none where there is no receiver."""
+    """Return from when to when no receiver was believed, s; none where there is no receiver.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of a segment.
+    start, stop : float
+        Between which times, s.
+    """
     t = observations.t[np.isin(observations.kind, RECEIVERS) & observations.admitted]
     if t.size == 0:
         return []
@@ -75,7 +83,7 @@ def excess(surprises: Callable[[Observations], np.ndarray], observations: Observ
 
 
 def widen(covariance: np.ndarray, t: np.ndarray, spans: Sequence[tuple[float, float]], excess: np.ndarray) -> None:
-    """Let what is unknown grow faster in outages, in place.
+    """Widen what is unknown in outages, in place.
 
     Parameters
     ----------
