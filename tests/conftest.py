@@ -1,16 +1,19 @@
 """What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
+import multiprocessing
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from logparse import containers
+from rotorid.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
 
@@ -42,6 +45,9 @@ for case in ("motion-vertical", "octa01_zurich_calm"):
 """,
 )
 
+
+#: What calls in other processes need: the pipeline, the service's side of it, and what stands for both in tests.
+FORKED = ["pipeline.fleet.job", "api.work.worker", "tests.api.standins", "tests.api.flights", "tests.pipeline.flown"]
 
 #: Fixtures, and parameters of tests, that stand for a program beside the tests: a browser, a database server.
 _PROGRAMS = {"browser", "postgresql", "s3"}
@@ -142,6 +148,36 @@ def limit_unpacked() -> Iterator[Callable[[int], None]]:
     """Yield the function that bounds what archives may unpack to in this process; the test's bound ends with it."""
     yield containers.limit_unpacked
     containers.limit_unpacked(containers.MAX_UNPACKED_BYTES)
+
+
+@pytest.fixture(scope="session")
+def forks() -> None:
+    """Start the process that workers are forked from. Whoever starts it first says what it has imported, for good.
+
+    Without this it is the first test that forks, by chance, and each process of the others imports for seconds.
+    """
+    multiprocessing.get_context("forkserver").set_forkserver_preload(FORKED)
+    forkserver.ensure_running()
+
+
+@pytest.fixture
+def rotorid_here(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., "subprocess.CompletedProcess[str]"]:
+    """Return a function that runs a command in this process: one of its own spends a second or more on imports."""
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
+        monkeypatch.setattr(sys, "argv", ["rotorid", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        shown = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return subprocess.CompletedProcess(arguments, ended.value.code, shown.out, shown.err)
+
+    return run
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,11 @@ def unfinished(data: Path) -> list[Path]:
     return [path for path in (data / "scratch").glob("*/*") if path.is_file()]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _analyses_start_at_once(forks: None) -> None:
+    """Nearly every module here has its service analyse something."""
+
+
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""

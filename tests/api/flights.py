@@ -18,9 +18,6 @@ from tests.reports.made import made
 #: When the first of these flights took off.
 START = datetime(2025, 6, 1, 8, tzinfo=UTC)
 
-#: What such an analysis needs of the tests.
-PRELOAD = ("tests.api.flights",)
-
 
 def log(day: float, thrust: float = 8.5, craft: str = "octa", word: str = "yes", **facts: object) -> bytes:
     """Write a log: a flight on a day, with what it says of its thrust, and whether it was healthy."""

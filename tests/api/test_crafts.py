@@ -18,7 +18,7 @@ from tests.api.visits import fly, only_craft, settled, wait
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[httpx.Client]:
     settings = Settings(data=tmp_path, workers=2)
-    with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
+    with running(create_app(settings, flights.analyze, preload=())) as client:
         yield client
 
 
@@ -174,7 +174,7 @@ def test_names_of_flights_are_told_apart(service: httpx.Client) -> None:
 
 
 def test_another_owner_sees_and_touches_nothing(tmp_path: Path) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1, access=Access.TOKENS), flights.analyze, preload=flights.PRELOAD)
+    app = create_app(Settings(data=tmp_path, workers=1, access=Access.TOKENS), flights.analyze, preload=())
     ann, bob = (app.state.parts.tokens.create(name) for name in ("ann", "bob"))
     with running(app) as client:
         client.headers["Authorization"] = f"Bearer {ann}"
@@ -266,7 +266,7 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
 
     analyze(2)
     settings = Settings(data=tmp_path / "data", workers=1, out=out)
-    with running(create_app(settings, flights.analyze, preload=flights.PRELOAD)) as client:
+    with running(create_app(settings, flights.analyze, preload=())) as client:
         wait(lambda: client.get("/api/v1/crafts").json()["items"])
         craft = settled(client, only_craft(client)["id"])
         assert craft["review"]["flights"] == ["flight0", "flight1"]

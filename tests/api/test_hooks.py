@@ -111,9 +111,7 @@ def test_an_alert_is_sent_signed_until_it_is_taken(
     tmp_path: Path, receiver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
-    app = create_app(
-        Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=flights.PRELOAD
-    )
+    app = create_app(Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=())
     with running(app) as client:
         made = client.post("/api/v1/hooks", json={"url": receiver}).json()
         fly(client, "crash.bin", flights.log(0, word="no"))
@@ -169,9 +167,7 @@ def test_an_address_that_takes_nothing_is_tried_once_in_a_while_for_all_its_aler
 ) -> None:
     monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
     _Receiver.answers[:] = [500, 204, 204]
-    app = create_app(
-        Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=flights.PRELOAD
-    )
+    app = create_app(Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=())
     with running(app) as client:
         client.post("/api/v1/hooks", json={"url": receiver})
         for name in ("octa", "quad"):

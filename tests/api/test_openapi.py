@@ -30,7 +30,7 @@ Upload = Callable[..., httpx.Response]
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """Run a service in which there is a craft with a flight, whose analysis is done and shared."""
     chosen = Settings(data=tmp_path_factory.mktemp("data"), upload_rate="", workers=1)
-    with running(create_app(chosen, flights.analyze, preload=flights.PRELOAD)) as client:
+    with running(create_app(chosen, flights.analyze, preload=())) as client:
         yield client
 
 

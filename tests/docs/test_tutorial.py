@@ -2,8 +2,6 @@
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -31,16 +29,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_every_command_does_what_it_says(folder):
+@pytest.mark.usefixtures("forks")
+def test_every_command_does_what_it_says(folder, monkeypatch, rotorid_here):
+    monkeypatch.chdir(folder)
     for words in commands():
         assert words[0] == "rotorid"
-        done = subprocess.run(
-            [Path(sys.executable).with_name("rotorid"), *words[1:]],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = rotorid_here(*words[1:])
         assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout}\n{done.stderr}"
     written = set(re.findall(r"`(out/[\w/]+\.\w+)`", TEXT)) | set(
         re.findall(r"^(?:Report: )?(out/\S+\.\w+)$", TEXT, re.M)
@@ -48,8 +42,8 @@ def test_every_command_does_what_it_says(folder):
     assert {name for name in written if not (folder / name).is_file()} == set()
 
 
-def test_the_python_runs(folder):
+def test_the_python_runs(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
     for block in blocks("python"):
-        done = subprocess.run([sys.executable, "-c", block], cwd=folder, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert "x: " in done.stdout
+        exec(compile(block, "tutorial.md", "exec"), {})
+        assert "x: " in capsys.readouterr().out

@@ -28,23 +28,6 @@ def rotorid(*arguments, cwd=None):
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=3000)
 
 
-@pytest.fixture
-def rotorid_here(capsys, monkeypatch):
-    """Return a function that runs a command in this process: one of its own spends a second or more on imports."""
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setenv("NO_COLOR", "1")
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rotorid", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        shown = capsys.readouterr()
-        return subprocess.CompletedProcess(arguments, ended.value.code, shown.out, shown.err)
-
-    return run
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -91,10 +74,10 @@ def test_help_waits_for_nothing_but_what_it_needs():
     assert sum(line.strip().startswith("Example: rotorid ") for line in text) >= len(commands) - 1
 
 
-def test_a_file_that_is_no_log_ends_with_1_and_its_reason(tmp_path):
+def test_a_file_that_is_no_log_ends_with_1_and_its_reason(tmp_path, rotorid_here):
     path = tmp_path / "diary.bin"
     path.write_text("dear diary,\n" * 10)
-    run = rotorid("analyze", path, "--out", tmp_path / "out")
+    run = rotorid_here("analyze", path, "--out", tmp_path / "out")
     assert run.returncode == 1
     assert "diary.bin" in run.stderr
     assert "not a flight log" in run.stderr

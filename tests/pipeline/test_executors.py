@@ -23,10 +23,12 @@ from tests.pipeline import calls, flown
 PROJECT = Path(__file__).parents[2]
 
 
+pytestmark = pytest.mark.usefixtures("forks")
+
+
 @pytest.fixture
 def pair():
-    # Whoever starts first in this program says what is imported before the fork.
-    with Processes(2, preload=("tests.pipeline.flown",)) as pool:
+    with Processes(2) as pool:
         yield pool
 
 
@@ -114,7 +116,7 @@ def test_a_log_that_kills_its_worker_costs_the_folder_only_itself(pair, tmp_path
 
 def test_a_worker_that_keeps_memory_is_replaced(monkeypatch):
     monkeypatch.setattr(executors, "KEPT_MEMORY", 50_000_000)
-    with Processes(1, preload=()) as pool:
+    with Processes(1) as pool:
         workers = list(pool.map(calls.hoard, range(6)))
     assert len(set(workers)) == 2
     assert workers == sorted(workers, key=workers.index)
@@ -126,7 +128,7 @@ from pathlib import Path
 from pipeline.execution.executors import Processes, as_done
 from tests.pipeline import calls, flown
 if __name__ == "__main__":
-    with Processes(2, preload=()) as pool:
+    with Processes(2) as pool:
         for _, future in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):
             future.result()
 """
