@@ -131,7 +131,7 @@ def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:
     """Resample every column of a table indexed by time; shape (N, columns)."""
     source_t = frame.index.to_numpy(np.float64)
     # One by one: the rates of a fast loop are long.
-    columns = [resample(source_t, frame[[name]].to_numpy(np.float64), t) for name in frame.columns]
+    columns = [resample(source_t, frame[name].to_numpy(np.float64)[:, None], t) for name in frame.columns]
     return np.hstack(columns) if columns else np.empty((len(t), 0))
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numba import njit
+from scipy.signal import lfilter
 
 from logparse import Tables, Vehicle
 from logparse.frames import motor_table
@@ -34,15 +36,39 @@ def craft(frame_class: str, frame_type: str) -> Vehicle:
     )
 
 
-def _thrust(pwm: np.ndarray) -> np.ndarray:
+@njit(cache=True)
+def _thrust(pwm):
     command = np.clip((pwm - 1000.0 - 1000.0 * SPIN_MIN) / (1000.0 * (SPIN_MAX - SPIN_MIN)), 0.0, 1.0)
     return (1.0 - EXPO) * command + EXPO * command**2
 
 
-def _pwm(thrust: np.ndarray) -> np.ndarray:
+@njit(cache=True)
+def _pwm(thrust):
     thrust = np.clip(thrust, 0.0, 1.0)
     command = (EXPO - 1.0 + np.sqrt((1.0 - EXPO) ** 2 + 4.0 * EXPO * thrust)) / (2.0 * EXPO)
     return np.round(1000.0 + 1000.0 * (SPIN_MIN + command * (SPIN_MAX - SPIN_MIN)))
+
+
+@njit(cache=True)
+def _rotate(factors, shares, parts, targets, moments):
+    """Turn under a rate controller: the motors' outputs [us] and angular rates [rad/s] before each step."""
+    gain, damping = np.array([60.0, 60.0, 8.0]), np.array([0.3, 0.3, 0.2])
+    into, limit = np.array([0.3, 0.3, 0.08]), 0.4
+    proportional, hover = np.array([0.1, 0.1, 0.25]), 0.35
+    pwm, rates = np.empty_like(parts), np.empty_like(moments)
+    rate, angle, integral, asked = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(len(parts)):
+        asked[:2] = 5.0 * (targets[k, :2] - angle[:2])
+        asked[2] = targets[k, 2]
+        error = asked - rate
+        integral = np.clip(integral + STEP * error * into, -limit, limit)
+        command = error * proportional + integral
+        pwm[k] = _pwm(hover * (1.0 + 0.03 * np.sin(0.7 * k * STEP)) + shares @ command)
+        rates[k] = rate
+        moment = factors.T @ _thrust(1000.0 + parts[k] * (pwm[k] - 1000.0)) + moments[k]
+        rate = rate + STEP * (gain * moment - damping * rate)
+        angle = angle + STEP * rate
+    return pwm, rates
 
 
 def fly(
@@ -70,44 +96,28 @@ def fly(
     """
     rng = np.random.default_rng(seed)
     factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
-    mixer = factors / np.maximum(np.sum(factors**2, axis=0), 1e-9)
+    squares = np.sum(factors**2, axis=0)
     count = round(seconds / STEP)
-    gain, damping = np.array([60.0, 60.0, 8.0]), np.array([0.3, 0.3, 0.2])
-    offset = rng.normal(0.0, off, 3)
-    wander = rng.normal(0.0, 1.0, 3) * drift
-    rate, angle, integral, disturbance = (np.zeros(3) for _ in range(4))
-    target = np.zeros(3)
-    outputs, rates = [], []
+    offset, wander = rng.normal(0.0, off, 3), rng.normal(0.0, drift, 3)
+    t = STEP * np.arange(count)
+    held = np.arange(count) // round(0.8 / STEP)
+    targets = rng.normal(0.0, [0.15, 0.15, 0.5], (held[-1] + 1, 3))[held]
     keep = np.exp(-STEP / 2.0)
-    hover = 0.35
-    for k in range(count):
-        t = k * STEP
-        if k % round(0.8 / STEP) == 0:
-            target = rng.normal(0.0, [0.15, 0.15, 0.5])
-        disturbance = keep * disturbance + np.sqrt(1.0 - keep**2) * rng.normal(0.0, gust, 3)
-        asked = np.append(5.0 * (target[:2] - angle[:2]), target[2])
-        error = asked - rate
-        integral = np.clip(integral + STEP * error * [0.3, 0.3, 0.08], -0.4, 0.4)
-        command = error * [0.1, 0.1, 0.25] + integral
-        wanted = hover * (1.0 + 0.03 * np.sin(0.7 * t)) + mixer @ (command * np.sum(factors**2, axis=0) / 2.0)
-        pwm = _pwm(wanted)
-        real = pwm.copy()
-        for fault in faults:
-            if fault.t <= t < fault.until:
-                real[fault.motor - 1] = 1000.0 + fault.part * (pwm[fault.motor - 1] - 1000.0)
-        moment = factors.T @ _thrust(real) + offset + wander * t / seconds + disturbance
-        if shift is not None and t >= shift[0]:
-            moment = moment + shift[1:]
-        if k % round(OUTPUTS / STEP) == 0:
-            outputs.append((t, *pwm))
-        if k % round(RATES / STEP) == 0:
-            rates.append((t, *(rate + rng.normal(0.0, 0.003, 3)), *rng.normal(0.0, 0.1, 2), -9.8))
-        rate = rate + STEP * (gain * moment - damping * rate)
-        angle = angle + STEP * rate
-    motors = pd.DataFrame(outputs, columns=["t", *(f"m{motor.number}" for motor in vehicle.motors)]).set_index("t")
-    imu = pd.DataFrame(rates, columns=["t", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]).set_index(
-        "t"
-    )
+    moments = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.normal(0.0, gust, (count, 3)), axis=0)
+    moments += offset + np.outer(t / seconds, wander)
+    if shift is not None:
+        moments[t >= shift[0]] += shift[1:]
+    parts = np.ones((count, len(factors)))
+    for fault in faults:
+        parts[(t >= fault.t) & (t < fault.until), fault.motor - 1] = fault.part
+    pwm, rates = _rotate(factors, factors / np.maximum(squares, 1e-9) * squares / 2.0, parts, targets, moments)
+    every, seen = round(OUTPUTS / STEP), slice(None, None, round(RATES / STEP))
+    rates = rates[seen] + rng.normal(0.0, 0.003, rates[seen].shape)
+    force = rng.normal([0.0, 0.0, -9.8], [0.1, 0.1, 0.0], rates.shape)
+    names = [f"m{motor.number}" for motor in vehicle.motors]
+    motors = pd.DataFrame(pwm[::every], index=pd.Index(t[::every], name="t"), columns=names)
+    columns = ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
+    imu = pd.DataFrame(np.hstack([rates, force]), index=pd.Index(t[seen], name="t"), columns=columns)
     return Tables(motors=motors, imu=imu)
 
 
