@@ -26,6 +26,7 @@ from pipeline.flight.flight_loops import assess_loops
 from pipeline.flight.identification import identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.log_health import logged_rates
+from pipeline.flight.part import busiest, part_findings
 from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.workload import expected_seconds
@@ -206,6 +207,7 @@ def _analyze(
             *log.findings,
             *checked,
             *(() if isinstance(timeline, Failure) else health_findings(timeline)),
+            *(() if isinstance(sound, Failure) else part_findings(log, sound)),
             *findings_of(done.rotation),
             *weak,
             *findings_of(estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values()),
@@ -234,7 +236,7 @@ def _without_trajectory(log: FlightLog, sound: Span | Failure, stages: Stages) -
     if isinstance(sound, Failure):
         return _WithoutTrajectory(sound, sound, sound, stages)
     log.tables.release()
-    rotation = stages.run("rotation", lambda _: find_rotation(log, sound))
+    rotation = stages.run("rotation", lambda _: find_rotation(log, busiest(log, sound)))
     loops = stages.run("loops", lambda _: assess_loops(log, sound))
     motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
@@ -365,6 +367,7 @@ def _record(
     """Cut the flight as a kind of model needs it."""
 
     def cut(_: Progress) -> sysid.Experiment:
+        part = busiest(log, sound)
         whole = sysid.Experiment.from_flight(
             log,
             trajectory,
@@ -374,7 +377,7 @@ def _record(
             frame=kind.frame,
             name=name,
             beside=beside,
-            within=(sound.start, sound.stop),
+            within=(part.start, part.stop),
         )
         if whole.duration < SHORTEST_EXPERIMENT:
             raise MissingDataError(

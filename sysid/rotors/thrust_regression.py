@@ -17,6 +17,9 @@ from sysid.statistics.covariance import autocovariance, coloured_information
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
 BLOCK_SECONDS = 1.0
 
+#: Places of a flight that are looked at for a change of thrust, before those about the best of them.
+_PLACES = 300
+
 #: A coefficient with a larger relative standard error is not determined.
 DETERMINED = 0.15
 
@@ -277,7 +280,10 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
     def left(k: int) -> float:
         return float(sum(np.abs(side - np.median(side)).sum() for side in (part[:k], part[k:])))
 
-    k = min(range(few, len(part) - few + 1), key=left)
+    # Each place takes as long as the flight: of a long one some are looked at, and then those about the best.
+    every, last = max(len(part) // _PLACES, 1), len(part) - few
+    k = min(range(few, last + 1, every), key=left)
+    k = min(range(max(k - every + 1, few), min(k + every, last + 1)), key=left)
     before, after = float(np.median(part[:k])), float(np.median(part[k:]))
     scatter = 1.4826 * float(np.median(np.abs(np.concatenate([part[:k] - before, part[k:] - after]))))
     change = float(np.expm1(after - before))
