@@ -126,9 +126,16 @@ class InertialSignal:
 
     def rescaled(self, yaw: float) -> "InertialSignal":
         """Return the signal with the rate about the down axis times a factor."""
+        if yaw == 1.0:
+            return self
         values = self.values.copy()
         values[:, 2] *= yaw
         return replace(self, values=values)
+
+    def before(self, stop: float) -> "InertialSignal":
+        """Return the signal without the samples that nothing before `stop` [s] needs."""
+        last = int(np.searchsorted(self.t, stop + max(self.gyro_delay, self.accel_delay))) + MARGIN + 1
+        return replace(self, t=self.t[:last], values=self.values[:last], noise_density=self.noise_density[:last])
 
     def beyond(self, rate: float) -> np.ndarray:
         """Return for each sample whether the craft turns faster than `rate` [rad/s] about any axis, beyond its bias."""

@@ -20,7 +20,7 @@ from estimation.observations import Observations
 from estimation.shocks import believed
 from estimation.smoother import smooth
 from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
-from estimation.timing import GYRO_MOVING, InertialSignal
+from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
 WINDOW = 180.0
@@ -173,12 +173,14 @@ class _Search:
     def __init__(
         self, signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
     ) -> None:
-        self.signal, self.observations, self.aligned, self.world = signal, observations, aligned, world
+        self.observations, self.aligned, self.world = observations, aligned, world
         self.given = self.noise = noise
         self.x, self.P, self.white_scale = aligned.x, aligned.P, np.ones(_kernels.KINDS)
         self.imu_scale = np.ones(2)
-        self.as_measured, self.yaw_scale = signal, 1.0
         self.span = signal.start, min(window(signal)[1], signal.stop)
+        self.moves = bool(signal.beyond(TURNING).any())
+        self.signal = self.as_measured = signal.before(self.span[1])
+        self.yaw_scale = 1.0
         self.lags = {s: 0.0 for s, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
         self.passes = _Passes()
 
@@ -201,6 +203,7 @@ class _Search:
             imu_scale=self.imu_scale,
             stop=self.span[1],
             finest=COARSE,
+            moves=self.moves,
         )
 
     def begin(self) -> float:

@@ -8,7 +8,7 @@ import pymap3d
 
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances
-from logparse.canonical.series import Array, euler_angles, join, quaternions, sample, series, wrap
+from logparse.canonical.series import Array, columns_of, euler_angles, join, quaternions, sample, series, wrap
 from logparse.cubic_spline import cubic_spline
 from logparse.frames import Vehicle
 from logparse.tables import COLUMNS, Geodetic
@@ -256,8 +256,7 @@ def rates(messages: Messages) -> pd.DataFrame | None:
 def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
     frame = _rate_message(messages, wanted)
-    for name in wanted:
-        yield series(frame.index, {name: quantity(frame, *_RATE_FIELDS[name])})[name]
+    return columns_of(frame.index, ((name, quantity(frame, *_RATE_FIELDS[name])) for name in wanted))
 
 
 def _rate_message(messages: Messages, wanted: Collection[str]) -> pd.DataFrame:

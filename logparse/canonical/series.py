@@ -1,6 +1,6 @@
 """Time series as the canonical tables want them: one value per time, times strictly increasing."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -29,17 +29,33 @@ def series(
     DataFrame
         Index `t` strictly increasing, float64 columns.
     """
+    index, made = _made(t, columns.items() if isinstance(columns, Mapping) else columns)
+    # The columns are our own: gathering them into one block would only copy them.
+    return pd.DataFrame(dict(made), index=index, copy=False)
+
+
+def columns_of(t: npt.ArrayLike, columns: Iterable[tuple[str, npt.ArrayLike]]) -> Iterator["pd.Series[float]"]:
+    """Yield the columns of the table that `series` makes, one by one; they share their index."""
+    index, made = _made(t, columns)
+    for name, column in made:
+        yield pd.Series(column, index=index, name=name, copy=False)
+
+
+def _made(
+    t: npt.ArrayLike, columns: Iterable[tuple[str, npt.ArrayLike]]
+) -> tuple["pd.Index[float]", Iterator[tuple[str, Array]]]:
     times = np.asarray(t, dtype=np.float64)
     keep = order_of(times)
-    data = {}
-    for name, values in columns.items() if isinstance(columns, Mapping) else columns:
-        column = np.asarray(values, dtype=np.float64)[keep]
-        infinite = np.isinf(column)
-        if infinite.any():
-            column[infinite] = np.nan
-        data[name] = column
-    # The columns are our own: gathering them into one block would only copy them.
-    return pd.DataFrame(data, index=pd.Index(times[keep], name="t", dtype=np.float64), copy=False)
+
+    def made() -> Iterator[tuple[str, Array]]:
+        for name, values in columns:
+            column = np.asarray(values, dtype=np.float64)[keep]
+            infinite = np.isinf(column)
+            if infinite.any():
+                column[infinite] = np.nan
+            yield name, column
+
+    return pd.Index(times[keep], name="t", dtype=np.float64), made()
 
 
 def order_of(t: Array) -> npt.NDArray[np.intp]:

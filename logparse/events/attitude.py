@@ -157,13 +157,14 @@ def _disagreement(first: float, last: float, worst: float) -> FlightEvent:
 
 def _yaw(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
     """Find times in which the craft turned faster than asked, or against it, for longer than a stick needs."""
-    if tables.rates is None:
+    if not tables.has("rates"):
         return
-    rates = tables.rates[["w_z", "w_z_ref"]].dropna()
-    if len(rates) < 3:
+    columns = list(tables.columns("rates", ("w_z", "w_z_ref")))
+    flown, asked = (column.to_numpy(np.float64) for column in columns)
+    known = np.isfinite(flown) & np.isfinite(asked)
+    if np.count_nonzero(known) < 3:
         return
-    t = rates.index.to_numpy(np.float64)
-    flown, asked = rates["w_z"].to_numpy(np.float64), rates["w_z_ref"].to_numpy(np.float64)
+    t, flown, asked = columns[0].index.to_numpy(np.float64)[known], flown[known], asked[known]
     excess = np.where(flown * asked >= 0.0, np.abs(flown) - np.abs(asked), np.abs(flown - asked))
     flying = within(t, [(flight.start + 0.5, flight.stop) for flight in flights])
     for first, last in stretches(t, flying & (excess > _YAW_EXCESS), join=0.3, shortest=_YAW_TIME):

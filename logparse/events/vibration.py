@@ -169,8 +169,10 @@ def _rise(part: pd.DataFrame, levels: VibrationLevels, number: int, flight: Flig
     for begin in np.arange(t[0] + _USUAL, t[-1] - _STAYS, 0.5):
         first, last = np.searchsorted(t, (begin, begin + _STAYS))
         later = worst[first:last]
-        risen = float(np.percentile(later, 20.0)) if len(later) else 0.0
-        # Before all that came before is sorted again, at every half second of a long log.
+        # Before percentiles are taken, at every half second of a long log.
+        if later.max(initial=0.0) <= _PART * levels.acceptable:
+            continue
+        risen = float(np.percentile(later, 20.0))
         if risen <= _PART * levels.acceptable:
             continue
         usual = float(np.percentile(worst[:first], 95.0))

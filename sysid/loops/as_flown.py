@@ -362,9 +362,9 @@ def other_rate(log: FlightLog, claimed: float) -> str | None:
         told = told[np.isfinite(told) & (told > 0.0)]
         if len(told) and abs(float(np.median(told)) / claimed - 1.0) > _RATE_APART:
             return f"SCHED_LOOP_RATE is {claimed:g} Hz, but the scheduler ran at {np.median(told):.0f} Hz (PM.LR)"
-    rates = log.tables.rates
-    if rates is not None and "RATE" in log.messages and len(rates) > 16:
-        rows = 1.0 / float(np.median(np.diff(rates.index.to_numpy(np.float64))))
+    times = log.tables.times("rates")
+    if times is not None and "RATE" in log.messages and len(times) > 16:
+        rows = 1.0 / float(np.median(np.diff(times)))
         if rows > (1.0 + _RATE_APART) * claimed:
             return f"RATE came at {rows:.0f} Hz, faster than the loop of SCHED_LOOP_RATE {claimed:g}"
     return None

@@ -5,7 +5,6 @@ Every check returns None where the evidence is there, else the reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,38 +156,39 @@ def oscillation(log: FlightLog, axis: str) -> str | None:
 
 def find_oscillation(log: FlightLog, axis: str) -> Oscillation | None:
     """Find whether an axis oscillates by itself: outside chirps, narrow and strong."""
-    table = log.tables.rates
-    column = axis_of(axis).input
-    if table is None or log.flight is None or column not in table:
+    column = next(log.tables.columns("rates", (axis_of(axis).input,)), None)
+    if column is None or log.flight is None:
         return None
-    t = table.index.to_numpy(np.float64)
+    t = column.index.to_numpy(np.float64)
     quiet = (t > log.flight.start + 2.0) & (t < log.flight.stop - 2.0)
     for chirp in find_chirps(log):
         quiet &= ~((t > chirp.start - 0.2) & (t < chirp.stop + 0.5))
-    strength = [_narrow(piece, step) for piece, step in _windows(t, table[column].to_numpy(np.float64), quiet)]
-    strong = [hz for rms, share, hz in strength if rms > NARROW_RMS and share > NARROW_SHARE]
+    if np.count_nonzero(quiet) < 32:
+        return None
+    step = float(np.median(np.diff(t)))
+    windows = _windows(t, np.asarray(column, dtype=np.float64), quiet, step)
+    if not len(windows):
+        return None
+    hz, spectra = welch(windows, 1.0 / step, windows.shape[1] // 2)
+    strength = [_narrow(hz, power) for power in spectra]
+    strong = [peak for rms, share, peak in strength if rms > NARROW_RMS and share > NARROW_SHARE]
     if len(strong) < max(NARROW_PART * len(strength), 1.0):
         return None
-    return Oscillation(float(np.median(strong)), len(strong), len(strength), float(1.0 / np.median(np.diff(t))))
+    return Oscillation(float(np.median(strong)), len(strong), len(strength), 1.0 / step)
 
 
-def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_]) -> Iterator[tuple[Floats, float]]:
-    """Yield gapless windows and their step, s."""
-    if keep.sum() < 32:
-        return
-    step = float(np.median(np.diff(t)))
+def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_], step: float) -> Floats:
+    """Return gapless windows, shape (n, size), of rows `step` [s] apart."""
     size = int(_WINDOW / step)
-    good = np.flatnonzero(keep & np.isfinite(values))
     if size < 64:
-        return
-    for run in np.split(good, np.flatnonzero((np.diff(good) > 1) | (np.diff(t[good]) > 3.0 * step)) + 1):
-        for first in range(0, len(run) - size + 1, size):
-            yield values[run[first : first + size]], step
+        return np.empty((0, size))
+    good = np.flatnonzero(keep & np.isfinite(values))
+    runs = np.split(good, np.flatnonzero((np.diff(good) > 1) | (np.diff(t[good]) > 3.0 * step)) + 1)
+    return np.concatenate([values[run[: len(run) // size * size]].reshape(-1, size) for run in runs])
 
 
-def _narrow(piece: Floats, step: float) -> tuple[float, float, float]:
+def _narrow(hz: Floats, power: Floats) -> tuple[float, float, float]:
     """Return rms about the strongest frequency, its share of the power above 2 Hz, and the frequency, Hz."""
-    hz, power = welch(piece - piece.mean(), 1.0 / step, len(piece) // 2)
     fast = hz > _LOWEST
     total = float(power[fast].sum())
     if not total > 0.0:

@@ -46,7 +46,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
         Airborne interval, s.
     """
     names = [f"m{motor.number}" for motor in vehicle.motors] if vehicle is not None else []
-    if vehicle is None or not names or tables.motors is None or tables.rates is None:
+    if vehicle is None or not names or tables.motors is None or not tables.has("rates"):
         return []
     asked = list(tables.columns("rates", ["out_thrust", "out_roll", "out_pitch", "out_yaw"]))
     if not set(names) <= set(tables.motors) or any(column.notna().sum() < _FEWEST for column in asked):

@@ -17,7 +17,10 @@ def detrended(signals: Floats) -> Floats:
     """Subtract the straight line of least squares from each column, shape (N, k)."""
     t = np.arange(len(signals)) - (len(signals) - 1) / 2.0
     slope = t @ signals / max(float(t @ t), 1.0)
-    return np.asarray(signals - signals.mean(axis=0) - np.outer(t, slope))
+    left = np.multiply.outer(t, -slope)
+    left -= signals.mean(axis=0)
+    left += signals
+    return np.asarray(left)
 
 
 def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
@@ -25,7 +28,7 @@ def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
 
     Parameters
     ----------
-    signal : ndarray, shape (N,)
+    signal : ndarray, shape (..., N)
     rate : float
         Hz.
     size : int
@@ -33,11 +36,12 @@ def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
 
     Returns
     -------
-    hz, density : ndarray, shape (size // 2 + 1,)
+    hz : ndarray, shape (size // 2 + 1,)
+    density : ndarray, shape (..., size // 2 + 1)
         In squared units of the signal per Hz.
     """
-    windows = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size - size // 2]
-    density: Floats = np.mean(densities(windows, rate), axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(signal, size, axis=-1)[..., :: size - size // 2, :]
+    density: Floats = np.mean(densities(windows, rate), axis=-2)
     return np.asarray(np.fft.rfftfreq(size, 1.0 / rate), np.float64), density
 
 
@@ -46,18 +50,18 @@ def densities(windows: Floats, rate: float) -> Floats:
 
     Parameters
     ----------
-    windows : ndarray, shape (n, size)
+    windows : ndarray, shape (..., size)
     rate : float
         Hz.
 
     Returns
     -------
-    ndarray, shape (n, size // 2 + 1)
+    ndarray, shape (..., size // 2 + 1)
     """
-    size = windows.shape[1]
+    size = windows.shape[-1]
     taper = hann(size)
-    spectra = np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, axis=1)
+    spectra = np.fft.rfft((windows - windows.mean(axis=-1, keepdims=True)) * taper)
     density: Floats = np.abs(spectra) ** 2 / (rate * float(taper @ taper))
     # All but the mean's and the Nyquist frequency's stand for two.
-    density[:, 1 : (size + 1) // 2] *= 2.0
+    density[..., 1 : (size + 1) // 2] *= 2.0
     return density

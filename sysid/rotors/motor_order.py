@@ -223,7 +223,7 @@ def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame
 
     Columns are ``roll pitch yaw``, and ``thrust`` where it is known.
     """
-    if tables.rates is not None:
+    if tables.has("rates"):
         columns = tuple(tables.columns("rates", [f"out_{axis}" for axis in _AXES]))
         if all(column.notna().sum() > 1 for column in columns):
             (thrust,) = tables.columns("rates", ["out_thrust"])

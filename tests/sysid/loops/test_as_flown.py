@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import read_log
+from logparse import Tables, read_log
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.span import Span
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
@@ -109,7 +109,7 @@ def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, 
 
 def test_the_scheduler_tells_the_rate_at_which_it_ran():
     """SCHED_LOOP_RATE takes effect when the autopilot starts; PM.LR is the rate that counts."""
-    log = SimpleNamespace(messages={"PM": pd.DataFrame({"LR": [200, 200]})}, tables=SimpleNamespace(rates=None))
+    log = SimpleNamespace(messages={"PM": pd.DataFrame({"LR": [200, 200]})}, tables=Tables())
     assert "PM.LR" in as_flown.other_rate(log, 400.0)
     assert as_flown.other_rate(log, 200.0) is None
 
