@@ -23,7 +23,15 @@ from sysid.frequency.records import ORDINARY_BAND, AxisRecord, chirp_record, exp
 from sysid.frequency.response import OVER_FREQUENCY, Complex, Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
 from sysid.frequency.sources import BURSTS, filtered, signals_of
-from sysid.frequency.spectra import RecordWindows, ThinnedSignals, band_of_window, estimate, window_lengths, windows_of
+from sysid.frequency.spectra import (
+    RecordWindows,
+    ThinnedSignals,
+    band_of_window,
+    estimate,
+    thinned,
+    window_lengths,
+    windows_of,
+)
 from sysid.frequency.structures import low_pass
 from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
@@ -328,10 +336,9 @@ def response_of_records(
     FrequencyError
         When all records are too short or too slow.
     """
-    if axis.attitude:  # a rate axis integrates
-        records = [record.difference() for record in records if len(record.output) > 16]
+    records = [record for record in records if len(record.output) > 18 or not axis.attitude]
     if not records:
-        raise FrequencyError(f"no record of the {axis.name} axis has more than 16 samples")
+        raise FrequencyError(f"no record of the {axis.name} axis has more than 18 samples")
     step = max(record.dt for record in records)
     if step > 1.0 / _LOWEST_RATE:
         raise FrequencyError(
@@ -347,7 +354,25 @@ def response_of_records(
             "a chirp should last 20 s at least, ordinary flying a minute"
         )
     hz = np.geomspace(low, high, max(round(PER_DECADE * np.log10(high / low)), 8))
-    windows = _windows(records, hz, longest)
+    # At their rates, the band is a small part of most records.
+    thin = [thinned(record, high) for record in records]
+    if axis.attitude:  # a rate axis integrates
+        thin = [record.difference() for record in thin]
+    found = _found(thin, axis, hz, _windows(thin, hz, longest), gyro_filter_hz, like, refined=refined)
+    return replace(found, step=step, duration=float(sum(record.duration for record in records)))
+
+
+def _found(
+    records: Sequence[AxisRecord],
+    axis: Axis,
+    hz: Floats,
+    windows: Sequence[_Windows],
+    gyro_filter_hz: float | None,
+    like: FrequencyFit | None,
+    *,
+    refined: bool,
+) -> FrequencyResponse:
+    """Estimate the response from windows of records, and without what windows bend where it is to be refined."""
     first = _composite(records, windows, axis, hz, gyro_filter_hz, None)
     if not refined:
         return first

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from logparse import FlightLog
 from logparse.cubic_spline import cubic_spline
 from logparse.log_settings import Need, bit_to_set
+from logparse.tables import COLUMNS
 from logparse.units import quantity
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
@@ -40,6 +41,9 @@ _EMPTY = 20.0
 #: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
 ORDINARY_BAND = (0.15, 60.0)
 
+#: Time [s] before and after what is needed of the rate controllers that tells of air and battery there.
+_AROUND = 30.0
+
 #: Shortest flight [s], and the time [s] after take-off and before landing that is left out.
 _SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
 
@@ -59,6 +63,10 @@ _NAMES = {
     "yaw": (("yaw", "out_yaw", "u_yaw"), ("w_z", "r", "gyro_z", "rate")),
     "vertical": (("thrust", "throttle", "out_thrust"), ("a_up", "acceleration")),
 }
+
+
+#: Samples in single or double precision.
+Logged = NDArray[np.float32] | Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +145,7 @@ class RateSignals:
     """What the rate controllers of a log said: their outputs, what they measured and what they wanted."""
 
     t: Floats  #: shape (N,): Times of validity (of the gyro sample), s.
-    columns: dict[str, Floats]  #: dict of str to ndarray, shape (N,): By name, as in `Axis`.
+    columns: dict[str, Logged]  #: dict of str to ndarray, shape (N,): By name, as in `Axis`.
     with_chirp: bool  #: Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
     source: str = ""  #: What they are, where they are not the controllers' own.
 
@@ -147,22 +155,38 @@ class RateSignals:
         return float(np.median(np.diff(self.t)))
 
 
-def rate_signals(log: FlightLog) -> RateSignals:
+def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     """Read the rate controllers of a log: RATE, or the PID messages where it has none.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    within : (float, float), optional
+        Stretch of time that is needed, s.
 
     Raises
     ------
     FrequencyError
         Without either.
     """
-    table = log.tables.rates
-    if table is None or len(table) < 16:
+    t = log.tables.times("rates")
+    if t is None or len(t) < 16:
         raise FrequencyError(
             f"{log.path.name}: no RATE or PID messages; {bit_to_set(Need.FAST_RATES, log)}, "
             "and fly one minute of short stick inputs on each axis"
         )
-    columns = {str(name): table[name].to_numpy(np.float64) for name in table.columns}
-    return RateSignals(table.index.to_numpy(np.float64), columns, "RATE" in log.messages)
+    rows = slice(None)
+    if within is not None:
+        rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
+    columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
+    known = {str(each.name): _as_logged(each.to_numpy()[rows]) for each in columns}
+    return RateSignals(t[rows], known, "RATE" in log.messages)
+
+
+def _as_logged(values: Logged) -> Logged:
+    """Return values in single precision, as the fast loop is logged: all in double are the largest thing in memory."""
+    return values.astype(np.float32)
 
 
 def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
@@ -176,7 +200,7 @@ def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
     columns = dict(signals.columns)
     for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):
         if source in frame:
-            columns[name] = np.interp(signals.t, times[order], quantity(frame, source, "cm/s/s")[order])
+            columns[name] = _as_logged(np.interp(signals.t, times[order], quantity(frame, source, "cm/s/s")[order]))
     return replace(signals, columns=columns)
 
 
@@ -227,7 +251,7 @@ def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
 
 
 def record_of_chirp(
-    log: FlightLog, chirp: Chirp, t: Floats, command: Floats, answer: Floats, added: Callable[[Floats], Floats]
+    log: FlightLog, chirp: Chirp, t: Floats, command: Logged, answer: Logged, added: Callable[[Floats], Floats]
 ) -> AxisRecord:
     """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument.
 
@@ -268,7 +292,7 @@ def record_of_chirp(
     )
 
 
-def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock by cubic splines.
 
     All columns pass through the same interpolation, which therefore cancels in their ratio.
@@ -280,7 +304,7 @@ def on_uniform_clock(t: Floats, columns: Sequence[Floats]) -> tuple[Floats, Floa
     usable : ndarray of bool, shape (N,)
         False in holes, which are bridged by straight lines.
     """
-    values = np.column_stack(columns)
+    values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
     if not known.all():
         t, values = t[known], values[known]
@@ -405,26 +429,27 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
-    target = _outside_target(log, axis, t)
-    if axis.attitude and target is not None and np.std(target) < _ASKED:
-        # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
-        raise FrequencyError(
-            f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, or a "
-            "minute of short stick inputs on it"
-        )
-    beside: list[Floats] = []
+    target = _outside_target(log, axis, float(t[0]), float(t[-1]))
+    beside: list[Logged] = []
     name = ""
     if target is not None:
-        name = f"{axis.name} target" if axis.attitude else lift_asked(log, *t[[0, -1]])[2]
+        name = target[2]
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
         beside, name = [known[axis.reference]], "rate target"
     _refuse_scattered(log, t)
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], *others, *beside])
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
-    # The target does not come from the rows that may be lost, as in `record_of_chirp`.
-    asked = None if target is None else _outside_target(log, axis, clock)
-    if asked is None:
+    if target is not None:
+        # It does not come from the rows that may be lost, as in `record_of_chirp`.
+        asked = _at_rows(*target[:2], clock)
+        if axis.attitude and np.std(asked) < _ASKED:
+            # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
+            raise FrequencyError(
+                f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, "
+                "or a minute of short stick inputs on it"
+            )
+    else:
         asked = values[:, -1] if beside else command
     if np.std(command) < _STILL or np.std(asked) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
@@ -478,7 +503,7 @@ def _of_lost_rows(t: Floats, command: Floats) -> float:
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
 
 
-def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Floats]:
+def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Logged]:
     """Return the outputs of the other axes of rotation that move, so that what they do does not count as the axis's."""
     if not axis.attitude:
         return []
@@ -492,8 +517,8 @@ def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Floats
     return found
 
 
-def _outside_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
-    """Interpolate what asked an axis from outside its loop; None where the log has no attitude target of it.
+def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tuple[Floats, Floats, str] | None:
+    """Return times, values and name of what asked an axis from outside its loop; None without an attitude target.
 
     Raises
     ------
@@ -501,16 +526,19 @@ def _outside_target(log: FlightLog, axis: Axis, t: Floats) -> Floats | None:
         When nothing asked for lift.
     """
     if not axis.attitude:
-        times, wanted, _ = lift_asked(log, float(t[0]), float(t[-1]))
-    else:
-        table = log.tables.setpoints
-        if table is None or axis.attitude not in table:
-            return None
-        values = table[axis.attitude].to_numpy(np.float64)
-        known = np.isfinite(values)
-        if np.count_nonzero(known) < 16:
-            return None
-        times, wanted = table.index.to_numpy(np.float64)[known], np.unwrap(values[known])
+        return lift_asked(log, first, last)
+    table = log.tables.setpoints
+    if table is None or axis.attitude not in table:
+        return None
+    values = table[axis.attitude].to_numpy(np.float64)
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 16:
+        return None
+    return table.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
+
+
+def _at_rows(times: Floats, wanted: Floats, t: Floats) -> Floats:
+    """Interpolate a target at the times of rows."""
     smooth = below(times, wanted[:, None], t, float(np.median(np.diff(t))))[:, 0]
     # What the target has above half of the rows' rate would fold onto what of the outputs folds.
     return np.asarray(np.where(np.isfinite(smooth), smooth, np.interp(t, times, wanted)))

@@ -22,6 +22,7 @@ from logparse.log_settings import Need, bit_to_set
 from logparse.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
+from sysid.frequency.excitation import Within
 from sysid.frequency.records import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
 from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
@@ -46,14 +47,21 @@ _FEWEST = 16
 #: and speeds that vary together; powers of the speed with which thrust may rise.
 _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 
-#: Signals of the rate controller while `kept_signals` lasts: of one log, with and without the vertical axis.
-_kept: ContextVar[Recent[RateSignals] | None] = ContextVar("kept", default=None)
+#: Signals of the rate controller while `kept_signals` lasts: of one log, with and without the vertical axis; and the
+#: stretch of time that is needed of them.
+_kept: ContextVar[tuple[Recent[RateSignals], Within | None] | None] = ContextVar("kept", default=None)
 
 
 @contextmanager
-def kept_signals() -> Iterator[None]:
-    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them."""
-    token = _kept.set(Recent(2))
+def kept_signals(within: Within | None = None) -> Iterator[None]:
+    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them.
+
+    Parameters
+    ----------
+    within : (float, float), optional
+        Stretch of time that is surveyed, s.
+    """
+    token = _kept.set((Recent(2), within))
     try:
         yield
     finally:
@@ -61,8 +69,8 @@ def kept_signals() -> Iterator[None]:
 
 
 def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
-    recent = _kept.get() or Recent[RateSignals](2)
-    signals = recent.of(log, make=lambda: as_motors_got(log, rate_signals(log)))
+    recent, within = _kept.get() or (Recent[RateSignals](2), None)
+    signals = recent.of(log, make=lambda: as_motors_got(log, rate_signals(log, within)))
     return recent.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
 
 

@@ -120,10 +120,46 @@ class ThinnedSignals:
     def at(self, halvings: int) -> Floats:
         """Return them at a rate that was halved so often, shape (N / 2^halvings, columns)."""
         while len(self._rates) <= halvings:
-            reach = len(_HALVING) // 2
-            signals = np.ascontiguousarray(self._rates[-1].T)
-            self._rates.append(halved(np.pad(signals, ((0, 0), (reach, reach))), _HALVING))
+            self._rates.append(_half_rate(self._rates[-1]))
         return self._rates[halvings]
+
+
+def _half_rate(signals: Floats) -> Floats:
+    """Return every second sample of signals, shape (N, columns), without what would fold; edges are held."""
+    reach = len(_HALVING) // 2
+    return halved(np.pad(np.ascontiguousarray(signals.T), ((0, 0), (reach, reach)), "edge"), _HALVING)
+
+
+def thinned(record: AxisRecord, high: float) -> AxisRecord:
+    """Return a record at the lowest of its halved rates that holds frequencies up to `high` [Hz].
+
+    Parameters
+    ----------
+    record : AxisRecord
+    high : float
+        Hz.
+    """
+    halvings = _halvings(record, high)
+    if not halvings:
+        return record
+    driving, instruments = _driving(record)
+    signals = np.column_stack([driving, record.output])
+    for _ in range(halvings):
+        signals = _half_rate(signals)
+    every = 2**halvings
+    return replace(
+        record,
+        dt=record.dt * every,
+        inputs=signals[:, : record.inputs.shape[1]],
+        output=signals[:, -1],
+        instruments=signals[:, instruments],
+        usable=np.logical_and.reduceat(record.usable, np.arange(0, len(record.usable), every)),
+    )
+
+
+def _halvings(record: AxisRecord, high: float) -> int:
+    """Return how often the rate of a record can be halved for frequencies up to `high` [Hz]."""
+    return max(int(np.log2(1.0 / (record.dt * _SAMPLES_PER_CYCLE * high))), 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,20 +201,26 @@ def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float
         Frequencies that windows of each length serve.
     lengths : sequence of float
     """
+    driving, instruments = _driving(record)
+    signals = ThinnedSignals(driving)
+    for length, served in zip(lengths, hz, strict=True):
+        yield _windows_of(record, signals, instruments, served, length)
+
+
+def _driving(record: AxisRecord) -> tuple[Floats, list[int]]:
+    """Return inputs and those instruments that are none of them, and the column of each instrument."""
     m = record.inputs.shape[1]
     # The outputs of other axes are instruments of themselves.
     other = [k for k in range(m) if not np.array_equal(record.instruments[:, k], record.inputs[:, k])]
     instruments = [m + other.index(k) if k in other else k for k in range(m)]
-    signals = ThinnedSignals(np.column_stack([record.inputs, record.instruments[:, other]]))
-    for length, served in zip(lengths, hz, strict=True):
-        yield _windows_of(record, signals, instruments, served, length)
+    return np.column_stack([record.inputs, record.instruments[:, other]]), instruments
 
 
 def _windows_of(
     record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], hz: Floats, length: float
 ) -> RecordWindows | None:
     m = record.inputs.shape[1]
-    halvings = max(int(np.log2(1.0 / (record.dt * _SAMPLES_PER_CYCLE * hz[-1]))), 0)
+    halvings = _halvings(record, float(hz[-1]))
     signals, dt = every_rate.at(halvings), record.dt * 2**halvings
     usable = _bridged(record.usable, _GAP / (record.dt * float(hz[-1])))[:: 2**halvings]
     size = round(length / dt)
@@ -216,6 +258,8 @@ def _windows_of(
 
 def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     """Return which samples count when holes up to `longest` samples do."""
+    if usable.all():
+        return usable
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
     counted = usable.copy()
     for start, stop in zip(edges[::2], edges[1::2], strict=True):

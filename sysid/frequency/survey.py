@@ -79,7 +79,7 @@ def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | 
     """
     given = logs_of(logs)
     names = tuple(log.name for log in given)
-    with kept_signals():
+    with kept_signals(within):
         found = tuple(_axis(given, axis, within) for axis in axes)
         single = _single(given, axes, within) if len(given) > 1 else ()
         couplings = _couplings(given, found, within)

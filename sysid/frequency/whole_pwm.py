@@ -60,7 +60,7 @@ def as_motors_got(log: FlightLog, signals: RateSignals) -> RateSignals:
 
 def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, vehicle: Vehicle) -> RateSignals:
     pwm, at = motors.to_numpy(np.float64), motors.index.to_numpy(np.float64)
-    outputs = np.column_stack([signals.columns[name] for name in OUTPUTS.values()])
+    outputs = np.column_stack([signals.columns[name] for name in OUTPUTS.values()]).astype(np.float64)
     known = np.isfinite(outputs).all(axis=1)
     if len(at) < _FEWEST or np.count_nonzero(known) < _FEWEST or np.any(pwm != np.rint(pwm)):
         return signals
