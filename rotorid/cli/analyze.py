@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from pipeline.storage.sources import Found, Source
 
 _DEFAULT = AnalysisConfig()
+#: How logs are called.
+_LOGS = (".bin", ".log", ".tlog", ".ulg")
 #: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
 _SEVERAL_FOUND = 0.2
 
@@ -44,12 +46,13 @@ def analyze(
         ),
     ],
     out: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="Folder or URL for report.html, report.json and all else that is made. Of several logs it also keeps "
-            "what is done: the same command again does only what is new or changed, or was interrupted."
+            "what is done: the same command again does only what is new or changed, or was interrupted. Default: "
+            "out/NAME, of the first log or folder named."
         ),
-    ],
+    ] = None,
     rate: Annotated[float, setting("rate")] = _DEFAULT.rate,
     poles: Annotated[int, setting("poles")] = _DEFAULT.poles,
     zeros: Annotated[int, setting("zeros")] = _DEFAULT.zeros,
@@ -112,9 +115,11 @@ def analyze(
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
+    out = out or _folder_of(paths[0])
     if columns is not None:
         _tables(paths, columns, out, config, as_json)
         return
+    _refuse_tables(paths)
     found = find(_existing(paths), exclude=None if is_url(out) else Path(out))
     _require_files(found, paths)
     chosen = config.training or config.validation
@@ -167,6 +172,31 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     for finding in result.findings:
         console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
     console().print(f"\nReport: {Path(out) / 'report.html'}", markup=False, soft_wrap=True)
+
+
+def _refuse_tables(paths: Sequence[str]) -> None:
+    """Say of a table that was named how to describe it."""
+    # What is called a log needs no look, for which the numerical packages would have to be there.
+    files = [path for path in map(Path, paths) if path.is_file() and path.suffix.lower() not in _LOGS]
+    if not files:
+        return
+    from logparse import LogError
+    from logparse.foreign.files import is_table
+    from logparse.log import check_is_log
+    from pipeline.errors import ConfigError
+
+    for path in filter(is_table, files):
+        try:
+            check_is_log(path)
+        except LogError as error:
+            hint = "Is it a table of motion? Say which column is what with --columns (docs/tables.md)"
+            raise ConfigError(f"{error}. {hint}") from None
+
+
+def _folder_of(path: str) -> str:
+    """Return where results of a log or folder go when nobody says."""
+    named = Path(path.rstrip("/")) if "://" in path else Path(path).resolve()
+    return str(Path("out") / (named.name if named.is_dir() else named.stem))
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:

@@ -35,7 +35,6 @@ def rotorid(*arguments, cwd=None):
         ["analyze", ".", "--out", "out", "--poles", "0"],
         ["analyze", ".", "--out", "out", "--rate", "ten"],
         ["analyze", ".", "--out", "out", "--zeros", "9"],
-        ["analyze", "."],
         ["analyze", ".", "--out", "out", "--training", "paper01"],
         ["inspect", "nowhere.bin"],
         ["export", ".", "--out", "out"],
@@ -52,6 +51,22 @@ def test_wrong_usage_ends_with_2_and_says_why(arguments, tmp_path, rotorid_here,
     assert "Traceback" not in run.stderr
     assert not run.stdout
     assert not (tmp_path / "out").exists()
+
+
+def test_results_go_to_a_folder_of_the_name_of_the_log_unless_another_is_named(tmp_path, rotorid_here, monkeypatch):
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "flight.bin").write_bytes(b"none")
+    monkeypatch.chdir(tmp_path)
+    for named, folder in (("lab/flight.bin", "flight"), ("lab", "lab"), ("lab/", "lab")):
+        run = rotorid_here("analyze", named)
+        assert (tmp_path / "out" / folder).is_dir(), run.stderr
+
+
+def test_a_table_without_a_description_is_told_how_to_give_one(tmp_path, rotorid_here):
+    (tmp_path / "motion.csv").write_text("t,x\n0,1\n")
+    run = rotorid_here("analyze", tmp_path / "motion.csv")
+    assert run.returncode == 2
+    assert "which column is what with --columns" in run.stderr
 
 
 def test_help_waits_for_nothing_but_what_it_needs():
