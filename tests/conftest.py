@@ -1,6 +1,8 @@
 """What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
+import lzma
 import multiprocessing
+import os
 import shutil
 import signal
 import subprocess
@@ -16,6 +18,7 @@ from logparse import containers
 from rotorid.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
+SHARED = ROOT.parent / "shared" / "logs"
 
 # A slow computer, or the first example of a kernel, is no failure.
 settings.register_profile("rotorid", deadline=None)
@@ -148,6 +151,29 @@ def limit_unpacked() -> Iterator[Callable[[int], None]]:
     """Yield the function that bounds what archives may unpack to in this process; the test's bound ends with it."""
     yield containers.limit_unpacked
     containers.limit_unpacked(containers.MAX_UNPACKED_BYTES)
+
+
+@pytest.fixture(scope="session")
+def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that gives the path of a packed log of ../shared/logs, such as ``pairs/octa8_id``.
+
+    It is unpacked once, whichever worker asks first; a test that asks for one that is not here is skipped.
+    """
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "unpacked"
+    folder.mkdir(exist_ok=True)
+
+    def unpack(name: str) -> Path:
+        packed, path = SHARED / f"{name}.BIN.xz", folder / f"{Path(name).name}.BIN"
+        if not packed.exists():
+            pytest.skip(f"../shared/logs/{name}.BIN.xz is not here")
+        if not path.exists():
+            part = path.with_suffix(f".{os.getpid()}")
+            part.write_bytes(lzma.decompress(packed.read_bytes()))
+            part.replace(path)
+        return path
+
+    return unpack
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ Position truth there is relative to where the simulator started, the estimates t
 the two is not judged. Only airborne time counts.
 """
 
-import lzma
 from dataclasses import replace
 from pathlib import Path
 
@@ -103,16 +102,10 @@ def test_telemetry_is_near_the_truth_of_the_matching_log(name):
     assert np.sqrt(np.mean((found - true) ** 2, axis=0)).max() < 0.17
 
 
-CHIRPS = LOGS.parent / "pairs" / "octa8_g2.BIN.xz"
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(not CHIRPS.exists(), reason="needs the shared logs in ../shared/logs/pairs")
-def test_the_receivers_lag_is_found_under_chirps(tmp_path):
+def test_the_receivers_lag_is_found_under_chirps(unpacked):
     """A fix that a lag moved out of the window outweighed the lag: 17 ms were taken for 0, and height NEES was 16."""
-    path = tmp_path / "octa8_g2.BIN"
-    path.write_bytes(lzma.decompress(CHIRPS.read_bytes()))
-    log = read_log(path)
+    log = read_log(unpacked("pairs/octa8_g2"))
     trajectory = estimate(log.tables, rate=10.0)
     assert trajectory.diagnostics["lags"]["gps"] == pytest.approx(-0.017, abs=0.004)
     error = errors(trajectory, airborne_truth(log))["p_d"].dropna()

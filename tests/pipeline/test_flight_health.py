@@ -1,6 +1,5 @@
 """Timelines of logs whose faults are known: genuine firmware, and one real crash."""
 
-import lzma
 from functools import cache
 from pathlib import Path
 
@@ -19,15 +18,11 @@ if not FAULTS.is_dir():
 
 
 @pytest.fixture(scope="module")
-def health_of(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("logs")
-
+def health_of(unpacked):
     @cache
     def assess(path: Path) -> FlightHealth:
         if path.suffix == ".xz":
-            plain = folder / path.stem
-            plain.write_bytes(lzma.decompress(path.read_bytes()))
-            path = plain
+            path = unpacked(f"{path.parent.name}/{path.name.removesuffix('.BIN.xz')}")
         log = logparse.read_log(path)
         return assess_health(log, Span(log.flight.start, log.flight.stop))
 
@@ -59,11 +54,11 @@ def test_a_lost_motor_is_named_to_half_a_second(health_of, name, motor, second):
     assert event.evidence["thrust_loss"] > 0.9
 
 
-def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path):
+def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path, unpacked):
     """Power goes with a craft that falls: the log ends in the air, without the landing that is left out of others."""
     cut = tmp_path / "cut.BIN"
     # 81.1 s of the log; the motor stops at 80.11 s.
-    cut.write_bytes(lzma.decompress((FAULTS / "lost_motor_octa.BIN.xz").read_bytes())[:744_800])
+    cut.write_bytes(unpacked("faults/lost_motor_octa").read_bytes()[:744_800])
     log = logparse.read_log(cut)
     assert log.flight.stop == pytest.approx(81.05, abs=0.15)
     event = only(assess_health(log, Span(log.flight.start, log.flight.stop)), "motor-loss")

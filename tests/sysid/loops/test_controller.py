@@ -1,16 +1,11 @@
 """The rate controller against an independent recursion, its own response, and firmware's logged terms."""
 
-import lzma
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
 from logparse import read_log
 from sysid.loops import RateController, read_settings
-
-PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
 
 
 def _controller() -> RateController:
@@ -62,13 +57,8 @@ def test_responses_agree_with_running(hz):
 
 
 @pytest.fixture(scope="module")
-def firmware_log(tmp_path_factory):
-    packed = PAIRS / "quad15_id.BIN.xz"
-    if not packed.exists():
-        pytest.skip("../shared/logs/pairs is not here")
-    path = tmp_path_factory.mktemp("pairs") / "quad15_id.BIN"
-    path.write_bytes(lzma.decompress(packed.read_bytes()))
-    return read_log(path)
+def firmware_log(unpacked):
+    return read_log(unpacked("pairs/quad15_id"))
 
 
 @pytest.mark.slow

@@ -1,9 +1,7 @@
 """Designed flights: limits kept in simulation, errors as predicted, files that can be read."""
 
-import lzma
 import re
 from copy import copy
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,19 +27,13 @@ from sysid.loops.multisine import orthogonal_multisines
 from sysid.loops.parameter_file import read_parameter_file
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
 
-PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=30.0)
 GAINS = LoopGains(P=0.07, I=0.07, D=0.002)
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    packed = PAIRS / "octa8_id.BIN.xz"
-    if not packed.exists():
-        pytest.skip("../shared/logs/pairs is not here")
-    path = tmp_path_factory.mktemp("pairs") / "octa8_id.BIN"
-    path.write_bytes(lzma.decompress(packed.read_bytes()))
-    return read_log(path)
+def log(unpacked):
+    return read_log(unpacked("pairs/octa8_id"))
 
 
 def test_a_designed_chirp_keeps_its_limits_and_tells_more_than_the_default():

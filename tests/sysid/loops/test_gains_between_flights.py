@@ -1,8 +1,6 @@
 """Gains that are changed on the ground, in the log of a flight with chirps: they are of flights to come."""
 
-import lzma
 import struct
-from pathlib import Path
 
 import pytest
 
@@ -10,15 +8,10 @@ from logparse import read_log
 from sysid.loops import read_settings, tune
 from sysid.loops.evidence import no_one_loop
 
-PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
-
 
 @pytest.fixture(scope="module")
-def log_bytes():
-    packed = PAIRS / "quad15_id.BIN.xz"
-    if not packed.exists():
-        pytest.skip("../shared/logs/pairs is not here")
-    return lzma.decompress(packed.read_bytes())
+def log_bytes(unpacked):
+    return unpacked("pairs/quad15_id").read_bytes()
 
 
 def _definition(log: bytes, name: bytes) -> tuple[int, int, str]:

@@ -1,30 +1,15 @@
 """Firmware before and after a change of gains: predictions hold; nothing is taken from a chirp at its limits."""
 
-import lzma
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from logparse import read_log
 from sysid.loops import prove
 
-PAIRS = Path(__file__).parents[4] / "shared" / "logs" / "pairs"
-
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pairs")
-
-    def read(name: str):
-        packed = PAIRS / f"{name}.BIN.xz"
-        if not packed.exists():
-            pytest.skip("../shared/logs/pairs is not here")
-        path = folder / f"{name}.BIN"
-        path.write_bytes(lzma.decompress(packed.read_bytes()))
-        return read_log(path)
-
-    return read
+def flown(unpacked):
+    return lambda name: read_log(unpacked(f"pairs/{name}"))
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Tuning: margins that hold in truth, values as typed, and refusals without the evidence."""
 
-import lzma
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,20 +28,8 @@ HZ = np.geomspace(0.1, 120.0, 4000)
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    """Unpack a log of ../shared/logs/pairs."""
-    folder = tmp_path_factory.mktemp("pairs")
-
-    def read(name):
-        packed = LOGS / "pairs" / f"{name}.BIN.xz"
-        if not packed.exists():
-            pytest.skip("../shared/logs/pairs is not here")
-        path = folder / f"{name}.BIN"
-        if not path.exists():
-            path.write_bytes(lzma.decompress(packed.read_bytes()))
-        return read_log(path)
-
-    return read
+def flown(unpacked):
+    return lambda name: read_log(unpacked(f"pairs/{name}"))
 
 
 @pytest.mark.slow
