@@ -35,7 +35,8 @@ def test_velocity_and_attitude(judged):
     assert vertical_velocity < 0.03
     assert np.degrees(tilt) < 0.085
     # Half of it is what GPS leaves open of the declination, the same all through a flight (docs/estimation.md).
-    # Told the true noise the filter reaches 0.105: twenty flights land on either side of it.
+    # Told the true noise the filter reaches 0.105: twenty flights land on either side of it. Since lags are believed in
+    # part it is 0.1051 here, 0.1049 before, and 0.1012 on seeds 2000-2029, 0.1016 before.
     assert np.degrees(yaw) < 0.106
 
 
