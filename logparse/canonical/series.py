@@ -111,18 +111,32 @@ def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -
     """
     result = np.full((len(t), table.shape[1]), np.nan)
     source = table.index.to_numpy()
+    its_own = np.array_equal(source, t)
+    near_all: npt.NDArray[np.bool_] | None = None
     for k, name in enumerate(table.columns):
         values = table[name].to_numpy(dtype=np.float64)
         valid = np.isfinite(values)
+        if its_own and valid.all():
+            result[:, k] = wrap(values) if angles else values
+            continue
         if not valid.any():
             continue
-        times, values = source[valid], values[valid]
-        right = np.searchsorted(times, t).clip(0, len(times) - 1)
-        left = (right - 1).clip(0)
-        near = np.minimum(np.abs(times[right] - t), np.abs(t - times[left])) <= gap
+        times = source
+        if valid.all():
+            near_all = near = _near(source, t, gap) if near_all is None else near_all
+        else:
+            times, values = source[valid], values[valid]
+            near = _near(times, t, gap)
         interpolated = np.interp(t, times, np.unwrap(values) if angles else values)
         result[near, k] = wrap(interpolated[near]) if angles else interpolated[near]
     return result
+
+
+def _near(times: Array, t: Array, gap: float) -> npt.NDArray[np.bool_]:
+    """Mark the times that are no farther than `gap` from the nearest sample."""
+    right = np.searchsorted(times, t).clip(0, len(times) - 1)
+    left = (right - 1).clip(0)
+    return np.asarray(np.minimum(np.abs(times[right] - t), np.abs(t - times[left])) <= gap)
 
 
 #: Readings alike to the last digit that a live sensor does not give.
@@ -146,6 +160,10 @@ def frozen(values: Array) -> npt.NDArray[np.bool_]:
     return known & (len(seen) >= _FROZEN and bool((seen == seen[0]).all()))
 
 
+#: Columns that are angles, rad.
+_ANGLES = ("roll", "pitch", "yaw")
+
+
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
     """Bring tables with different times onto the times of the one with most rows.
 
@@ -164,9 +182,10 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
     t = tables[-1].index.to_numpy()
     values: dict[str, Array] = {name: np.full(len(t), np.nan) for name in columns}
     for table in tables:
-        for name in table.columns:
-            angle = name in ("roll", "pitch", "yaw")
-            values[str(name)] = sample(table[[name]], t, gap=gap, angles=angle)[:, 0]
+        turning = [name for name in table.columns if name in _ANGLES]
+        others = [name for name in table.columns if name not in _ANGLES]
+        for some, angles in ((others, False), (turning, True)):
+            values |= zip(some, sample(table[some], t, gap=gap, angles=angles).T, strict=True)
     return pd.DataFrame(values, index=pd.Index(t, name="t", dtype=np.float64))
 
 
