@@ -65,7 +65,6 @@ _LENGTHY = {
         "api/test_crafts",
         "api/test_database",
         "api/test_ends",
-        "api/test_form_tokens",
         "api/test_hooks",
         "api/test_hostile",
         "api/test_openapi",
@@ -101,10 +100,8 @@ _LENGTHY = {
         "sysid/test_gusts",
         "sysid/test_kim2017",
         "sysid/test_motor_dropout",
-        "sysid/test_motor_loss",
         "sysid/test_pem",
         "sysid/test_rigid_body",
-        "sysid/test_steady_imbalance",
         "sysid/test_trim",
     ]
 }
