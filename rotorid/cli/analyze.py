@@ -175,7 +175,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
 
 
 def _refuse_tables(paths: Sequence[str]) -> None:
-    """Say of a table that was named how to describe it."""
+    """Raise a sentence on how to describe it, where a table was named."""
     # What is called a log needs no look, for which the numerical packages would have to be there.
     files = [path for path in map(Path, paths) if path.is_file() and path.suffix.lower() not in _LOGS]
     if not files:
