@@ -16,12 +16,44 @@ LONGEST_REPETITION = 2.0
 CALM = 0.05
 #: Attitude that changes by more than this is a craft that turns, rad; where no rates are logged.
 TURNED = 0.05
-_FIX = ["lat", "lon", "alt", "v_n", "v_e", "v_d"]
+_VELOCITY = ["v_n", "v_e", "v_d"]
+_FIX = ["lat", "lon", "alt", *_VELOCITY]
 
 
 def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
-    """Leave out repetitions of a fix while the craft turns, and report them."""
-    spans = [] if tables.gps is None else _repeated(tables.gps)
+    """Leave out repetitions of a fix, or of its velocity alone, while the craft turns, and report them."""
+    tables, found = _without_frozen_fixes(tables)
+    tables, more = _without_frozen_velocities(tables)
+    return tables, [*found, *more]
+
+
+def _without_frozen_velocities(tables: Tables) -> tuple[Tables, list[Finding]]:
+    """Leave out velocities that stand still while positions move on."""
+    spans = [] if tables.gps is None else _repeated(tables.gps, _VELOCITY)
+    spans = [(first, last) for first, last in spans if _turns(tables, first, last)]
+    if tables.gps is None:
+        return tables, []
+    gps = tables.gps.copy()
+    spans = [(first, last) for first, last in spans if gps.loc[first:last, _VELOCITY].notna().any(axis=None)]
+    if not spans:
+        return tables, []
+    for first, last in spans:
+        gps.loc[first:last, _VELOCITY] = np.nan
+    frozen = sum(last - first for first, last in spans)
+    return replace(tables, gps=gps), [
+        Finding(
+            "gps-frozen",
+            Severity.WARNING,
+            f"The GPS repeats one velocity to the last digit while the craft turns and its positions change, "
+            f"{frozen:.0f} s in all from t = {spans[0][0]:.1f} s: these velocities are not used.",
+            "Look at the receiver's messages and its driver.",
+            {"start": spans[0][0], "stop": spans[-1][1], "seconds": frozen},
+        )
+    ]
+
+
+def _without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
+    spans = [] if tables.gps is None else _repeated(tables.gps, _FIX)
     spans = [(first, last) for first, last in spans if _turns(tables, first, last)]
     if not spans:
         return tables, []
@@ -44,9 +76,9 @@ def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
     ]
 
 
-def _repeated(gps: pd.DataFrame) -> list[tuple[float, float]]:
+def _repeated(gps: pd.DataFrame, columns: list[str]) -> list[tuple[float, float]]:
     """Return the times of the first and the last row of every repetition that lasts too long."""
-    values = gps[_FIX].to_numpy(np.float64)
+    values = gps[columns].to_numpy(np.float64)
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
     starts = np.flatnonzero(np.concatenate([[True], ~same.all(axis=1)]))
     stops = np.append(starts[1:], len(gps)) - 1

@@ -153,6 +153,17 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     assert ("no-gps" in [f.id for f in result.findings]) == (start == 0.0)
 
 
+def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(flight):
+    """It was believed over the positions: climb rates of firmware logs were 47 sigmas off."""
+    gps = flight.tables.gps.copy()
+    columns = ["v_n", "v_e", "v_d"]
+    old = (gps.index > 40.0) & (gps.index < 70.0)
+    gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
+    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    assert [f.id for f in result.findings] == ["gps-frozen"]
+    assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 2.0
+
+
 def test_velocity_is_as_unknown_as_it_is_where_the_receiver_is_lost_for_good():
     """On real craft vibration moves biases; their walk was bounded, and velocity 10 sigmas off without a receiver."""
     shaken = fly(11, duration=120.0, sensors=Sensors(accel_walk=0.03, gyro_walk=1.0e-3))
