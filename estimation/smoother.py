@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
-from estimation.filter import ForwardPass, Problem
+from estimation.filter import ForwardPass, Problem, symmetrise
 from estimation.states import SIZE
 
 #: lam and Lam of the modified Bryson-Frazier smoother, shapes (26,), (26, 26).
@@ -88,6 +88,7 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
         shock,
         shock_size,
     )
+    symmetrise(adjoint[1])
     return Estimates(x, covariance, variance, deletion, problem.t, shock, shock_size)
 
 
