@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 
 from estimation.alignment import RUNNING_PWM
+from estimation.local_frame import LocalFrame
 from estimation.timing import GYRO, GYRO_MOVING
-from logparse import Finding, Severity, Tables
+from logparse import Finding, Geodetic, Severity, Tables
 
 #: A fix that stays the same to the last digit for longer than this while the craft turns is old, s. Hover is never so
 #: still: places are written to a centimetre.
@@ -16,6 +17,10 @@ LONGEST_REPETITION = 2.0
 CALM = 0.05
 #: Attitude that changes by more than this is a craft that turns, rad; where no rates are logged.
 TURNED = 0.05
+#: Positions this far from where the velocity leads, m, and a second of it, m/s, are not those of a receiver at rest.
+ELSEWHERE, WANDER = 5.0, 0.2
+#: How many times as far heights wander as places.
+VERTICALLY = 2.0
 _VELOCITY = ["v_n", "v_e", "v_d"]
 _FIX = ["lat", "lon", "alt", *_VELOCITY]
 
@@ -29,14 +34,18 @@ def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
 
 def _without_frozen_velocities(tables: Tables) -> tuple[Tables, list[Finding]]:
     """Leave out velocities that stand still while positions move on."""
-    spans = [] if tables.gps is None else _repeated(tables.gps, _VELOCITY)
-    spans = [(first, last) for first, last in spans if _turns(tables, first, last)]
     if tables.gps is None:
         return tables, []
-    gps = tables.gps.copy()
-    spans = [(first, last) for first, last in spans if gps.loc[first:last, _VELOCITY].notna().any(axis=None)]
+    gps = tables.gps
+    spans = [
+        (first, last)
+        for first, last in _repeated(gps, _VELOCITY)
+        if gps.loc[first:last, _VELOCITY].notna().any(axis=None)
+        and (_turns(tables, first, last) or _goes_elsewhere(gps.loc[first:last]))
+    ]
     if not spans:
         return tables, []
+    gps = gps.copy()
     for first, last in spans:
         gps.loc[first:last, _VELOCITY] = np.nan
     frozen = sum(last - first for first, last in spans)
@@ -44,7 +53,7 @@ def _without_frozen_velocities(tables: Tables) -> tuple[Tables, list[Finding]]:
         Finding(
             "gps-frozen",
             Severity.WARNING,
-            f"The GPS repeats one velocity to the last digit while the craft turns and its positions change, "
+            f"The GPS repeats one velocity to the last digit while the craft turns or goes elsewhere, "
             f"{frozen:.0f} s in all from t = {spans[0][0]:.1f} s: these velocities are not used.",
             "Look at the receiver's messages and its driver.",
             {"start": spans[0][0], "stop": spans[-1][1], "seconds": frozen},
@@ -85,6 +94,20 @@ def _repeated(gps: pd.DataFrame, columns: list[str]) -> list[tuple[float, float]
     t = gps.index.to_numpy(np.float64)
     long = t[stops] - t[starts] > LONGEST_REPETITION
     return list(zip(t[starts[long]].tolist(), t[stops[long]].tolist(), strict=True))
+
+
+def _goes_elsewhere(gps: pd.DataFrame) -> bool:
+    """Return whether positions leave where their one velocity leads, faster than those of a craft at rest wander."""
+    gps = gps[gps[["lat", "lon", "alt"]].notna().all(axis=1)]
+    if len(gps) < 2:
+        return False
+    t = gps.index.to_numpy(np.float64) - gps.index[0]
+    lat, lon, alt = gps[["lat", "lon", "alt"]].to_numpy(np.float64).T
+    went = LocalFrame.at(Geodetic(lat[0], lon[0], 0.0)).to_ned(lat, lon, alt)
+    led = t[:, None] * gps[_VELOCITY].iloc[0].to_numpy(np.float64)
+    # Of receivers that give no vertical velocity only the horizontal ones are compared.
+    apart = np.nan_to_num(np.ptp(went - led, axis=0)) / [1.0, 1.0, VERTICALLY]
+    return bool(apart.max() > ELSEWHERE + WANDER * t[-1])
 
 
 def _turns(tables: Tables, first: float, last: float) -> bool:

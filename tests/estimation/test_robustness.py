@@ -11,10 +11,12 @@ import pytest
 
 from estimation import compare, errors, estimate, nees, strapdown
 from estimation.compass import Turn, turned_compass
+from estimation.frozen import without_frozen_fixes
 from estimation.receiver_clock import in_one_time
 from estimation.shocks import Shocks
 from estimation.timing import ACCEL, GYRO
 from estimation.trust import doubtful_sensors, impossible_biases, missed_steps
+from logparse import Tables
 from tests.estimation.simulated_flight import Sensors, fly
 
 SETTLED = 15.0
@@ -162,6 +164,17 @@ def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(fligh
     result = estimate(replace(flight.tables, gps=gps), rate=10.0)
     assert [f.id for f in result.findings] == ["gps-frozen"]
     assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 2.0
+
+
+def test_a_velocity_that_leads_elsewhere_than_positions_go_is_not_believed_of_a_craft_that_hardly_turns():
+    t = np.arange(0.0, 40.0, 0.2)
+    gps = pd.DataFrame({"lat": 0.8 + 2.0 * t / 6.37e6, "lon": 0.1, "alt": 500.0}, index=pd.Index(t, name="t"))
+    for speed, found in ((2.0, []), (0.0, ["gps-frozen"])):
+        frozen = gps.assign(v_n=speed, v_e=0.0, v_d=0.0)
+        assert [each.id for each in without_frozen_fixes(Tables(gps=frozen))[1]] == found
+    # A receiver at rest that says so may wander.
+    still = gps.assign(lat=0.8 + 0.1 * t / 6.37e6, v_n=0.0, v_e=0.0, v_d=0.0)
+    assert without_frozen_fixes(Tables(gps=still))[1] == []
 
 
 def test_velocity_is_as_unknown_as_it_is_where_the_receiver_is_lost_for_good():
