@@ -299,7 +299,7 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
 
 
 def symmetrise(matrix: np.ndarray) -> None:
-    """Take the mean of a square matrix and its transpose, in place.
+    """Make a square matrix the mean of itself and its transpose, in place.
 
     What rounding makes of them apart, no measurement takes away: it grew with the cube of time, until after 80 minutes
     a covariance of one pass was none any more.
