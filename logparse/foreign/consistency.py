@@ -9,7 +9,7 @@ Each check compares what was declared with what else could have been meant, so t
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from logparse.findings import Finding, Severity
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
+from logparse.foreign.differences import mean_over, slopes
 from logparse.foreign.files import TableError
 from logparse.foreign.lift import check_lift, following, mean_square, specific_force
 from logparse.units import STANDARD_GRAVITY
@@ -218,20 +219,17 @@ def check_motion(
         wrong += _velocity(declared, position, velocity, rotation, dt, reach)
     if not wrong and declared.rates is not None:
         wrong += _rates(declared, rotation, rates, dt, reach)
+    _refuse(label, wrong)
     base = max(round(_LONG_BASE / dt / 2.0), 1) if declared.velocity is None else reach
-    if not wrong:
-        wrong += _thrust(declared, velocity, rotation, motors, dt, base)
-    if not wrong:
-        wrong += _motors(declared, rates, motors, dt)
+    force = specific_force(velocity, rotation, dt, base)
+    _refuse(label, _thrust(declared, velocity, rotation, force, motors, dt, base))
+    _refuse(label, _motors(declared, rates, motors, dt))
+    return check_lift(declared, -force[:, 2], motors, 2 * base, dt)
+
+
+def _refuse(label: str, wrong: Sequence[str]) -> None:
     if wrong:
         raise TableError(f"{label}: " + "; ".join(wrong))
-    pull = -specific_force(velocity, rotation, dt, base)[:, 2]
-    return check_lift(declared, pull, motors, 2 * base, dt)
-
-
-def _slope(values: Floats, dt: float, reach: int) -> Floats:
-    """Central differences over 2 * reach samples."""
-    return np.asarray((values[2 * reach :] - values[: -2 * reach]) / (2.0 * reach * dt))
 
 
 def _alike(a: Floats, b: Floats) -> float:
@@ -279,7 +277,7 @@ def _velocity(
     """Velocity must be the derivative of position."""
     names = ", ".join(declared.velocity.columns) if declared.velocity is not None else ""
     seen = position.std(axis=0)
-    slope, inside = _slope(position, dt, reach), velocity[reach:-reach]
+    slope, inside = slopes(position, dt, reach), velocity[reach:-reach]
     moved = [axis for axis in range(3) if slope[:, axis].std() > _STILL_SPEED or inside[:, axis].std() > _STILL_SPEED]
     if not moved or seen.max() == 0.0:
         return []
@@ -327,7 +325,7 @@ def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, re
     names = ", ".join(declared.rates.columns) if declared.rates is not None else ""
     attitude = ", ".join(declared.attitude.columns)
     step = (rotation[: -2 * reach].inv() * rotation[2 * reach :]).as_rotvec() / (2.0 * reach * dt)
-    smooth = _mean_over(rates, 2 * reach)
+    smooth = mean_over(rates, 2 * reach)
     moved = [axis for axis in range(3) if step[:, axis].std() > _STILL_RATE or smooth[:, axis].std() > _STILL_RATE]
     if not moved:
         return []
@@ -353,14 +351,9 @@ def _rates(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, re
     ]
 
 
-def _mean_over(values: Floats, width: int) -> Floats:
-    total = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), 0.5 * (values[1:] + values[:-1])]), axis=0)
-    return np.asarray((total[width:] - total[:-width]) / width)
-
-
 def _attitude_guess(declared: ColumnMap, rotation: Rotation, rates: Floats, dt: float, reach: int) -> str:
     """Which other reading of the attitude, or of the rates, would fit."""
-    smooth = _mean_over(rates, 2 * reach)
+    smooth = mean_over(rates, 2 * reach)
     guesses: list[tuple[str, Rotation]] = [("world-to-body", rotation.inv())]
     if declared.attitude.quaternion:
         original = _undeclared(declared, rotation)
@@ -403,13 +396,12 @@ def _redeclared(declared: ColumnMap, raw: Floats, inverse: bool = False) -> Rota
 
 
 def _thrust(
-    declared: ColumnMap, velocity: Floats, rotation: Rotation, motors: Floats, dt: float, reach: int
+    declared: ColumnMap, velocity: Floats, rotation: Rotation, force: Floats, motors: Floats, dt: float, reach: int
 ) -> list[str]:
     """Specific force must point up through the rotors, and grow with them."""
     names = ", ".join((*declared.position.columns, *declared.attitude.columns))
-    acceleration = _slope(velocity, dt, reach)
+    acceleration = slopes(velocity, dt, reach)
     inside = rotation[reach:-reach]
-    force = specific_force(velocity, rotation, dt, reach)
     mean = force.mean(axis=0)
     size = float(np.linalg.norm(mean))
     if mean[2] > -0.7 * max(size, 1e-9):
@@ -508,11 +500,11 @@ def _explained(rates: Floats, strengths: Floats, levers: Floats, dt: float) -> f
     for axis in range(2):
         moment = strengths @ levers[:, axis]
         change = rates[width:, axis] - rates[:-width, axis]
-        turned = _mean_over(rates[:, axis : axis + 1], width)[:, 0]
+        turned = mean_over(rates[:, axis : axis + 1], width)[:, 0]
         best = 0.0
         for late in _delays(dt):
             moved = np.roll(moment, late)
-            total = _mean_over(moved[:, None], width)[:, 0]
+            total = mean_over(moved[:, None], width)[:, 0]
             x = np.column_stack([total, turned, np.ones(len(total))])
             solution, *_ = np.linalg.lstsq(x, change, rcond=None)
             if solution[0] <= 0.0:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from logparse.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
+from logparse.foreign.differences import mean_over, slopes
 from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
@@ -47,8 +48,8 @@ def specific_force(velocity: Floats, rotation: Rotation, dt: float, reach: int) 
     reach : int
         Samples to either side.
     """
-    acceleration = (velocity[2 * reach :] - velocity[: -2 * reach]) / (2.0 * reach * dt)
-    return rotation[reach:-reach].apply(acceleration - np.array([0.0, 0.0, STANDARD_GRAVITY]), inverse=True)
+    pushed = slopes(velocity, dt, reach) - np.array([0.0, 0.0, STANDARD_GRAVITY])
+    return rotation[reach:-reach].apply(pushed, inverse=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +145,4 @@ def check_lift(declared: ColumnMap, pull: Floats, motors: Floats, width: int, dt
 
 def mean_square(motors: Floats, width: int) -> Floats:
     """Sum of the motors' squares, mean over `width` samples from each on; shape (N - width,)."""
-    squares = (motors**2).sum(axis=1)
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (squares[1:] + squares[:-1]))])
-    return np.asarray((total[width:] - total[:-width]) / width)
+    return mean_over((motors**2).sum(axis=1, keepdims=True), width)[:, 0]

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from pipeline.storage.sources import Found, Source
 
 _DEFAULT = AnalysisConfig()
-#: How logs are called.
-_LOGS = (".bin", ".log", ".tlog", ".ulg")
 #: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
 _SEVERAL_FOUND = 0.2
 
@@ -176,8 +174,10 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
 
 def _refuse_tables(paths: Sequence[str]) -> None:
     """Raise a sentence on how to describe it, where a table was named."""
+    from pipeline.storage.sources import LOG_SUFFIXES
+
     # What is called a log needs no look, for which the numerical packages would have to be there.
-    files = [path for path in map(Path, paths) if path.is_file() and path.suffix.lower() not in _LOGS]
+    files = [path for path in map(Path, paths) if path.is_file() and path.suffix.lower() not in LOG_SUFFIXES]
     if not files:
         return
     from logparse import LogError
@@ -195,7 +195,9 @@ def _refuse_tables(paths: Sequence[str]) -> None:
 
 def _folder_of(path: str) -> str:
     """Return where results of a log or folder go when nobody says."""
-    named = Path(path.rstrip("/")) if "://" in path else Path(path).resolve()
+    from pipeline.names import is_url
+
+    named = Path(path) if is_url(path) else Path(path).resolve()
     return str(Path("out") / (named.name if named.is_dir() else named.stem))
 
 
