@@ -19,6 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pipeline.execution.compiling import compile_missing
+
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
 SITL = ROOT.parent / "shared" / "logs" / "sitl"
@@ -110,15 +112,16 @@ def measure(path: Path, stages: bool = False) -> dict[str, object]:
     return {"cpu": cpu, "total": total, "before": before, "peak": peak, "page": page, "peaks": peaks, "held": held}
 
 
-def cold(path: Path) -> dict[str, float]:
-    """Run in a process of its own that has no compiled code: CPU s of a first analysis, and of a second."""
-    spent = []
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("first", "second"):
-            begun = time.process_time()
-            analyse(path, Path(folder) / name)
-            spent.append(time.process_time() - begun)
-    return {"first": spent[0], "second": spent[1]}
+def cold() -> dict[str, float]:
+    """Compile what an analysis needs, in a process of its own that has no compiled code: s of CPU and by the clock."""
+    clock, cpu = time.perf_counter(), _cpu_with_children()
+    compile_missing()
+    return {"cpu": _cpu_with_children() - cpu, "clock": time.perf_counter() - clock}
+
+
+def _cpu_with_children() -> float:
+    used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
 def help_seconds(passes: int = 7) -> float:
@@ -187,13 +190,13 @@ def _rows(label: str, path: Path, targets: bool) -> list[Row]:
 def run() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         rows = _rows("20 min octocopter", write_long_log(Path(folder)), targets=True)
-        compiled = in_process("cold", SHORT, NUMBA_CACHE_DIR=str(Path(folder) / "cache"))
+        compiled = in_process("cold", NUMBA_CACHE_DIR=str(Path(folder) / "cache"))
     for path in sorted(SITL.glob("*.BIN"), key=lambda path: -path.stat().st_size)[:3]:
         rows += _rows(path.stem, path, targets=False)
-    compiling = compiled["first"] - compiled["second"]
     return [
         *rows,
-        ("first analysis on a fresh machine, compiling, CPU", f"{compiling:.0f} s", "-", "-", "< 10 s"),
+        ("first analysis on a fresh machine, compiling by the clock", f"{compiled['clock']:.1f} s", "-", "-", "< 10 s"),
+        ("... CPU of both processes", f"{compiled['cpu']:.1f} s", "-", "-", "< 10 s"),
         ("rotorid --help, CPU", f"{help_seconds():.2f} s", "-", "-", "< 0.3 s"),
     ]
 
@@ -206,5 +209,5 @@ if __name__ == "__main__":
             print(json.dumps(measure(Path(path))))
         case ["stages", path]:
             print(json.dumps(measure(Path(path), stages=True), indent=1))
-        case ["cold", path]:
-            print(json.dumps(cold(Path(path))))
+        case ["cold"]:
+            print(json.dumps(cold()))

@@ -3,12 +3,11 @@
 import numpy as np
 
 from logparse.compiled import njit
-
-Array = np.ndarray
+from logparse.kernel_types import Matrix, Vector
 
 
 @njit(cache=True, nogil=True)
-def along_spline(knots: Array, values: Array, at: Array, integrate: bool) -> Array:
+def along_spline(knots: Vector, values: Matrix, at: Vector, integrate: bool) -> Matrix:
     """Follow the natural cubic spline through samples: its values, or its integrals from one time to the next.
 
     Parameters

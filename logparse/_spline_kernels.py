@@ -1,15 +1,13 @@
 """Compiled loops of cubic splines."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Matrix, Vector
 
 
 @njit(cache=True, nogil=True)
-def interpolated(t: Floats, values: Floats, at: Floats) -> Floats:
+def interpolated(t: Vector, values: Matrix, at: Vector) -> Matrix:
     """Interpolate by cubic splines, "not a knot" at the second and the last but one sample.
 
     The equations for the derivatives at the samples are solved from the first to the last and back. They need no

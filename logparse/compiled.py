@@ -32,6 +32,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.environment import Environment, lookup_environment
 from numba.core.runtime.nrt import rtsys
 
+from logparse.kernel_types import examples
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -70,6 +72,24 @@ def _without_collecting(compile_function: Callable[..., Any]) -> Callable[..., A
                 gc.enable()
 
     return compiled
+
+
+def is_kept(kernel: Callable[..., Any]) -> bool:
+    """Tell whether the machine code of a function of `njit` is on the disk, for arguments as it is annotated with."""
+    dispatcher = cast(Any, kernel)
+    cache = getattr(dispatcher, "_cache", None)
+    return not isinstance(cache, _Cache) or cache.holds(argument_types(dispatcher), dispatcher.targetctx)
+
+
+def compile_ahead(kernel: Callable[..., Any]) -> None:
+    """Compile a function of `njit` for arguments as it is annotated with, and keep its machine code."""
+    dispatcher = cast(Any, kernel)
+    dispatcher.compile(argument_types(dispatcher))
+
+
+def argument_types(dispatcher: Any) -> tuple[Any, ...]:
+    """Return the types, as numba knows them, that a compiled function is annotated with."""
+    return tuple(numba.typeof(example) for example in examples(dispatcher.py_func))
 
 
 def inner(*, allocates: bool = False, **options: Any) -> Callable[[F], F]:
@@ -162,6 +182,10 @@ class _Cache(FunctionCache):
         super().__init__(function)
         locator = self._impl.locator
         self._cache_file = _Files(locator.get_cache_path(), self._impl.filename_base, locator.get_source_stamp())
+
+    def holds(self, types: tuple[Any, ...], target_context: Any) -> bool:
+        """Tell whether there is code for arguments of these types."""
+        return self._index_key(types, target_context.codegen()) in self._cache_file._load_index()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load what is kept for these types; None when it is to be compiled."""

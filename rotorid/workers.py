@@ -1,3 +1,9 @@
 """What worker processes import once for all, before they are given logs."""
 
-PRELOAD = ("pipeline.execution.executors", "pipeline.fleet.job", "pipeline.fleet.joint", "reports.files.folder")
+PRELOAD = (
+    "pipeline.execution.compiling",
+    "pipeline.execution.executors",
+    "pipeline.fleet.job",
+    "pipeline.fleet.joint",
+    "reports.files.folder",
+)

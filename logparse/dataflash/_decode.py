@@ -4,18 +4,30 @@ Plain arrays go in and out. `data` is the whole file; `slots` says for each mess
 (FMT row) it follows, so that with the length of each definition the place of every message is known without storing it.
 """
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from logparse.compiled import inner, njit
+from logparse.kernel_types import (
+    ByteRows,
+    Bytes,
+    FileBytes,
+    Flags,
+    Float32s,
+    Int32Rows,
+    Int32s,
+    Int64Rows,
+    Int64s,
+    Uint16s,
+    Uint32s,
+    Uint64s,
+    Vector,
+)
 
-Bytes = npt.NDArray[np.uint8]
-Slots = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-Int32s = npt.NDArray[np.int32]
-Int64s = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
+#: Number of each message's definition. Files with more than 256 of them are seldom.
+Slots = Annotated[npt.NDArray[np.uint8] | npt.NDArray[np.uint16], np.empty(0, np.uint8)]
 #: numba tells integer widths apart where the type checker need not.
 Int = Any
 
@@ -138,9 +150,9 @@ def find_chained(data: Bytes, start: Int, candidates: Int32s, length: Int32s) ->
 
 @njit(cache=True, nogil=True)
 def follow_chain(
-    data: Bytes, limit: int, candidates: Int32s, length: Int32s, time_width: Int32s, time_offset: Int32s,
-    fmt_rows: Bytes, slots: Slots, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
-    gap_stop: Int64s, boots: Int64s, unknown: Int64s, state: Int64s,
+    data: FileBytes, limit: int, candidates: Int32Rows, length: Int32s, time_width: Int32s, time_offset: Int32s,
+    fmt_rows: ByteRows, slots: Slots, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
+    gap_stop: Int64s, boots: Int64Rows, unknown: Int64s, state: Int64s,
 ) -> int:  # fmt: skip
     """Follow the headers from the state's position up to `limit`; note definitions, breaks and boots on the way.
 
@@ -370,10 +382,10 @@ def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s,
 
 @njit(cache=True, nogil=True)
 def gather(
-    data: Bytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
+    data: FileBytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
     table_of_slot: Int32s, first_field: Int64s, offset: Int64s, operation: Int64s, size: Int64s, target: Int64s,
-    factor: Floats, divisor: Floats, row: Int64s, bytes_out: Bytes, out_2: npt.NDArray[np.uint16],
-    out_4: npt.NDArray[np.uint32], out_8: npt.NDArray[np.uint64], out_f4: npt.NDArray[np.float32], out_f8: Floats,
+    factor: Vector, divisor: Vector, row: Int64s, bytes_out: Bytes, out_2: Uint16s,
+    out_4: Uint32s, out_8: Uint64s, out_f4: Float32s, out_f8: Vector,
     state: Int64s,
 ) -> None:  # fmt: skip
     """Copy the fields of the wanted messages into columns, block by block so that a block stays in the cache.
@@ -545,7 +557,7 @@ def count(slots: Slots, totals: Int64s) -> None:
 
 @njit(cache=True, nogil=True)
 def locate(
-    slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int, wanted: npt.NDArray[np.bool_],
+    slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int, wanted: Flags,
     positions: Int64s, indices: Int64s,
 ) -> int:  # fmt: skip
     """Byte and message index of each message whose definition is `wanted` (bool per slot); returns how many."""
@@ -636,7 +648,7 @@ def neighbouring_times(
 
 
 @njit(cache=True, nogil=True)
-def is_orderly(t: Floats, low: float, high: float, odd_step: float) -> bool:
+def is_orderly(t: Vector, low: float, high: float, odd_step: float) -> bool:
     """Whether times lie within a span and never step back by more than `odd_step`."""
     # Counted rather than left at the first bad one, so that several are compared at once.
     good = 0

@@ -38,7 +38,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 #: What the process that workers are forked from has imported already: each starts at once and shares its memory.
-PRELOAD = ("pipeline.fleet.job",)
+PRELOAD = ("pipeline.execution.compiling", "pipeline.fleet.job")
 
 #: How many processes may die of one call: by the first it was perhaps only unlucky to be beside a larger one.
 ATTEMPTS = 3

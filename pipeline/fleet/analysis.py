@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from logparse.lazy import lazy
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
-from pipeline.execution.executors import WorkerDiedError, as_done
+from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.current import Crafts, is_current, stored_flights
@@ -273,6 +273,8 @@ def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Itera
         for job in jobs:
             yield job, fleet_job.run(job, watch.within(job.source.url))
         return
+    if isinstance(executor, Processes):
+        executor.submit(fleet_job.prepare).exception()
     for job, future in as_done(executor, fleet_job.run, jobs):
         try:
             yield job, future.result()

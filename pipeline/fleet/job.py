@@ -9,8 +9,10 @@ import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from logparse import LogError, RotoridError
+from logparse.lazy import lazy
 from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
@@ -26,6 +28,11 @@ from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.manifest import FLIGHTS
 from pipeline.storage.sources import Source, fetched
 from pipeline.storage.store import ENTRY, Store, open_store
+
+if TYPE_CHECKING:
+    from pipeline.execution import compiling
+else:
+    compiling = lazy("pipeline.execution.compiling")  # it brings the compiler
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -47,6 +54,11 @@ class Job:
     publish: Publish | None
     pages: str = ""  #: `pipeline.storage.manifest.page_key` of it.
     redo: bool = False  #: Analyse anew what the store has.
+
+
+def prepare() -> None:
+    """Compile what this computer has not compiled yet: else each process that runs a job would, for itself."""
+    compiling.compile_missing()
 
 
 def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | LogFailure | None:

@@ -235,7 +235,9 @@ def _one_flight(
         import pipeline
         import reports
         from logparse import read_flights
+        from pipeline.execution.compiling import compile_missing
 
+        compile_missing(progress)
         advance = overall(progress, began)
         advance("read", 0.0)
         logs = read_flights(file)

@@ -4,12 +4,17 @@ Transforms are kept as real numbers, shape (K, q, 2, F): of K windows and q sign
 F frequencies, which the innermost loops go along.
 """
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 
 from logparse.compiled import njit
+from logparse.kernel_types import Int64s, Stack
 
 Floats = NDArray[np.float64]
+#: In single precision, which is as much as they hold.
+Transforms = Annotated[NDArray[np.float32] | NDArray[np.float64], np.empty((0, 0, 0, 0), np.float32)]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -38,7 +43,7 @@ def halved(padded: Floats, taps: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def products(left: Floats, right: Floats, places: NDArray[np.intp], turns: Floats) -> Floats:
+def products(left: Transforms, right: Transforms, places: Int64s, turns: Stack) -> Floats:
     """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
 
     Parameters

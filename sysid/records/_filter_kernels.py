@@ -1,15 +1,13 @@
 """Compiled loop of linear filters."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Matrix, Vector
 
 
 @njit(cache=True, nogil=True)
-def filtered(b: Floats, a: Floats, signals: Floats, state: Floats) -> Floats:
+def filtered(b: Vector, a: Vector, signals: Matrix, state: Matrix) -> Matrix:
     """Filter the columns of signals in the direct form II transposed.
 
     Parameters

@@ -1,15 +1,13 @@
 """Compiled loop of resampling: a filter's output at a few of the signal's many samples."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Vector
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def filtered_at(extended: Floats, taps: Floats, between: Floats) -> Floats:
+def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
     """Filter a signal and interpolate it by straight lines, both only where asked.
 
     Parameters

@@ -6,17 +6,13 @@ Arrays are copied element by element: numba takes seconds to compile the error t
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Matrix, Stack
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def recur(
-    transition: Floats, from_now: Floats, from_next: Floats, start: Floats, inputs: Floats, leading: int
-) -> Floats:
+def recur(transition: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix, leading: int) -> Stack:
     """Run ``x[k+1] = F x[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
 
     Lanes (channels) are the last axis, so that the inner loops are vector instructions.
@@ -53,7 +49,7 @@ def recur(
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def recur_few(transposed: Floats, from_now: Floats, from_next: Floats, start: Floats, inputs: Floats) -> Floats:
+def recur_few(transposed: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix) -> Stack:
     """Do the same as `recur` for few lanes, one after the other, with the states as vector lanes.
 
     Parameters
@@ -90,7 +86,7 @@ def recur_few(transposed: Floats, from_now: Floats, from_next: Floats, start: Fl
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def combine(states: Floats, weights: Floats, result: Floats) -> None:
+def combine(states: Stack, weights: Stack, result: Matrix) -> None:
     """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`.
 
     Parameters
@@ -108,7 +104,7 @@ def combine(states: Floats, weights: Floats, result: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def multiply_out(theta: Floats) -> tuple[Floats, Floats]:
+def multiply_out(theta: Matrix) -> tuple[Matrix, Stack]:
     """Multiply sections out and differentiate the product; see `sysid.transfer_functions.sections.denominators`.
 
     Parameters

@@ -154,7 +154,7 @@ def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Float
     """
     weights = _derivative_weights(problem, basis)
     lanes = weights[list(problem.group), : problem.numerators]
-    return np.einsum("pj,jpqi->qij", numerators, lanes), weights
+    return np.einsum("pj,jpqi->qij", numerators, lanes, order="C"), weights
 
 
 def jacobian(
@@ -180,7 +180,7 @@ def jacobian(
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
     forced, weights = slopes
     initial = part.local[1 + k :].reshape(lags, groups)
-    free = np.einsum("pg,gpqi->qig", initial, weights[:, k:])
+    free = np.einsum("pg,gpqi->qig", initial, weights[:, k:], order="C")
     samples = len(part.states)
     result = np.zeros((samples, lags * groups + problem.delay_parameters))
     poles = result[:, : lags * groups]

@@ -5,26 +5,24 @@ from __future__ import annotations
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Matrix, Stack, Vector
 
 
 @njit(cache=True, nogil=True)
 def carry(
-    decay: Floats,
-    driven: Floats,
-    design: Floats,
-    measured: Floats,
-    noise: Floats,
+    decay: Vector,
+    driven: Vector,
+    design: Stack,
+    measured: Matrix,
+    noise: Vector,
     gate: float,
     memory: float,
-    mean: Floats,
-    covariance: Floats,
-    means: Floats,
-    covariances: Floats,
+    mean: Vector,
+    covariance: Matrix,
+    means: Matrix,
+    covariances: Stack,
 ) -> float:
     """Filter, and return the log-likelihood of the measurements (without its constant).
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from math import exp, log, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse.compiled import njit
-
-Floats = NDArray[np.float64]
+from logparse.kernel_types import Matrix
 
 #: Variance of what is not known of the first velocity, (m/s)^2.
 _FIRST = 1e4
 
 
 @njit(cache=True, nogil=True)
-def whiten(columns: Floats, dt: float, gust: float, tau: float, jolt: float, noise: float, out: Floats) -> float:
+def whiten(columns: Matrix, dt: float, gust: float, tau: float, jolt: float, noise: float, out: Matrix) -> float:
     """Turn velocities into their innovations over standard deviations.
 
     The state is the velocity and the acceleration by gusts: ``v' = a + white noise``, ``a' = -a / tau + white noise``.
@@ -79,7 +77,7 @@ def whiten(columns: Floats, dt: float, gust: float, tau: float, jolt: float, noi
 
 
 @njit(cache=True, nogil=True)
-def integrated(rates: Floats, dt: float, stride: int, sums: Floats) -> None:
+def integrated(rates: Matrix, dt: float, stride: int, sums: Matrix) -> None:
     """Integrate columns from their first sample on by trapezoids, and keep every `stride`-th sum.
 
     Sums in between and steps are not kept: of the derivatives of a long flight they would take four times its memory.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse.compiled import inner, njit
+from logparse.kernel_types import Matrix, Stack, Vector
 from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
@@ -169,14 +170,14 @@ def _derivatives(
 
 @njit(cache=True, nogil=True)
 def accelerations(
-    theta: Floats,
-    signals: Floats,
-    shapes: Floats,
-    heights: Floats,
-    velocities: Floats,
+    theta: Vector,
+    signals: Matrix,
+    shapes: Matrix,
+    heights: Vector,
+    velocities: Matrix,
     law: int,
-    out: Floats,
-    jacobian: Floats,
+    out: Matrix,
+    jacobian: Stack,
 ) -> None:
     """Accelerations at measured velocities and heights, and their derivatives by the parameters.
 
@@ -237,15 +238,15 @@ def _keep(x: Floats, out: Floats, row: int) -> None:
 
 @njit(cache=True, nogil=True)
 def path(
-    theta: Floats,
-    signals: Floats,
-    shapes: Floats,
+    theta: Vector,
+    signals: Matrix,
+    shapes: Matrix,
     dt: float,
     ground: float,
     law: int,
     start: int,
-    initial: Floats,
-    out: Floats,
+    initial: Vector,
+    out: Matrix,
 ) -> None:
     """Positions and velocities (NED) from an initial state by the fourth-order Runge-Kutta method.
 
@@ -272,16 +273,16 @@ def path(
 
 @njit(cache=True, nogil=True)
 def ahead(
-    thetas: Floats,
-    signals: Floats,
-    shapes: Floats,
+    thetas: Matrix,
+    signals: Matrix,
+    shapes: Matrix,
     dt: float,
     ground: float,
     law: int,
-    states: Floats,
+    states: Matrix,
     steps: int,
     every: int,
-    out: Floats,
+    out: Matrix,
 ) -> None:
     """Positions predicted from the state `steps` samples before.
 
@@ -320,17 +321,17 @@ def _keep_sensitivities(z: Floats, out: Floats, row: int) -> None:
 
 @njit(cache=True, nogil=True)
 def path_sensitivities(
-    theta: Floats,
-    signals: Floats,
-    shapes: Floats,
+    theta: Vector,
+    signals: Matrix,
+    shapes: Matrix,
     dt: float,
     ground: float,
     law: int,
     start: int,
-    initial: Floats,
+    initial: Vector,
     stride: int,
-    out: Floats,
-    sensitivities: Floats,
+    out: Matrix,
+    sensitivities: Stack,
 ) -> None:
     """Positions as `path` and their derivatives by parameters and initial state: (n, 3) and (n, 3, q + 6).
 

@@ -1,0 +1,81 @@
+"""The compiled loops of an ordinary analysis, compiled side by side before it where a machine has none yet.
+
+Each would else be compiled when it is first called, one after the other, by every process that calls it.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import estimation._kernels as filter_and_smoother
+import estimation._splines as imu_splines
+import logparse._spline_kernels as splines
+import logparse.dataflash._decode as dataflash
+import sysid.frequency._window_kernels as windows
+import sysid.records._filter_kernels as filters
+import sysid.records._resampling_kernels as resampling
+import sysid.rigid_body.conditions._carry_kernels as carrying
+import sysid.rigid_body.methods._gust_kernels as gusts
+import sysid.rigid_body.motion._rigid_kernels as rigid_body
+import sysid.transfer_functions._kernels as transfer_functions
+from logparse.compiled import compile_ahead, is_kept
+from pipeline.execution import second
+from pipeline.execution.stages import Progress, silent
+
+#: What takes longest comes first, so that two processes end at about the same time.
+KERNELS: tuple[Callable[..., Any], ...] = (
+    filter_and_smoother.forward,
+    filter_and_smoother.backward,
+    dataflash.follow_chain,
+    rigid_body.path_sensitivities,
+    dataflash.gather,
+    rigid_body.accelerations,
+    carrying.carry,
+    transfer_functions.multiply_out,
+    rigid_body.path,
+    splines.interpolated,
+    imu_splines.along_spline,
+    rigid_body.ahead,
+    windows.products,
+    resampling.filtered_at,
+    transfer_functions.recur,
+    transfer_functions.recur_few,
+    gusts.integrated,
+    gusts.whiten,
+    filters.filtered,
+    dataflash.locate,
+    transfer_functions.combine,
+    dataflash.is_orderly,
+    dataflash.count,
+)
+
+
+def compile_missing(progress: Progress = silent, kernels: Sequence[Callable[..., Any]] = KERNELS) -> None:
+    """Compile what is not on the disk yet, half of it in a copy of this process where there is a second processor.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Hears of it where there is something to compile.
+    kernels : sequence of callable
+        At most 256, those that take longest first.
+    """
+    missing = [kernel for kernel in kernels if not is_kept(kernel)]
+    if not missing:
+        return
+    progress("compiling the numerical loops, once on this computer", 0.0)
+    taking, giving = os.pipe()
+    os.write(giving, bytes(range(len(missing))))
+    os.close(giving)
+
+    def work() -> None:
+        # Whoever reads a byte, this process or its copy, has the kernel of that number to compile.
+        while byte := os.read(taking, 1):
+            with suppress(Exception):  # it is compiled when it is called, and what is wrong is said there
+                compile_ahead(missing[byte[0]])
+
+    aside = second.begin(work)
+    work()
+    aside()
+    os.close(taking)
