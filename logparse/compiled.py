@@ -75,7 +75,7 @@ def _without_collecting(compile_function: Callable[..., Any]) -> Callable[..., A
 
 
 def is_kept(kernel: Callable[..., Any]) -> bool:
-    """Tell whether the machine code of a function of `njit` is on the disk, for arguments as it is annotated with."""
+    """Report whether the machine code of a function of `njit` is on the disk, for arguments as it is annotated with."""
     dispatcher = cast(Any, kernel)
     cache = getattr(dispatcher, "_cache", None)
     return not isinstance(cache, _Cache) or cache.holds(argument_types(dispatcher), dispatcher.targetctx)
@@ -184,7 +184,7 @@ class _Cache(FunctionCache):
         self._cache_file = _Files(locator.get_cache_path(), self._impl.filename_base, locator.get_source_stamp())
 
     def holds(self, types: tuple[Any, ...], target_context: Any) -> bool:
-        """Tell whether there is code for arguments of these types."""
+        """Report whether there is code for arguments of these types."""
         return self._index_key(types, target_context.codegen()) in self._cache_file._load_index()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
