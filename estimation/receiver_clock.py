@@ -108,7 +108,9 @@ def clock_change(gps: pd.DataFrame, t: Array, velocity: Array) -> ClockChange | 
     spans = _spans(when)
     if len(spans) < 4:
         return None
-    shifted = [np.column_stack([np.interp(when - lag, t, v) for v in velocity.T]) for lag in LAGS.tolist()]
+    # Each contiguous: `interp` would copy the column, which is as long as the IMU's, for every lag.
+    felt = np.ascontiguousarray(velocity.T)
+    shifted = [np.column_stack([np.interp(when - lag, t, v) for v in felt]) for lag in LAGS.tolist()]
     costs = _costs(when, measured, spans, shifted)
     middles = np.array([when[span].mean() for span in spans])
     stepped, drifted = _stepped(costs), _drifted(middles, costs)
@@ -118,7 +120,7 @@ def clock_change(gps: pd.DataFrame, t: Array, velocity: Array) -> ClockChange | 
         return None
     k, before, after, _ = stepped
     either = slice(spans[k].start, spans[k + 1].stop)
-    one, other = (np.column_stack([np.interp(when[either] - lag, t, v) for v in velocity.T]) for lag in (before, after))
+    one, other = (np.column_stack([np.interp(when[either] - lag, t, v) for v in felt]) for lag in (before, after))
     moment = _moment(when[either], measured[either] - one, measured[either] - other)
     return ClockChange(moment, after - before, 0.0)
 

@@ -213,6 +213,8 @@ def _regular(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 MISFIT = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 #: Time over which the noise of an IMU is averaged, and from one such span to the next, s.
 NOISE_SPAN, NOISE_STEP = 4.0, 1.0
+#: Samples of which the noise is estimated at a time.
+NOISE_PIECE = 1 << 14
 #: Median of the mean of three squares of unit normal numbers (chi-square with three degrees of freedom, over three).
 MEDIAN_OF_THREE = 0.78866
 
@@ -254,17 +256,25 @@ def noise_density(
         power = np.zeros(len(t))
         inside = slice(2 * stride, len(t) - 2 * stride)
         if len(t) > 4 * stride:
-            for axis in range(3 * column, 3 * column + 3):
-                misfit = np.zeros(len(t) - 4 * stride)
-                for k, weight in enumerate(MISFIT):
-                    misfit += weight * values[k * stride : len(t) - (4 - k) * stride, axis]
-                power[inside] += misfit**2 / 3.0
+            _add_misfit(power[inside], values[:, 3 * column : 3 * column + 3], stride)
         level = _level(power[inside] if len(t) > 4 * stride else power, len(t), 2 * stride, step)
         beyond = np.where(power > 9.0 * level, power - level, 0.0)
         level += _aliased_share(cutoff, step, stride) * beyond
         spacing = stride * step
         density[:, column] = np.maximum(level * spacing / _misfit_of_white(cutoff * spacing), floor[column] ** 2)
     return density
+
+
+def _add_misfit(power: np.ndarray, values: np.ndarray, stride: int) -> None:
+    """Add the mean square over three axes of what neighbours `stride` samples apart do not foretell."""
+    # In pieces that stay in the cache: the columns of a long log's table lie far apart in memory.
+    for first in range(0, len(power), NOISE_PIECE):
+        last = min(first + NOISE_PIECE, len(power))
+        for axis in np.ascontiguousarray(values[first : last + 4 * stride].T):
+            misfit = np.zeros(last - first)
+            for k, weight in enumerate(MISFIT):
+                misfit += weight * axis[k * stride : k * stride + last - first]
+            power[first:last] += misfit**2 / 3.0
 
 
 def _level(power: np.ndarray, rows: int, first: int, step: float) -> np.ndarray:

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from logparse import health
 from logparse.findings import Finding
 from logparse.flights import Flight
 from logparse.frames import Vehicle
-from logparse.tables import COLUMNS
+from logparse.tables import COLUMNS, Tables
 
 if TYPE_CHECKING:
     from logparse.log import FlightLog
@@ -75,18 +74,19 @@ def inspect(log: "FlightLog") -> Inspection:
     -------
     Inspection
     """
-    tables = [(name, getattr(log.tables, name)) for name in COLUMNS]
     duration = log.duration
     counts = sorted(log.messages.counts.items(), key=lambda item: (-item[1], item[0]))
     worst_first = {"error": 0, "warning": 1, "info": 2}
     flights = log.flights
+    shown = slice(None)
     if log.of_one_flight and log.flight is not None:
         flights = (log.flight,)
         duration = log.flight.duration
-        start, stop = log.flight.start, log.flight.stop
-        tables = [(name, None if table is None else table.loc[start:stop]) for name, table in tables]
-    checked = health.check(log)
-    findings = (*log.findings, *checked)
+        shown = slice(log.flight.start, log.flight.stop)
+    # In this order, in which each long table is built once.
+    findings = log.findings
+    findings += health.check(log)
+    tables = [summarise(name, log.tables, shown) for name in COLUMNS if log.tables.has(name)]
     return Inspection(
         file=log.name,
         format=log.format,
@@ -96,7 +96,7 @@ def inspect(log: "FlightLog") -> Inspection:
         duration=duration,
         vehicle=log.vehicle,
         flights=flights,
-        tables=tuple(summarise(name, table) for name, table in tables if table is not None and len(table)),
+        tables=tuple(table for table in tables if table.rows),
         messages=tuple(
             MessageSummary(name, rows, rows / log.duration if log.duration > 0.0 else math.nan) for name, rows in counts
         ),
@@ -104,14 +104,28 @@ def inspect(log: "FlightLog") -> Inspection:
     )
 
 
-def summarise(name: str, table: pd.DataFrame) -> TableSummary:
-    """Measure extent, rate and gaps of a canonical table; modes and events have no rate."""
-    t = table.index.to_numpy()
+def summarise(name: str, tables: Tables, shown: slice) -> TableSummary:
+    """Measure extent, rate and gaps of a canonical table; modes and events have no rate.
+
+    Parameters
+    ----------
+    name : str
+        One of `tables`, which have it.
+    tables : Tables
+    shown : slice
+        The stretch of time that counts, s.
+    """
+    columns = {}
+    t = np.zeros(0)
+    for column in tables.columns(name):
+        part = column.loc[shown]
+        t = part.index.to_numpy(np.float64)
+        columns[str(column.name)] = part.notna().any()
     rate = math.nan
     gaps = np.zeros(0)
     if name not in ("modes", "events") and len(t) > 1:
         steps = np.diff(t)
-        rate = health.rate_of(table)
+        rate = 1.0 / float(np.median(steps))
         gaps = steps[steps > max(_GAP_SECONDS, _GAP_SAMPLES / rate)]
     return TableSummary(
         name=name,
@@ -121,5 +135,5 @@ def summarise(name: str, table: pd.DataFrame) -> TableSummary:
         stop=float(t[-1]) if len(t) else math.nan,
         gaps=len(gaps),
         longest_gap=float(gaps.max()) if len(gaps) else 0.0,
-        columns=tuple(str(column) for column in table.columns if table[column].notna().any()),
+        columns=tuple(name for name, known in columns.items() if known),
     )

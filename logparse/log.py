@@ -101,6 +101,7 @@ class FlightLog(Summarised):
         if isinstance(self._source, _ParameterSource):
             found = dict(self._source.parameters(self.boot))
         elif "PARM" in self.messages:
+            self.messages.load(("PARM", "MSG"))  # `vehicle` asks for the other: one pass over the file
             rows = self.messages["PARM"]
             found = _last_values(rows, "Name", "Value")
         elif "PARAM_VALUE" in self.messages:
@@ -147,9 +148,10 @@ class FlightLog(Summarised):
 
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
-        return canonical.gather_tables(
-            Passing(self.messages), format=self.format, parameters=self.parameters, vehicle=self.vehicle
-        )
+        messages = Passing(self.messages)
+        parameters, vehicle = self.parameters, self.vehicle
+        with messages.held(canonical.TOGETHER):
+            return canonical.gather_tables(messages, format=self.format, parameters=parameters, vehicle=vehicle)
 
     @property
     def tables(self) -> "Tables":

@@ -1,6 +1,7 @@
 """The messages of a log by name, each decoded when it is asked for."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
 import pandas as pd
@@ -9,6 +10,9 @@ from logparse.source import LONG, Boot, MessageSource
 
 #: Messages after which a loop over their names is taken to want all, and the part of a file decoded ahead of it.
 _ASKED, _SHARE = 2, 2
+
+#: Part of all rows that messages held together may have: what is decoded of a row is about as large as the row.
+_HELD = 5
 
 
 @runtime_checkable
@@ -51,6 +55,21 @@ class Messages(Mapping[str, pd.DataFrame]):
         else:
             for name in missing:
                 self._frames[name] = self._source.decode(name, self._boot)
+
+    def together(self, names: Iterable[str]) -> dict[str, pd.DataFrame]:
+        """Decode several message types in one pass over the file; long ones are not kept.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Message types; those that the log lacks are passed over.
+        """
+        missing = [name for name in names if name in self._counts and name not in self._frames]
+        if not isinstance(self._source, _BatchSource) or not missing:
+            return {}
+        frames = self._source.decode_many(missing, self._boot)
+        self._frames |= {name: frame for name, frame in frames.items() if self._counts[name] < LONG}
+        return frames
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         if name not in self._frames:
@@ -136,17 +155,41 @@ class Passing(Mapping[str, pd.DataFrame]):
 
     def __init__(self, messages: Messages):
         self._messages = messages
+        self._held: dict[str, pd.DataFrame] = {}
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Rows of each message type, without decoding."""
         return self._messages.counts
 
+    @contextmanager
+    def held(self, names: Iterable[str]) -> Iterator[None]:
+        """Hold messages while several tables are built of them: decoding one at a time passes over the file each time.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Message types; the longest are left out where all would take much of the memory that the file has.
+        """
+        counts, room = self.counts, sum(self.counts.values()) // _HELD
+        chosen = []
+        for name in sorted(set(names) & set(counts), key=lambda name: (counts[name], name)):
+            room -= counts[name]
+            if room >= 0 or counts[name] < LONG:
+                chosen.append(name)
+        self._held = self._messages.together(chosen)
+        try:
+            yield
+        finally:
+            self._held = {}
+
     def __getitem__(self, name: str) -> pd.DataFrame:
         return self.choose(name, None)
 
     def choose(self, name: str, fields: Collection[str] | None) -> pd.DataFrame:
         """Decode a message; of a long one only `fields`."""
+        if name in self._held:
+            return self._held[name]
         if self._messages.counts.get(name, 0) < LONG:
             return self._messages[name]
         return self._messages.once(name, fields)

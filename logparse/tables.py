@@ -187,16 +187,24 @@ class Tables(Summarised):
         """Whether the log has a table."""
         return getattr(self, name) is not None
 
-    def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-        """Yield columns of a table one by one, for who needs no more than one at a time; none without the table."""
+    def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
+        """Yield columns of a table one by one, for who needs no more than one at a time; none without the table.
+
+        Parameters
+        ----------
+        name : str
+            Name of the table.
+        wanted : collection of str, optional
+            Names of the columns, in the order in which they come; all by default.
+        """
         table = getattr(self, name)
         if table is not None:
-            yield from (table[column] for column in wanted)
+            yield from (table[column] for column in (table.columns if wanted is None else wanted))
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
         table = getattr(self, name)
         return None if table is None else table.index.to_numpy(np.float64)
 
-    def release(self) -> None:
-        """Release tables that can be built anew when they are asked for again; here there are none."""
+    def release(self, keep: str = "") -> None:
+        """Release tables, but for `keep`, that can be built anew when they are asked for again; here there are none."""

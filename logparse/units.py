@@ -81,8 +81,13 @@ def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.floa
     if not _alike(declared, unit):
         declared = unit
     factor, offset = SI[declared]
-    values = numbers(frame, column) * factor + offset
-    values[np.isinf(values)] = np.nan  # no sensor measures it, and its cosine is a warning
+    values = numbers(frame, column)
+    # In place, for long columns: `numbers` gives what is nobody else's.
+    values *= factor
+    values += offset
+    infinite = np.isinf(values)
+    if infinite.any():
+        values[infinite] = np.nan  # no sensor measures it, and its cosine is a warning
     return values
 
 
@@ -96,7 +101,7 @@ def numbers(frame: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:
         if isinstance(logged.dtype, np.dtype) and logged.dtype.kind in "iuf":
             return np.asarray(logged.to_numpy().astype(np.float64))
         values = pd.to_numeric(logged, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-    return np.asarray(values, dtype=np.float64)
+    return np.array(values, dtype=np.float64)  # a copy, as above
 
 
 #: Units of one kind; a declaration of another kind is a slip of the firmware and does not count.

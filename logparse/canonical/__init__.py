@@ -12,7 +12,10 @@ from logparse.findings import Finding, Severity
 from logparse.frames import OTHER_CRAFT, Vehicle
 from logparse.tables import COLUMNS, Tables
 
-__all__ = ["gather_tables"]
+__all__ = ["TOGETHER", "gather_tables"]
+
+#: Messages that `gather_tables` reads wherever they are logged, but for those of the fast loop.
+TOGETHER = dataflash.TOGETHER
 
 #: Messages that hold servo outputs.
 _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")

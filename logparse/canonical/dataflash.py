@@ -10,7 +10,7 @@ from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.dataflash_sensors import Sensor
-from logparse.canonical.deferred import Later
+from logparse.canonical.deferred import KeptFields, Later
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.frames import Vehicle
@@ -20,6 +20,13 @@ from logparse.units import numbers
 #: Messages that the tables of which there may be a row for every step of the fast loop are made of.
 _IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
 _RATES = ("RATE", "PIDR", "PIDP", "PIDY")
+
+#: Messages that `build` reads wherever they are logged, but for the above and bursts of samples.
+TOGETHER = (
+    *("RCOU", "RCO2", "RCO3", "GPS", "GPS2", "GPA", "GPA2", "BARO", "BAR2", "BAR3", "MAG", "MAG2", "MAG3"),
+    *("BAT", "BAT2", "CURR", "CUR2", "ESC", "RFND", "ATT", "ANG", "CTUN", "PSCN", "PSCE", "PSCD", "XKF1", "XKF4"),
+    *("SIM", "SIM2", "SIDD", "SIDS", "ORGN", "MODE", "EV", "ERR"),
+)
 
 
 def build(
@@ -45,13 +52,15 @@ def build(
         Receives tables that are built when they are asked for.
     """
     imu, further_imu = later.take("imu", messages, _IMU, lambda own: _inertial(messages, own), remarks)
+    kept = KeptFields(messages)
+    later.kept.append(kept)
     rates, _ = later.take(
         "rates",
         messages,
         _RATES,
         lambda _: (control.rates(messages), ()),
         remarks,
-        (lambda wanted: control.rate_columns(messages, wanted)) if "RATE" in messages else None,
+        (lambda wanted: control.rate_columns(kept, wanted)) if "RATE" in messages else None,
     )
     gps, further_gps = dataflash_sensors.gps(
         messages, parameters, _old_receiver(messages, parameters, vehicle), remarks

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
-from logparse.canonical.deferred import SomeFields
+from logparse.canonical.deferred import KeptFields, SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, columns_of, euler_angles, join, quaternions, sample, series, wrap
 from logparse.cubic_spline import cubic_spline
@@ -249,18 +249,14 @@ def rates(messages: Messages) -> pd.DataFrame | None:
     """Rate controller: targets, rates and outputs of RATE, or of PIDR, PIDP and PIDY where RATE is not logged."""
     if "RATE" not in messages:
         return _rates_from_pid(messages)
-    frame = _rate_message(messages, _RATE_FIELDS)
+    frame = SomeFields(messages, {field for field, _ in _RATE_FIELDS.values()})["RATE"]
     return series(frame.index, ((name, quantity(frame, *source)) for name, source in _RATE_FIELDS.items()))
 
 
-def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+def rate_columns(messages: KeptFields, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
-    frame = _rate_message(messages, wanted)
+    frame = messages.some("RATE", {_RATE_FIELDS[name][0] for name in wanted})
     return columns_of(frame.index, ((name, quantity(frame, *_RATE_FIELDS[name])) for name in wanted))
-
-
-def _rate_message(messages: Messages, wanted: Collection[str]) -> pd.DataFrame:
-    return SomeFields(messages, {_RATE_FIELDS[name][0] for name in wanted})["RATE"]
 
 
 def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:

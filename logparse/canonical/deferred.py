@@ -42,6 +42,50 @@ class SomeFields(Mapping[str, pd.DataFrame]):
         return len(self._messages)
 
 
+class KeptFields:
+    """Fields of one long message as they are logged, kept from one that asks for them to the next until released.
+
+    As logged they take half of what they take in a table, and to decode them again is a pass over the file.
+    """
+
+    def __init__(self, messages: Mapping[str, pd.DataFrame]):
+        self._messages = messages
+        self._kept: pd.DataFrame | None = None
+        self._asked: set[str] = set()
+
+    def some(self, name: str, fields: Collection[str]) -> pd.DataFrame:
+        """Return a message with those of the fields that it has, and perhaps more.
+
+        Parameters
+        ----------
+        name : str
+            The message, the same at each call.
+        fields : collection of str
+            Names of its fields.
+        """
+        missing = set(fields) - self._asked
+        if self._kept is None or missing:
+            frame = SomeFields(self._messages, missing)[name]
+            self._kept = frame if self._kept is None else _beside(self._kept, frame)
+            self._asked |= missing
+        return self._kept
+
+    def release(self) -> None:
+        """Release what is kept."""
+        self._kept = None
+        self._asked.clear()
+
+
+def _beside(kept: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
+    """Return a message with the fields of both frames, which are of its same rows, without copying them."""
+    columns = {str(name): frame[name].to_numpy() for frame in (kept, more) for name in frame}
+    both = pd.DataFrame(columns, index=kept.index, copy=False)
+    both.attrs = dict(kept.attrs)
+    for key, value in more.attrs.items():
+        both.attrs[key] = {**kept.attrs.get(key, {}), **value} if isinstance(value, dict) else value
+    return both
+
+
 @dataclass(slots=True)
 class Later:
     """What is still to be built, and what building had to say."""
@@ -49,6 +93,7 @@ class Later:
     builders: dict[str, Callable[[], Built]] = field(default_factory=dict)  #: By table.
     #: By table, of those whose columns can be had one by one; what removes no value, and so has nothing to say.
     columns: dict[str, Columns] = field(default_factory=dict)
+    kept: list[KeptFields] = field(default_factory=list)  #: What columns are made of.
     remarks: dict[str, Remarks] = field(default_factory=dict)  #: Of the tables that were built so far.
 
     def take(
@@ -137,10 +182,10 @@ class DeferredTables(Tables):
         """Whether the log has a table; a long one need not be built for that."""
         return name in self._later.builders or super().has(name)
 
-    def columns(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+    def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
         """Yield columns of a table one by one; of a long one no more than one is in memory at a time."""
         if name in self._later.columns and name not in self._long:
-            yield from self._later.columns[name](wanted)
+            yield from self._later.columns[name](list(COLUMNS[name]) if wanted is None else wanted)
         else:
             yield from super().columns(name, wanted)
 
@@ -155,10 +200,16 @@ class DeferredTables(Tables):
             self._times[name] = first.index.to_numpy(np.float64)
         return self._times[name]
 
-    def release(self) -> None:
-        """Release the long table that is kept, and of times; they are built anew when they are asked for again."""
-        self._long.clear()
-        self._times.clear()
+    def release(self, keep: str = "") -> None:
+        """Release the long table that is kept, unless it is `keep`, and of others times and what columns are made of.
+
+        They are built anew when they are asked for again.
+        """
+        for kept in self._later.kept:
+            kept.release()
+        for name in {*self._long, *self._times} - {keep}:
+            self._long.pop(name, None)
+            self._times.pop(name, None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _whole, ({each.name: getattr(self, each.name) for each in fields(self)},)

@@ -44,18 +44,33 @@ def columns_of(t: npt.ArrayLike, columns: Iterable[tuple[str, npt.ArrayLike]]) -
 def _made(
     t: npt.ArrayLike, columns: Iterable[tuple[str, npt.ArrayLike]]
 ) -> tuple["pd.Index[float]", Iterator[tuple[str, Array]]]:
+    in_order = _strictly_increasing(t)
     times = np.asarray(t, dtype=np.float64)
-    keep = order_of(times)
+    keep = None if in_order else order_of(times)
 
     def made() -> Iterator[tuple[str, Array]]:
         for name, values in columns:
-            column = np.asarray(values, dtype=np.float64)[keep]
+            column = np.asarray(values, dtype=np.float64)
+            if keep is not None:
+                column = column[keep]
+            elif not (column.flags.owndata and column.flags.writeable):
+                column = column.copy()  # of the caller's, who may change it
             infinite = np.isinf(column)
             if infinite.any():
-                column[infinite] = np.nan
+                column = np.where(infinite, np.nan, column)
             yield name, column
 
+    if in_order:
+        assert isinstance(t, pd.Index)
+        return t if t.name == "t" else t.rename("t"), made()
     return pd.Index(times[keep], name="t", dtype=np.float64), made()
+
+
+def _strictly_increasing(t: object) -> bool:
+    """Return whether times are an index that can be used as it is; pandas asks that of each index once."""
+    if not isinstance(t, pd.Index) or t.dtype != np.float64 or not len(t):
+        return False
+    return bool(t.is_monotonic_increasing and t.is_unique and np.isfinite(t[0]) and np.isfinite(t[-1]))
 
 
 def order_of(t: Array) -> npt.NDArray[np.intp]:

@@ -159,6 +159,7 @@ def _analyze(
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
     aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, apart))
+    tables.release(keep="imu")
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)

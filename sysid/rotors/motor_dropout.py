@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,7 +212,8 @@ def _rolling(values: Floats, size: int) -> Floats:
 def _around(values: Floats, t: Floats, width: float) -> Floats:
     """Median of the seconds around each sample."""
     edges = np.arange(t[0], t[-1] + width, width)
-    inside = [values[(t >= a - width) & (t < b + width)] for a, b in pairwise(edges)]
+    first, last = np.searchsorted(t, edges[:-1] - width), np.searchsorted(t, edges[1:] + width)
+    inside = [values[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
     medians = [float(np.median(each)) if len(each) else 0.0 for each in inside]
     return np.asarray(np.interp(t, edges[:-1] + 0.5 * width, medians))
 

@@ -103,3 +103,26 @@ def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
     assert "RATE" not in deferred.messages.decoded
     rate = deferred.messages["RATE"]
     assert deferred.messages["RATE"] is rate
+
+
+def test_a_table_may_be_kept_when_the_others_are_released(deferred):
+    tables = deferred.tables
+    imu, out = tables.imu, next(tables.columns("rates", ("out_roll",)))
+    tables.release(keep="imu")
+    assert tables.imu is imu
+    again = next(tables.columns("rates", ("out_roll",)))
+    assert again.index is not out.index
+    pd.testing.assert_series_equal(again, out, check_exact=True)
+
+
+def test_columns_asked_for_one_after_another_share_their_times(at_once, deferred):
+    whole, tables = at_once[0], deferred.tables
+    first, second = (next(tables.columns("rates", (name,))) for name in ("out_roll", "w_z"))
+    assert first.index is second.index
+    pd.testing.assert_series_equal(second, whole.rates["w_z"], check_exact=True)
+
+
+def test_messages_held_together_are_not_kept(deferred):
+    assert deferred.tables.attitude is not None
+    assert deferred.messages.counts["ATT"] >= 1000
+    assert "ATT" not in deferred.messages.decoded
