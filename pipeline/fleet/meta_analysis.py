@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 from scipy.special import chdtrc as chi2_sf
 from scipy.special import ndtr as normal_cdf
 from scipy.special import stdtr as student_cdf
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
 
 #: Smallest standard error taken seriously, as a part of the largest value: below it is rounding.
 _FINEST = 1e-9
+
+#: Newton's steps for tau^2: one is enough where all standard errors are alike, a dozen where they differ wildly.
+_MOST_STEPS = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,23 +99,26 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
     variance = np.maximum(np.asarray(sigmas, dtype=np.float64), _FINEST * max(float(np.abs(y).max()), 1e-300)) ** 2
     df = len(y) - x.shape[1]
 
-    def fit(between: float) -> tuple[Floats, Floats, float]:
+    def fit(between: float) -> tuple[Floats, Floats, Floats, Floats]:
         weights = 1.0 / (variance + between)
         weighted = x * weights[:, None]
-        beta = np.asarray(np.linalg.solve(x.T @ weighted, weighted.T @ y), dtype=np.float64)
-        return beta, weights, float(weights @ (y - x @ beta) ** 2)
+        information = x.T @ weighted
+        beta = np.linalg.solve(information, weighted.T @ y)
+        return beta, information, weights, weights * (y - x @ beta) ** 2
 
-    q = fit(0.0)[2]
-    between = 0.0
-    if df and q > df:
-        most = max(q / df, 2.0) * float(variance.max())
-        while fit(most)[2] > df:
-            most *= 4.0
-        between = float(
-            scipy.optimize.brentq(lambda value: fit(value)[2] - df, 0.0, most, xtol=1e-12 * most, rtol=1e-10)
-        )
-    beta, weights, _ = fit(between)
-    covariance = np.asarray(np.linalg.inv(x.T @ (x * weights[:, None])), dtype=np.float64)
+    beta, information, weights, squares = fit(0.0)
+    q, between = float(squares.sum()), 0.0
+    # One over the sum of squares is concave in tau^2 and rises: Newton's steps from 0 towards df never pass it.
+    for _ in range(_MOST_STEPS if df else 0):
+        total = float(squares.sum())
+        if not total > df:
+            break
+        step = (total / df - 1.0) * total / float(weights @ squares)
+        if step <= _FINEST * between:
+            break
+        between += step
+        beta, information, weights, squares = fit(between)
+    covariance = np.linalg.inv(information)
     return MetaRegression(beta=beta, covariance=covariance, tau=between**0.5, df=df, q=q, weights=weights)
 
 

@@ -47,6 +47,14 @@ def test_paule_mandel_makes_the_sum_of_squares_what_is_expected():
     assert found.q == pytest.approx(np.sum(((values - np.average(values, weights=sigmas**-2)) / sigmas) ** 2))
 
 
+def test_a_flight_that_knows_nothing_leaves_the_scatter_of_the_others():
+    """Beside errors of 1e-9 and of 1000 the scatter once came out as 297,360."""
+    found = meta_regression([1.0, 2.0, 4.0, 3.0], [1e-9, 1e-9, 1e-9, 1000.0])
+    residuals = np.array([1.0, 2.0, 4.0, 3.0]) - found.beta[0]
+    assert np.sum(residuals**2 * found.weights) == pytest.approx(3.0)
+    assert found.tau == pytest.approx(np.sqrt(14.0 / 9.0), rel=1e-4), "the sum of squares of 1, 2 and 4, over 3"
+
+
 def test_two_flights_and_a_difference_leave_no_degree_of_freedom():
     found = meta_regression([1.0, 1.3], [0.1, 0.1], [[1.0, 0.0], [1.0, 1.0]])
     estimate, sigma, p = found.test([0.0, 1.0])
