@@ -3,19 +3,26 @@
 import lzma
 import multiprocessing
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 from logparse import containers
 from rotorid.cli import main as cli
+
+if TYPE_CHECKING:
+    from estimation import Trajectory
+    from logparse import FlightLog
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "logs"
@@ -106,12 +113,29 @@ _LENGTHY = {
     ]
 }
 
+#: The longest of all, half a minute and more each: whichever came last would leave the other workers idle.
+_LONGEST = {
+    ROOT / "tests" / f"{name}.py"
+    for name in [
+        "api/test_browser",
+        "api/test_faults",
+        "docs/test_tutorial",
+        "estimation/test_acceptance",
+        "estimation/test_sitl",
+        "pipeline/test_shared_logs",
+        "sysid/loops/test_tuning",
+        "sysid/six_dof/test_learning",
+        "sysid/test_rigid_body_flights",
+        "sysid/test_starts",
+    ]
+}
+
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
-    """Count tests that start a browser or a database server among the slow ones; begin with modules that have any.
+    """Count tests that start a browser or a database server among the slow ones; begin with the longest modules.
 
-    The order within both groups stays random. A module of minutes that came last would leave the other workers idle.
+    Then come those with any slow test, and the rest; the order within each of these groups stays random.
     """
     for item in items:
         if item.path in _LENGTHY:
@@ -122,7 +146,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
             item.add_marker("slow")
     yield
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path not in _LONGEST, item.path not in slow))
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -151,26 +175,60 @@ def limit_unpacked() -> Iterator[Callable[[int], None]]:
 
 
 @pytest.fixture(scope="session")
-def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Return a function that gives the path of a packed log of ../shared/logs, such as ``pairs/octa8_id``.
-
-    It is unpacked once, whichever worker asks first; a test that asks for one that is not here is skipped.
-    """
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[], bytes]], Path]:
+    """Return a function that gives the path of a file of this name, made by whichever worker asks for it first."""
     base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "unpacked"
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made"
     folder.mkdir(exist_ok=True)
 
-    def unpack(name: str) -> Path:
-        packed, path = SHARED / f"{name}.BIN.xz", folder / f"{Path(name).name}.BIN"
-        if not packed.exists():
-            pytest.skip(f"../shared/logs/{name}.BIN.xz is not here")
+    def file(name: str, make: Callable[[], bytes]) -> Path:
+        path = folder / name
         if not path.exists():
-            part = path.with_suffix(f".{os.getpid()}")
-            part.write_bytes(lzma.decompress(packed.read_bytes()))
+            part = folder / f"{name}.{os.getpid()}"
+            part.write_bytes(make())
             part.replace(path)
         return path
 
+    return file
+
+
+@pytest.fixture(scope="session")
+def unpacked(made_once: Callable[[str, Callable[[], bytes]], Path]) -> Callable[[str], Path]:
+    """Return a function that gives the path of a packed log of ../shared/logs, such as ``pairs/octa8_id``.
+
+    A test that asks for one that is not here is skipped.
+    """
+
+    def unpack(name: str) -> Path:
+        packed = SHARED / f"{name}.BIN.xz"
+        if not packed.exists():
+            pytest.skip(f"../shared/logs/{name}.BIN.xz is not here")
+        return made_once(f"{Path(name).name}.BIN", lambda: lzma.decompress(packed.read_bytes()))
+
     return unpack
+
+
+@pytest.fixture(scope="session")
+def sitl(
+    made_once: Callable[[str, Callable[[], bytes]], Path],
+) -> "Callable[[str], tuple[FlightLog, Trajectory]]":
+    """Return a function that gives a log of ../shared/logs/sitl by its name, and its trajectory, which is made once.
+
+    A test that asks for one that is not here is skipped.
+    """
+    from estimation import estimate
+    from logparse import read_log
+
+    @cache
+    def flown(name: str) -> "tuple[FlightLog, Trajectory]":
+        path = SHARED / "sitl" / f"{name}.BIN"
+        if not path.exists():
+            pytest.skip(f"../shared/logs/sitl/{name}.BIN is not here")
+        log = read_log(path)
+        kept = made_once(f"{name}.trajectory", lambda: pickle.dumps(estimate(log.tables)))
+        return log, pickle.loads(kept.read_bytes())
+
+    return flown
 
 
 @pytest.fixture(scope="session")

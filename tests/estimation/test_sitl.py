@@ -44,13 +44,12 @@ def rms(error, columns):
 
 
 @pytest.fixture(scope="module")
-def judged():
+def judged(sitl):
     """RMS errors pooled over logs, by measure: of the smoother, of the plain filter and of EKF3."""
     squares = {"smoother": [], "filter": [], "EKF3": []}
     for path in sorted(LOGS.glob("*.BIN")):
-        log = read_log(path)
+        log, trajectory = sitl(path.stem)
         truth = airborne_truth(log)
-        trajectory = estimate(log.tables)
         ekf = log.tables.ekf
         quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy().T)
         columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))

@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import cache
 
 import jsonschema
 
@@ -9,12 +10,14 @@ from reports.figures.packing import unpack
 from reports.numbers.schema import schema
 
 
-def schema_of(kind: str) -> dict:
-    """Return the schema of one kind: of three that fail, an error would not name the one that matters."""
+@cache
+def validator_of(kind: str) -> jsonschema.Draft202012Validator:
+    """Return the check of one kind of report: of three that fail, an error would not name the one that matters."""
     whole = schema("report")
     jsonschema.Draft202012Validator.check_schema(whole)
     kinds = {"flight": "FlightReport", "craft": "CraftReport", "fleet": "FleetReport"}
-    return {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kinds[kind]}"}
+    one = {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kinds[kind]}"}
+    return jsonschema.Draft202012Validator(one)
 
 
 def strict(text: str) -> object:

@@ -5,6 +5,7 @@ import enum
 import types
 import typing
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -22,7 +23,7 @@ def _made(kind: Any, value: Any) -> Any:
             return None
         return _made(next(each for each in arguments if each is not type(None)), value)
     if dataclasses.is_dataclass(kind) and isinstance(value, dict):
-        hints = typing.get_type_hints(kind)
+        hints = _hints(kind)
         fields = {field.name: field for field in dataclasses.fields(kind)}
         assert value.keys() <= fields.keys(), value.keys() - fields.keys()
         given = {name: _made(hints[name], each) for name, each in value.items()}
@@ -32,6 +33,10 @@ def _made(kind: Any, value: Any) -> Any:
     if origin is Mapping:
         return {key: _made(arguments[1], each) for key, each in value.items()}
     return kind(value) if isinstance(kind, type) and issubclass(kind, enum.Enum) else value
+
+
+#: Types of the fields of a dataclass, evaluated once.
+_hints = cache(typing.get_type_hints)
 
 
 def _required(field: Any) -> bool:

@@ -3,13 +3,11 @@
 import json
 from dataclasses import replace
 
-import jsonschema
-
 import reports
 from reports.terminal.rotation_line import rotation_line
 from reports.views.rotation import rotation_view
 from tests.pipeline.builders import margins, turning
-from tests.reports.builders import schema_of
+from tests.reports.builders import validator_of
 from tests.reports.conftest import made_flight
 
 
@@ -37,5 +35,5 @@ def test_page_and_numbers_hold_it(tmp_path):
     assert page.count('id="turns"') == page.count('id="loops"') == 1
     assert 'id="plot-bode-roll"' in page
     numbers = json.loads((tmp_path / "report.json").read_text("utf-8"))
-    jsonschema.validate(numbers, schema_of("flight"))
+    validator_of("flight").validate(numbers)
     assert numbers["rotation"]["axes"][0]["loop"]["state"] == "good"

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim
 
-from estimation import estimate
-from logparse import read_log
 from logparse.serialization import plain
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
 from sysid.transfer_functions.closed_loop import complementary
@@ -176,8 +174,7 @@ def altitude_error(log):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SITL.is_dir(), reason="shared logs are not here")
-def test_one_flight_tells_where_the_next_will_be():
+def test_one_flight_tells_where_the_next_will_be(sitl):
     """Trained on the calm mission: 0.10 m horizontally and 0.06 m vertically on flights in calm and light wind.
 
     The autopilot holds the height that it believes in. Its own altitude is 0.03 to 0.07 m off the truth (its barometer
@@ -185,8 +182,8 @@ def test_one_flight_tells_where_the_next_will_be():
     """
     records, believed = {}, {}
     for name in ("octa01_auto_calm", "octa02_auto_wind2", "octa05_auto_quito", "paper04", "octa09_systemid_mixer"):
-        log = read_log(SITL / f"{name}.BIN")
-        records[name] = Experiment.from_flight(log, estimate(log.tables), inputs="reference", name=name)
+        log, trajectory = sitl(name)
+        records[name] = Experiment.from_flight(log, trajectory, inputs="reference", name=name)
         believed[name] = altitude_error(log)
     first, *others = records.values()
     result = validate(fit_closed_loop([first], time_limit=PATIENCE), others)

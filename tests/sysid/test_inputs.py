@@ -236,25 +236,15 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
         assert "what was asked in roll" in told["commands-below-rounding"].reason
 
 
-@cache
-def flown(path):
-    log = read_log(path)
-    return log, estimate(log.tables)
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
 @pytest.mark.parametrize("name", ["octa01_auto_calm", "octa07_loiter_sticks", "octaquad01_auto_callisto", "y6_01_auto"])
-def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name):
+def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name, sitl):
     """RATE has the commands as the firmware computed them; motor outputs, ten times slower and rounded, give them back.
 
     Thrust and yaw move the motors by tens of microseconds. Roll and pitch move them by less than the microsecond to
     which they are rounded, so that no more than a relation can be expected of them.
     """
-    mixer, rate = (
-        Experiment.from_flight(*flown(SHARED / "sitl" / f"{name}.BIN"), inputs=kind)
-        for kind in ("mixer", "rate_outputs")
-    )
+    mixer, rate = (Experiment.from_flight(*sitl(name), inputs=kind) for kind in ("mixer", "rate_outputs"))
     for command, logged, least in (("thrust", "throttle", 0.98), ("yaw", "yaw", 0.99), ("pitch", "pitch", 0.4)):
         ours = mixer.select(inputs=[command]).u[:, 0]
         theirs = rate.select(inputs=[logged]).u[:, 0]
@@ -265,13 +255,12 @@ def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
-def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch():
+def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl):
     """230 s of random sticks on all axes: turned by the heading roll and pitch explain the motion, as they are not."""
     median = {}
     for frame_ in ("earth", "heading"):
-        path_ = SHARED / "sitl" / "octa07_loiter_sticks.BIN"
-        found = coherence([Experiment.from_flight(*flown(path_), inputs="rate_outputs", frame=frame_)])
+        record = Experiment.from_flight(*sitl("octa07_loiter_sticks"), inputs="rate_outputs", frame=frame_)
+        found = coherence([record])
         band = (found.frequency > 0.5) & (found.frequency < 5.0)
         median[frame_] = np.median(found.multiple[band], axis=0)
     assert (median["heading"][:2] > 0.9).all()
@@ -280,19 +269,23 @@ def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
-def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held():
-    record = Experiment.from_flight(*flown(SHARED / "sitl" / "octa09_systemid_mixer.BIN"), inputs="reference")
+def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held(sitl):
+    record = Experiment.from_flight(*sitl("octa09_systemid_mixer"), inputs="reference")
     assert record.duration == pytest.approx(88.9, abs=0.5)
     assert "position-target-gaps" in {finding.id for finding in record.findings}
+
+
+@cache
+def sample():
+    log = read_log(SAMPLES / "octa01_zurich_calm.bin")
+    return log, estimate(log.tables)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("inputs", ["motors", "mixer", "rate_outputs", "reference", "velocity_reference"])
 def test_sample_flights_have_every_input_set(inputs):
-    path_ = sorted(SAMPLES.glob("octa01*.bin"))[0]
     outputs = "velocity" if inputs.startswith("velocity") else "position"
-    record = Experiment.from_flight(*flown(path_), inputs=inputs, outputs=outputs)
+    record = Experiment.from_flight(*sample(), inputs=inputs, outputs=outputs)
     assert record.duration > 30.0
     assert np.isfinite(record.u).all()
     assert set(record.input_names) <= set(record.units)

@@ -134,19 +134,13 @@ def test_a_stand_is_a_prior_of_the_rigid_body(tmp_path, record):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "turned"), [("octa07_loiter_sticks", True), ("octa11_auto_8kg", False)])
-def test_firmware_in_the_loop(name, turned):
+def test_firmware_in_the_loop(name, turned, sitl):
     """Thrust by every method within 2 % of the truth; roll and pitch inertia, where sticks moved, within 7 %.
 
     The simulator's inertia is reproduced by its own rate outputs to 4 % only. Its ESCs report the command.
     """
-    if not (LOGS / f"{name}.BIN").exists():
-        pytest.skip(f"{LOGS / name}.BIN is not here: shared logs are kept outside the project")
-    from estimation import estimate
-    from logparse import read_log
-
+    made = Experiment.from_flight(*sitl(name), rate=50.0)
     truth = json.loads((LOGS / f"{name}.json").read_text())["truth"]
-    log = read_log(LOGS / f"{name}.BIN")
-    made = Experiment.from_flight(log, estimate(log.tables), rate=50.0)
     found = physical_parameters([made], truth["mass_kg"], arm=truth["arm_length_m"])
     voltage = found.thrust.reference_voltage / truth["model_inputs"]["maxVoltage"]
     expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2

@@ -7,26 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation import estimate
-from logparse import read_log
 from sysid import Experiment, fit_rigid_body, validate
 
 LOGS = Path("../shared/logs/sitl")
-pytestmark = [
-    pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl"),
-    pytest.mark.slow,
-]
+pytestmark = pytest.mark.slow
 
 
-@cache
-def flight(name):
-    log = read_log(LOGS / f"{name}.BIN")
-    return Experiment.from_flight(log, estimate(log.tables), rate=50.0)
+@pytest.fixture(scope="module")
+def flight(sitl):
+    return cache(lambda name: Experiment.from_flight(*sitl(name), rate=50.0))
 
 
-@cache
-def model(*names):
-    return fit_rigid_body([flight(name) for name in names], mass=truth(names[0])["mass_kg"])
+@pytest.fixture(scope="module")
+def model(flight):
+    return cache(lambda *names: fit_rigid_body([flight(name) for name in names], mass=truth(names[0])["mass_kg"]))
 
 
 def told(name):
@@ -56,7 +50,7 @@ def drag(name, speed):
 @pytest.mark.parametrize(
     "names", [("octa07_loiter_sticks",), ("octa11_auto_8kg",), ("octa01_auto_calm", "octa05_auto_quito")]
 )
-def test_thrust_and_drag_are_those_of_the_simulator(names):
+def test_thrust_and_drag_are_those_of_the_simulator(names, model):
     """One parameter set from sea level to 2850 m; thrust within 2 %, the curve too, drag at 4 m/s within 15 %."""
     found = model(*names)
     thrust, expo = found.value("thrust"), found.value("thrust_expo")
@@ -79,7 +73,7 @@ def test_thrust_and_drag_are_those_of_the_simulator(names):
 
 
 @pytest.mark.parametrize("name", ["octa07_loiter_sticks", "octa09_systemid_mixer"])
-def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights(name):
+def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights(name, model):
     """Arm times thrust over inertia within 5 %."""
     found, facts = model(name), truth(name)
     force = full_thrust(name, found.reference_voltage) * facts["mass_kg"]
@@ -92,7 +86,7 @@ def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights
         assert parameter.si_value == pytest.approx(over_arm, rel=0.07)
 
 
-def test_rates_of_another_flight_are_predicted_from_the_rate_outputs():
+def test_rates_of_another_flight_are_predicted_from_the_rate_outputs(flight, model):
     """Half a second ahead, five times better than holding the rates."""
     seen = flight("octa07_loiter_sticks")
     ahead = model("octa09_systemid_mixer").predict_rates(seen, 0.5)
@@ -102,14 +96,14 @@ def test_rates_of_another_flight_are_predicted_from_the_rate_outputs():
     assert (missed < 0.2 * held).all()
 
 
-def test_a_mission_without_stick_inputs_says_that_it_does_not_tell_roll_inertia():
+def test_a_mission_without_stick_inputs_says_that_it_does_not_tell_roll_inertia(model):
     """The rate outputs of a calm mission are mostly noise, which would bias the gain by a third."""
     parameter = model("octa01_auto_calm", "octa05_auto_quito").parameters["roll_gain"]
     assert not parameter.determined
     assert "explain only" in parameter.reason
 
 
-def test_flights_that_were_not_fitted_are_predicted():
+def test_flights_that_were_not_fitted_are_predicted(flight, model):
     """1 s ahead within 0.03 m, 5 s within 0.35 m, six times better than constant velocity."""
     result = validate(
         model("octa01_auto_calm", "octa07_loiter_sticks"),
@@ -123,7 +117,7 @@ def test_flights_that_were_not_fitted_are_predicted():
         assert (rows["rmse_constant_velocity"] / rows["rmse"]).min() > 6.0
 
 
-def test_the_papers_protocol_free_run_over_whole_flights():
+def test_the_papers_protocol_free_run_over_whole_flights(flight, model):
     """Fitted to three flights, run freely over others: below Elhesasy 2024's averages 0.32, 0.27, 0.25 m."""
     found = model("paper01", "paper02", "paper03")
     others = [flight(f"paper0{k}") for k in (4, 5, 6)]

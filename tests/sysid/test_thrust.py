@@ -167,16 +167,10 @@ def test_with_some_motors_unlogged_no_coefficient_is_told():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper01", "octa05_auto_quito", "octa11_auto_8kg"])
-def test_firmware_in_the_loop(name):
+def test_firmware_in_the_loop(name, sitl):
     """Thrust at full command of craft of 3 and 8 kg, at 490 and 2850 m, within 2 % of the simulator's truth."""
-    if not (LOGS / f"{name}.BIN").exists():
-        pytest.skip(f"{LOGS / name}.BIN is not here: shared logs are kept outside the project")
-    from estimation import estimate
-    from logparse import read_log
-
+    made = Experiment.from_flight(*sitl(name))
     truth = json.loads((LOGS / f"{name}.json").read_text())["truth"]
-    log = read_log(LOGS / f"{name}.BIN")
-    made = Experiment.from_flight(log, estimate(log.tables))
     model = fit_thrust([made], mass=truth["mass_kg"])
     voltage = model.reference_voltage / truth["model_inputs"]["maxVoltage"]
     expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2

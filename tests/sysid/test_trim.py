@@ -1,6 +1,7 @@
 """What belongs to a flight and not to the craft: its thrust scale, its wind and how that grows with height."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from tests.sysid.octocopter import RATE, fitted
 LOADS = (0.85, 0.93, 1.05, 1.10)
 
 
+@cache
 def other(name="other", seed=3):
     return record(
         flown(octocopter(), wind=Wind(speed=3.0, from_deg=80.0, gusts=0.3), altitude=1500.0, seed=seed, rate=RATE),
@@ -58,7 +60,7 @@ def test_the_thrust_scale_of_another_load_is_found(factor):
 
 def sheared(exponent, seed, speed=5.0):
     """Return a flight whose path follows the equations of motion, in wind that grows with height by a power law."""
-    seen, model = other(f"exponent {exponent}, {seed}", seed), fitted()
+    seen, model = replace(other(seed=seed), name=f"exponent {exponent}, {seed}"), fitted()
     flight = motion(seen, seen.vehicle, model.reference_voltage)
     theta, shapes = model.kernel_inputs(flight, model.flights["flight"])
     theta[LAG + 1], rng = exponent, np.random.default_rng(seed)
