@@ -103,7 +103,7 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
         weights = 1.0 / (variance + between)
         weighted = x * weights[:, None]
         information = x.T @ weighted
-        beta = np.linalg.solve(information, weighted.T @ y)
+        beta = np.asarray(np.linalg.solve(information, weighted.T @ y), dtype=np.float64)
         return beta, information, weights, weights * (y - x @ beta) ** 2
 
     beta, information, weights, squares = fit(0.0)
@@ -118,7 +118,7 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
             break
         between += step
         beta, information, weights, squares = fit(between)
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return MetaRegression(beta=beta, covariance=covariance, tau=between**0.5, df=df, q=q, weights=weights)
 
 
