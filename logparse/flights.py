@@ -106,22 +106,15 @@ def _powered(motors: pd.DataFrame, parameters: Mapping[str, float]) -> list[tupl
 def _intervals(t: Array, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Intervals of consecutive times with `on`, short pauses bridged, cut at gaps in the data."""
     gap = max(_GAP, _GAP_SAMPLES * float(np.median(np.diff(t))))
-    result: list[tuple[float, float]] = []
     times = t[on]
     if not len(times):
-        return result
+        return []
     # A pause in which samples went on may be bridged; a gap without samples may not.
     cuts = np.flatnonzero(np.diff(t) > gap)
     section = np.searchsorted(cuts, np.flatnonzero(on), side="left")
-    start = previous = float(times[0])
-    for k in range(1, len(times)):
-        now = float(times[k])
-        if now - previous > max(_PAUSE, gap) or section[k] != section[k - 1]:
-            result.append((start, previous))
-            start = now
-        previous = now
-    result.append((start, previous))
-    return result
+    ends = np.flatnonzero((np.diff(times) > max(_PAUSE, gap)) | (np.diff(section) != 0))
+    first, last = np.append(0, ends + 1), np.append(ends, len(times) - 1)
+    return list(zip(times[first].tolist(), times[last].tolist(), strict=True))
 
 
 def height_above_ground(tables: Tables) -> "pd.Series[float] | None":

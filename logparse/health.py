@@ -178,8 +178,8 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
         whole = log.tables.times(name)
         if whole is None:
             continue
-        t = whole[(whole >= flight.start) & (whole <= flight.stop)]
-        t = np.concatenate(([flight.start], t, [flight.stop]))
+        first, last = np.searchsorted(whole, flight.start), np.searchsorted(whole, flight.stop, side="right")
+        t = np.concatenate(([flight.start], whole[first:last], [flight.stop]))
         gaps = np.diff(t)
         limit = max(_GAP, 5.0 / _rate(whole)) if telemetry else _GAP
         count = int(np.count_nonzero(gaps > limit))

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 #: An interval of this many usual ones (and a second at least) is a gap.
 _GAP_SAMPLES, _GAP_SECONDS = 5.0, 1.0
 
+#: Rows of a column that are looked at first: one with a value has it here.
+_FIRST = 1000
+
 
 @dataclass(frozen=True, slots=True)
 class TableSummary:
@@ -120,7 +123,7 @@ def summarise(name: str, tables: Tables, shown: slice) -> TableSummary:
     for column in tables.columns(name):
         part = column.loc[shown]
         t = part.index.to_numpy(np.float64)
-        columns[str(column.name)] = part.notna().any()
+        columns[str(column.name)] = part.iloc[:_FIRST].notna().any() or part.notna().any()
     rate = math.nan
     gaps = np.zeros(0)
     if name not in ("modes", "events") and len(t) > 1:

@@ -64,9 +64,15 @@ def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
     for flight in flights:
         start, stop = flight.start - _MARGIN, flight.stop + _MARGIN
         still &= (t[first] + _STRETCH < start) | (t[first] > stop)
-    force = np.zeros(len(first))
+    # What is flown is not looked at, and that is most of a log.
+    rows = np.repeat(still, count.astype(int))
+    count = count[still]
+    if len(count) < _FEWEST:
+        return None
+    first = np.append(0, np.cumsum(count[:-1]).astype(int))
+    still, force = np.ones(len(count), np.bool_), np.zeros(len(count))
     for name, values in zip((*GYRO, *ACCEL), tables.columns("imu", (*GYRO, *ACCEL)), strict=True):
-        series = values.to_numpy(np.float64)
+        series = values.to_numpy(np.float64)[rows]
         mean = np.add.reduceat(series, first) / count
         spread = np.sqrt(
             np.maximum(np.add.reduceat((series - np.repeat(mean, count.astype(int))) ** 2, first) / count, 0)

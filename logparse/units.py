@@ -1,8 +1,9 @@
 """Logged units to SI and radians."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,18 +78,53 @@ def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.floa
     -------
     ndarray, shape (N,)
     """
+    return _converted(numbers(frame, column), *_to_si(frame, column, unit))
+
+
+def quantities(
+    frame: pd.DataFrame, columns: Sequence[tuple[str, str]], rows: int
+) -> Iterator[list[npt.NDArray[np.float64]]]:
+    """Read columns of a long message as `quantity` does, some rows at a time, which then stay in the cache.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Message.
+    columns : sequence of (str, str)
+        Names of columns and the units that the firmware logs them in.
+    rows : int
+        So many of them at a time, the last fewer.
+    """
+    scales = [_to_si(frame, *column) for column in columns]
+    plain = [_plain(frame, column) for column, _ in columns]
+    for first in range(0, len(frame), rows):
+        pieces = (values[first : first + rows] for values in plain)
+        with np.errstate(invalid="ignore"):
+            yield [_converted(piece.astype(np.float64), *scale) for piece, scale in zip(pieces, scales, strict=True)]
+
+
+def _to_si(frame: pd.DataFrame, column: str, unit: str) -> tuple[float, float]:
+    """Return factor and offset by which a column becomes SI."""
     declared = str(frame.attrs.get("units", {}).get(column, ""))
-    if not _alike(declared, unit):
-        declared = unit
-    factor, offset = SI[declared]
-    values = numbers(frame, column)
-    # In place, for long columns: `numbers` gives what is nobody else's.
+    return SI[declared if _alike(declared, unit) else unit]
+
+
+def _converted(values: npt.NDArray[np.float64], factor: float, offset: float) -> npt.NDArray[np.float64]:
+    """Return numbers, which are nobody else's, in SI."""
+    # In place, for long columns.
     values *= factor
     values += offset
     infinite = np.isinf(values)
     if infinite.any():
         values[infinite] = np.nan  # no sensor measures it, and its cosine is a warning
     return values
+
+
+def _plain(frame: pd.DataFrame, column: str) -> npt.NDArray[Any]:
+    """Return a column as it is logged where that is a number, else what `numbers` makes of it."""
+    if column in frame and isinstance(frame[column].dtype, np.dtype) and frame[column].dtype.kind in "iuf":
+        return frame[column].to_numpy()
+    return numbers(frame, column)
 
 
 def numbers(frame: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:

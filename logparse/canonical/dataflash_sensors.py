@@ -1,7 +1,7 @@
 """Sensors and actuators of DataFlash logs, from the 2013 firmware to today's."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
 from logparse.findings import Finding, Severity
 from logparse.frames import Motor
-from logparse.units import numbers, quantity, sample_times
+from logparse.units import numbers, quantities, quantity, sample_times
 
 Messages = Mapping[str, pd.DataFrame]
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
@@ -111,6 +111,9 @@ def _pulses(pulses: Array, message: str, remarks: Remarks) -> Array:
     return remarks.remove(pulses, bad, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us")
 
 
+#: Rows of a fast message that are converted at a time.
+_PIECE = 1 << 15
+
 #: Fields of the fast messages that `imu` reads, of any age.
 _IMU_FIELDS = (
     *(f"{sensor}{axis}" for sensor in ("Gyr", "Acc") for axis in "XYZ"),
@@ -122,10 +125,10 @@ def imu(messages: Messages, remarks: Remarks) -> Sensor:
     """Angular rate and specific force: IMU, IMU2, IMU3 or IMU with its instance; ACC1 and GYR1 where IMU is missing."""
     tables = []
     messages = SomeFields(messages, _IMU_FIELDS)
+    fields = [(f"Gyr{axis}", "rad/s") for axis in "XYZ"] + [(f"Acc{axis}", "m/s/s") for axis in "XYZ"]
     for name, frame in instances(messages, "IMU", "IMU2", "IMU3"):
-        fields = [(f"Gyr{axis}", "rad/s") for axis in "XYZ"] + [(f"Acc{axis}", "m/s/s") for axis in "XYZ"]
-        values = (quantity(frame, field, unit) for field, unit in fields)
-        tables.append((name, _imu_table(frame.index.to_numpy(), values, name, remarks, _flags(frame))))
+        pieces = quantities(frame, fields, _PIECE)
+        tables.append((name, _imu_table(frame.index.to_numpy(), pieces, name, remarks, _flags(frame))))
     if not tables:
         for k, (name, gyro) in enumerate(instances(messages, "GYR", "GYR1", "GYR2", "GYR3")):
             accel = instances(messages, "ACC", "ACC1", "ACC2", "ACC3")
@@ -137,8 +140,8 @@ def imu(messages: Messages, remarks: Remarks) -> Sensor:
                 _sampled(force), {f"f{axis}": quantity(force, f"Acc{axis}", "m/s/s") for axis in "XYZ"}
             )
             t = rate_table.index.to_numpy()
-            columns = (*rate_table.to_numpy().T, *sample(force_table, t, gap=0.05).T)
-            tables.append((name, _imu_table(t, columns, f"{name}/{force_name}", remarks, None)))
+            columns = [*rate_table.to_numpy().T, *sample(force_table, t, gap=0.05).T]
+            tables.append((name, _imu_table(t, [columns], f"{name}/{force_name}", remarks, None)))
     return pick(tables, "accel_z")
 
 
@@ -162,28 +165,31 @@ def _flags(frame: pd.DataFrame) -> npt.NDArray[np.bool_] | None:
 
 def _imu_table(
     t: Array,
-    columns: Iterable[Array],
+    pieces: Iterable[Sequence[Array]],
     name: str,
     remarks: Remarks,
     healthy: npt.NDArray[np.bool_] | None,
 ) -> pd.DataFrame:
-    # Column by column into the block: together, columns and block would be as large as the log. So are the checks: in
-    # the block, each would go through six values at a time.
+    # A few rows at a time, whose columns stay in the cache: as a whole, columns and block would be as large as the log.
     values = np.empty((len(t), 6))
     unknown, wild, zero = np.zeros(len(t), np.bool_), np.zeros(len(t), np.bool_), np.ones(len(t), np.bool_)
-    for k, column in enumerate(columns):
-        values[:, k] = column
-        unknown |= ~np.isfinite(column)
-        zero &= column == 0.0
-        with np.errstate(invalid="ignore"):
-            wild |= np.abs(column) > (100.0 if k < 3 else 500.0)
+    first = 0
+    for columns in pieces:
+        rows = slice(first, first + len(columns[0]))
+        first = rows.stop
+        for k, column in enumerate(columns):
+            values[rows, k] = column
+            unknown[rows] |= ~np.isfinite(column)
+            zero[rows] &= column == 0.0
+            with np.errstate(invalid="ignore"):
+                wild[rows] |= np.abs(column) > (100.0 if k < 3 else 500.0)
     values = remarks.remove(values, unknown, name, "gyro or accelerometer not a number")
     values = remarks.remove(values, zero, name, "gyro and accelerometer all zero")
     values = remarks.remove(values, wild & ~unknown, name, "above 100 rad/s or 500 m/s^2")
     if healthy is not None:
         values = remarks.remove(values, np.asarray(~healthy), name, "sensor marked unhealthy by the autopilot")
     names = ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
-    if np.isfinite(values).all() and (np.diff(t) > 0.0).all():
+    if not unknown.any() and np.isfinite(values).all() and (t[1:] > t[:-1]).all():
         # The longest table of a log stays one block, which the estimator reads as it is.
         return pd.DataFrame(values, index=pd.Index(t.copy(), name="t", dtype=np.float64), columns=names, copy=False)
     return series(t, dict(zip(names, values.T, strict=True)))

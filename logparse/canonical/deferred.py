@@ -142,11 +142,12 @@ class Later:
             self.columns[name] = columns
         return None, ()
 
+    def silent(self) -> list[str]:
+        """Return the tables that must be built before all findings are known."""
+        return [name for name in self.builders if name not in self.remarks and name not in self.columns]
+
     def findings(self, remarks: Remarks) -> tuple[Finding, ...]:
-        """Return all findings, those of tables that nobody has asked for included."""
-        for name, build in self.builders.items():
-            if name not in self.remarks and name not in self.columns:
-                build()
+        """Return the findings of the tables built so far, and others."""
         together = Remarks()
         for each in (remarks, *self.remarks.values()):
             together.take(each)

@@ -30,6 +30,10 @@ def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[s
             if len(frame):
                 found.append((name, frame))
             continue
+        logged = frame[column].to_numpy()
+        if len(logged) and logged.dtype.kind in "iu" and (logged == logged[0]).all():
+            found.append((f"{name}[{int(logged[0])}]", frame))
+            continue
         values = numbers(frame, column)
         for value in np.unique(values[np.isfinite(values)]):
             mine = values == value

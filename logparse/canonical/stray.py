@@ -19,6 +19,9 @@ from logparse.tables import Tables
 Marks = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.intp]
 
+#: Rows that are looked at at a time.
+PIECE = 1 << 15
+
 #: Rows on either side that a row is held against, and how many times further off the line it is than any of them.
 BESIDE, RATIO = 10, 6.0
 #: The rows beside a damaged one differ by no more than this part of how far it is off.
@@ -101,13 +104,14 @@ def without_stray(table: pd.DataFrame | None, name: str, remarks: Remarks) -> pd
 def stray_rows(table: pd.DataFrame, limits: tuple[Limit, ...]) -> Marks:
     """Return which rows are damaged, shape (n,)."""
     t = table.index.to_numpy(np.float64)
-    step = np.diff(t)
-    close = APART * float(np.median(step))
-    together = np.concatenate([[False], np.maximum(step[1:], step[:-1]) < close, [False]])
     marked = np.zeros(len(t), np.bool_)
+    together: Marks | None = None
     for limit in limits:
         for column in limit.columns:
             rows = _alone_off(t, table[column].to_numpy(np.float64), limit)
+            if not len(rows):
+                continue
+            together = _together(t) if together is None else together
             rows = rows[together[rows]]
             if limit.alone:
                 others = [c for each in limits for c in each.columns if c != column]
@@ -116,19 +120,31 @@ def stray_rows(table: pd.DataFrame, limits: tuple[Limit, ...]) -> Marks:
     return marked
 
 
+def _together(t: Array) -> Marks:
+    """Return which rows lie no further from both neighbours than rows usually do."""
+    step = np.diff(t)
+    close = APART * float(np.median(step))
+    return np.concatenate([[False], np.maximum(step[1:], step[:-1]) < close, [False]])
+
+
 def _alone_off(t: Array, values: Array, limit: Limit) -> Rows:
     """Return the rows that are off the line between their neighbours where the rows about them are not."""
-    rise = np.diff(values)
-    if limit.angle:
-        rise = wrap(rise)
     # No value is further off the line than from one of its neighbours: most tables have nothing to look at.
-    if not (np.abs(rise) > 0.999 * limit.least).any():
+    if not any(_steps(values[first : first + PIECE + 1], limit) for first in range(0, len(values), PIECE)):
         return np.empty(0, np.intp)
     off, across = _off_line(t, values, angle=limit.angle)
     dt = np.diff(t)
     bound = limit.least + 0.5 * limit.acceleration * dt[:-1] * dt[1:]
     rows = np.flatnonzero((off[1:-1] > bound) & (across[1:-1] < BACK * off[1:-1])) + 1
     return np.asarray(rows[off[rows] > RATIO * _largest_beside(off, rows)])
+
+
+def _steps(values: Array, limit: Limit) -> bool:
+    """Return whether any value is further from the one before than what counts as off the line."""
+    rise = np.diff(values)
+    if limit.angle:
+        rise = wrap(rise)
+    return bool((np.abs(rise) > 0.999 * limit.least).any())
 
 
 def _off_line(t: Array, values: Array, *, angle: bool = False) -> tuple[Array, Array]:
