@@ -13,7 +13,7 @@ processes that compile two versions at the same time may both write number 1, an
 before its file is written may lead to the file of an older source. Here files are named after what is in them.
 
 As with numba, files lie beside the source where that can be written, else in the user's cache folder, and in
-``NUMBA_CACHE_DIR`` where that is set.
+``NUMBA_CACHE_DIR`` where that is set. Where none of these can be written, every process compiles for itself.
 """
 
 # mypy: allow-untyped-calls
@@ -24,6 +24,7 @@ import io
 import pickle
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -52,7 +53,9 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[F], F]:
         dispatcher = cast(Any, numba.njit(**options))(function)
         # With NUMBA_DISABLE_JIT it is the function itself; of a function without a file nothing can be kept.
         if cache and dispatcher is not function:
-            dispatcher._cache = _Cache(function)
+            # Numba refuses the function where no folder can be written, as in a container that may only read.
+            with suppress(RuntimeError):
+                dispatcher._cache = _Cache(function)
             dispatcher._compiler.compile = _without_collecting(dispatcher._compiler.compile)
         return cast(F, dispatcher)
 
@@ -74,11 +77,15 @@ def _without_collecting(compile_function: Callable[..., Any]) -> Callable[..., A
     return compiled
 
 
+def can_be_kept(kernel: Callable[..., Any]) -> bool:
+    """Report whether there is a folder for the machine code of a function of `njit`."""
+    return isinstance(getattr(kernel, "_cache", None), _Cache)
+
+
 def is_kept(kernel: Callable[..., Any]) -> bool:
     """Report whether the machine code of a function of `njit` is on the disk, for arguments as it is annotated with."""
     dispatcher = cast(Any, kernel)
-    cache = getattr(dispatcher, "_cache", None)
-    return not isinstance(cache, _Cache) or cache.holds(argument_types(dispatcher), dispatcher.targetctx)
+    return can_be_kept(kernel) and dispatcher._cache.holds(argument_types(dispatcher), dispatcher.targetctx)
 
 
 def compile_ahead(kernel: Callable[..., Any]) -> None:

@@ -19,7 +19,7 @@ import sysid.rigid_body.conditions._carry_kernels as carrying
 import sysid.rigid_body.methods._gust_kernels as gusts
 import sysid.rigid_body.motion._rigid_kernels as rigid_body
 import sysid.transfer_functions._kernels as transfer_functions
-from logparse.compiled import compile_ahead, is_kept
+from logparse.compiled import can_be_kept, compile_ahead, is_kept
 from pipeline.execution import second
 from pipeline.execution.stages import Progress, silent
 
@@ -61,7 +61,9 @@ def compile_missing(progress: Progress = silent, kernels: Sequence[Callable[...,
     kernels : sequence of callable
         At most 256, those that take longest first.
     """
-    missing = [kernel for kernel in kernels if not is_kept(kernel)]
+    missing = [kernel for kernel in kernels if can_be_kept(kernel) and not is_kept(kernel)]
+    if not all(can_be_kept(kernel) for kernel in kernels):
+        progress("compiling in every run: set NUMBA_CACHE_DIR to a folder that can be written", 0.0)
     if not missing:
         return
     progress("compiling the numerical loops, once on this computer", 0.0)

@@ -1,5 +1,6 @@
 """Machine code on the disk: used at once, and never that of another version."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -27,14 +28,19 @@ print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arrayobj" in sys.modules)
 """
 
 
-def run(folder: Path, dtype: str, factor: int = 2) -> tuple[str, bool]:
+def run(folder: Path, dtype: str, factor: int = 2, *, keep: bool = True) -> tuple[str, bool]:
     """Call the kernel in a process of its own; its result, and whether numba got ready to compile."""
     script = folder / "kernel.py"
     source = SOURCE.format(factor=factor)
     if not script.exists() or script.read_text() != source:
         script.write_text(source)
     command = [sys.executable, str(script), dtype]
-    environment = {"PYTHONPATH": str(Path(__file__).parents[2]), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    # A home that is no folder: the last place that numba would keep code in.
+    environment = {"PYTHONPATH": str(Path(__file__).parents[2]), "HOME": os.devnull}
+    if keep:
+        environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
+    else:
+        (folder / "__pycache__").write_text("no folder")
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     result, ready = done.stdout.split()
     return result, ready == "True"
@@ -79,3 +85,9 @@ def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, damage: bytes) 
     code.write_bytes(damage)
     assert run(tmp_path, "float64") == ("6.0", True)
     assert run(tmp_path, "float64") == ("6.0", False)
+
+
+def test_code_is_compiled_in_every_run_where_no_folder_can_be_written(tmp_path: Path) -> None:
+    """As in a container that may only read: every command ended in "a bug in rotorid"."""
+    assert run(tmp_path, "float64", keep=False) == ("6.0", True)
+    assert run(tmp_path, "float64", keep=False)[0] == "6.0"
