@@ -27,62 +27,48 @@ _FIX = ["lat", "lon", "alt", *_VELOCITY]
 
 def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
     """Leave out repetitions of a fix, or of its velocity alone, while the craft turns, and report them."""
-    tables, found = _without_frozen_fixes(tables)
-    tables, more = _without_frozen_velocities(tables)
-    return tables, [*found, *more]
-
-
-def _without_frozen_velocities(tables: Tables) -> tuple[Tables, list[Finding]]:
-    """Leave out velocities that stand still while positions move on."""
-    if tables.gps is None:
+    gps, found = tables.gps, []
+    if gps is None:
         return tables, []
-    gps = tables.gps
+    spans = [span for span in _repeated(gps, _FIX) if _turns(tables, *span)]
+    if spans:
+        old = _during(gps, spans)
+        gps = gps[~old]
+        found.append(
+            _frozen("fix", "turns", spans, "the repetitions are", "cable and its driver", fixes=int(old.sum()))
+        )
     spans = [
         (first, last)
         for first, last in _repeated(gps, _VELOCITY)
         if gps.loc[first:last, _VELOCITY].notna().any(axis=None)
         and (_turns(tables, first, last) or _goes_elsewhere(gps.loc[first:last]))
     ]
-    if not spans:
-        return tables, []
-    gps = gps.copy()
-    for first, last in spans:
-        gps.loc[first:last, _VELOCITY] = np.nan
-    frozen = sum(last - first for first, last in spans)
-    return replace(tables, gps=gps), [
-        Finding(
-            "gps-frozen",
-            Severity.WARNING,
-            f"The GPS repeats one velocity to the last digit while the craft turns or goes elsewhere, "
-            f"{frozen:.0f} s in all from t = {spans[0][0]:.1f} s: these velocities are not used.",
-            "Look at the receiver's messages and its driver.",
-            {"start": spans[0][0], "stop": spans[-1][1], "seconds": frozen},
+    if spans:
+        gps = gps.copy()
+        for first, last in spans:
+            gps.loc[first:last, _VELOCITY] = np.nan
+        found.append(
+            _frozen("velocity", "turns or goes elsewhere", spans, "these velocities are", "messages and its driver")
         )
-    ]
+    return (replace(tables, gps=gps), found) if found else (tables, found)
 
 
-def _without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
-    spans = [] if tables.gps is None else _repeated(tables.gps, _FIX)
-    spans = [(first, last) for first, last in spans if _turns(tables, first, last)]
-    if not spans:
-        return tables, []
-    gps = tables.gps
-    assert gps is not None
+def _during(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> np.ndarray:
+    """Return which rows follow the first of a span."""
     t = gps.index.to_numpy(np.float64)
-    old = np.zeros(len(gps), np.bool_)
-    for first, last in spans:
-        old |= (t > first) & (t <= last)
-    frozen = sum(last - first for first, last in spans)
-    return replace(tables, gps=gps[~old]), [
-        Finding(
-            "gps-frozen",
-            Severity.WARNING,
-            f"The GPS repeats one fix to the last digit while the craft turns, {frozen:.0f} s in all from "
-            f"t = {spans[0][0]:.1f} s: the repetitions are not used.",
-            "Look at the receiver's cable and its driver.",
-            {"start": spans[0][0], "stop": spans[-1][1], "seconds": frozen, "fixes": int(old.sum())},
-        )
-    ]
+    return np.asarray(np.logical_or.reduce([(t > first) & (t <= last) for first, last in spans]))
+
+
+def _frozen(what: str, while_: str, spans: list[tuple[float, float]], left_out: str, look: str, **more: int) -> Finding:
+    seconds = sum(last - first for first, last in spans)
+    return Finding(
+        "gps-frozen",
+        Severity.WARNING,
+        f"The GPS repeats one {what} to the last digit while the craft {while_}, {seconds:.0f} s in all from "
+        f"t = {spans[0][0]:.1f} s: {left_out} not used.",
+        f"Look at the receiver's {look}.",
+        {"start": spans[0][0], "stop": spans[-1][1], "seconds": seconds, **more},
+    )
 
 
 def _repeated(gps: pd.DataFrame, columns: list[str]) -> list[tuple[float, float]]:

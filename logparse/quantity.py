@@ -132,7 +132,7 @@ def size(count: int) -> str:
 
 
 def complex_numbers(
-    pairs: Sequence[tuple[float, float]], deviations: Sequence[float | None] | None = None, digits: int = 3
+    pairs: Sequence[tuple[float, float]], deviations: Sequence[float | None] | None = None
 ) -> list[tuple[str, bool]]:
     """Write roots given as (real, imaginary): ``−0.21``, and conjugate pairs once, as ``−0.21 ± 0.45 i``.
 
@@ -140,9 +140,7 @@ def complex_numbers(
     ----------
     pairs : sequence of (float, float)
     deviations : sequence of float or None, optional
-        Standard deviation of each, beyond which no digits are written; None for infinite.
-    digits : int
-        Significant digits at most.
+        Standard deviation of each, beyond which no digits are written, three at most; None for infinite.
 
     Returns
     -------
@@ -160,8 +158,8 @@ def complex_numbers(
                 return number(value, 1)
             if deviation > 0.0 and abs(value) > 0.0:
                 left = math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + 1
-                return number(value, min(max(left, 1), digits))
-            return number(value, digits)
+                return number(value, min(max(left, 1), 3))
+            return number(value, 3)
 
         if abs(imaginary) <= 1e-9 * max(abs(real), 1e-9):
             texts.append((part(real), known))

@@ -33,6 +33,9 @@ from simulation.vehicle import Multirotor, Vector
 #: Where the papers' flights are logged: at sea level, with standard gravity.
 FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
 
+#: Of the sensors' noise.
+_SEED = 1
+
 _GUIDED = 4
 _START = dt.datetime(2025, 1, 15, 12, 0, 0, tzinfo=dt.UTC)
 _BOOT = 20.0
@@ -50,7 +53,6 @@ def write_paper_log(
     *,
     gravity: float,
     wind: Vector = (0.0, 0.0, 0.0),
-    seed: int = 1,
 ) -> list[Path]:
     """Write the log (`.bin`) and the truth (`.json`) of a flight.
 
@@ -67,8 +69,6 @@ def write_paper_log(
         With which the flight was computed, m/s^2.
     wind : tuple of 3 float
         Velocity of the air, NED, m/s.
-    seed : int
-        Of the sensors' noise.
 
     Returns
     -------
@@ -80,11 +80,11 @@ def write_paper_log(
     craft = dataclasses.replace(vehicle, rotors=tuple(vehicle.rotors[k] for k in order))
     sensors = Sensors()
     log = Instruments(
-        _truth(path.rename(columns=renamed), craft, sensors, gravity, wind, seed),
+        _truth(path.rename(columns=renamed), craft, sensors, gravity, wind),
         craft,
         FIELD,
         sensors,
-        seed=seed,
+        seed=_SEED,
         start_utc=_START,
         boot=_BOOT,
         filter_frequency=_FILTER,
@@ -117,9 +117,7 @@ def motor_order(vehicle: Multirotor) -> list[int]:
     return order
 
 
-def _truth(
-    path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: float, wind: Vector, seed: int
-) -> pd.DataFrame:
+def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: float, wind: Vector) -> pd.DataFrame:
     """Complete the state by what instruments feel, at 100 Hz."""
     t = path.index.to_numpy()
     dt_path = t[1] - t[0]
@@ -134,7 +132,7 @@ def _truth(
     }
     raw = np.column_stack([*columns_of(path, "w_x", "w_y", "w_z"), *force.values()])
     inertial, density = sensors.inertial, math.sqrt(0.5 / dt_path)
-    noise = np.random.RandomState(seed * 10).standard_normal(raw.shape) * density
+    noise = np.random.RandomState(_SEED * 10).standard_normal(raw.shape) * density
     noise[:, :3] *= inertial.gyro_noise + inertial.gyro_vibration
     noise[:, 3:] *= inertial.accel_noise + inertial.accel_vibration
     b, a = butter(2, _FILTER, fs=1.0 / dt_path)

@@ -156,9 +156,10 @@ def _analyze(
         None if isinstance(flight, Failure) else present(stages.run("health", lambda _: logged_rates(tables, flight)))
     )
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
+    part = sound if isinstance(sound, Failure) else busiest(log, sound)
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
-    aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, apart))
+    aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, part, apart))
     tables.release(keep="imu")
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
@@ -174,7 +175,7 @@ def _analyze(
         stages.raise_unforeseen("flight", "trajectory")
         raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
 
-    fitted = _fit(log, trajectory, flight, sound, config, name, stages)
+    fitted = _fit(log, trajectory, flight, part, config, name, stages)
 
     coverage = _measured(log, trajectory, flight, fitted, rates, stages)
     done = aside()
@@ -208,7 +209,7 @@ def _analyze(
             *log.findings,
             *checked,
             *(() if isinstance(timeline, Failure) else health_findings(timeline)),
-            *(() if isinstance(sound, Failure) else part_findings(log, sound)),
+            *(part_findings(sound, part) if isinstance(sound, Span) and isinstance(part, Span) else ()),
             *findings_of(done.rotation),
             *weak,
             *findings_of(estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values()),
@@ -232,12 +233,15 @@ class _WithoutTrajectory:
     stages: Stages
 
 
-def _without_trajectory(log: FlightLog, sound: Span | Failure, stages: Stages) -> _WithoutTrajectory:
+def _without_trajectory(
+    log: FlightLog, sound: Span | Failure, part: Span | Failure, stages: Stages
+) -> _WithoutTrajectory:
     """Look at what needs no trajectory: how the craft turns, its loops and its motors."""
-    if isinstance(sound, Failure):
-        return _WithoutTrajectory(sound, sound, sound, stages)
+    if isinstance(part, Failure):
+        return _WithoutTrajectory(part, part, part, stages)
+    assert not isinstance(sound, Failure)
     log.tables.release()
-    rotation = stages.run("rotation", lambda _: find_rotation(log, busiest(log, sound)))
+    rotation = stages.run("rotation", lambda _: find_rotation(log, part))
     loops = stages.run("loops", lambda _: assess_loops(log, sound))
     motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
@@ -269,13 +273,13 @@ def _fit(
     log: FlightLog,
     trajectory: estimation.Trajectory | Failure,
     flight: Span | Failure,
-    sound: Span | Failure,
+    part: Span | Failure,
     config: AnalysisConfig,
     name: str,
     stages: Stages,
 ) -> _Fitted:
-    """Fit every kind of model to the first part of the flight as far as it is sound, and validate it on the rest."""
-    if isinstance(flight, Failure) or isinstance(sound, Failure):
+    """Fit every kind of model to the beginning of the flight's part that models are of, and validate it on the rest."""
+    if isinstance(flight, Failure) or isinstance(part, Failure):
         return _nothing(flight)
     if isinstance(trajectory, Failure):
         return _nothing(trajectory)
@@ -284,7 +288,7 @@ def _fit(
     models: list[ModelResult] = []
     unfit = trajectory.unknown_position(flight.start, flight.stop)
     for kind in KINDS:
-        record = _record(kind, log, trajectory, sound, config, name, experiments.values(), stages)
+        record = _record(kind, log, trajectory, part, config, name, experiments.values(), stages)
         log.tables.release()
         if isinstance(record, Failure):
             failure = Failure(record.stage, record.reason.removeprefix(f"{name}: "))
@@ -359,7 +363,7 @@ def _record(
     kind: Kind,
     log: FlightLog,
     trajectory: estimation.Trajectory,
-    sound: Span,
+    part: Span,
     config: AnalysisConfig,
     name: str,
     beside: Iterable[sysid.Experiment],
@@ -368,7 +372,6 @@ def _record(
     """Cut the flight as a kind of model needs it."""
 
     def cut(_: Progress) -> sysid.Experiment:
-        part = busiest(log, sound)
         whole = sysid.Experiment.from_flight(
             log,
             trajectory,

@@ -40,9 +40,8 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     return Span(begin, begin + LONGEST)
 
 
-def part_findings(log: FlightLog, sound: Span) -> tuple[Finding, ...]:
-    """Explain which part of a long flight models are made of."""
-    part = busiest(log, sound)
+def part_findings(sound: Span, part: Span) -> tuple[Finding, ...]:
+    """Explain which part of a long flight, which is `busiest`, models are made of."""
     if part == sound:
         return ()
     return (

@@ -76,9 +76,7 @@ def rmse_heads(outputs: Iterable[str]) -> list[str]:
     return [f"RMSE {output} (m)" for output in outputs]
 
 
-def flight_rmse(
-    own: Sequence[ModelReport], others: Sequence[ModelReport] = (), whose: str = "the stored models"
-) -> Table | None:
+def flight_rmse(own: Sequence[ModelReport], others: Sequence[ModelReport] = ()) -> Table | None:
     """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model.
 
     Parameters
@@ -87,8 +85,6 @@ def flight_rmse(
         Models of this flight.
     others : sequence of ModelReport
         Models fitted elsewhere, with their RMSE rows of this flight only.
-    whose : str
-        What the others are.
     """
     lines: list[tuple[str, str, ByOutput | None]] = []
     parted = [(result.title, row) for result in own for row in result.rmse]
@@ -104,7 +100,7 @@ def flight_rmse(
     for part, said in (("held-out", "which have not seen it"), ("training", "which were fitted to it too")):
         rows = [(title, row) for title, row in judged if row.part == part]
         if rows:
-            lines.append(("part", f"Whole flight, by {whose}, {said}", None))
+            lines.append(("part", f"Whole flight, by the stored models, {said}", None))
             lines += [("", title, row.rmse_m) for title, row in rows]
             lines += _guesses(rows[0][1])
     if not lines:

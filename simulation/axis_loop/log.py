@@ -25,7 +25,6 @@ def write_rate_log(
     *,
     rate: float = 400.0,
     filter_hz: float = 20.0,
-    attitude_rate: float = 100.0,
     parameters: Mapping[str, float] | None = None,
     motors: Mapping[str, float] | None = None,
     gains: Mapping[str, LoopGains] | None = None,
@@ -41,8 +40,6 @@ def write_rate_log(
         Rows of RATE and SIDD per second: samples, not averages, as the autopilot logs them.
     filter_hz : float
         INS_GYRO_FILTER.
-    attitude_rate : float
-        Rows of ATT per second.
     parameters : mapping, optional
         More parameters.
     motors : mapping, optional
@@ -73,7 +70,7 @@ def write_rate_log(
             if motors is None
             else motor_tables(axes, _BOOT, **motors)
         ),
-        _attitude(axes, attitude_rate),
+        _attitude(axes),
         *_chirps(axes, rows),
         *(_pid(axes[name], one, name, rows) for name, one in (gains or {}).items()),
         *(_hover(first.t) if gains else ()),
@@ -137,9 +134,10 @@ def _modes(axes: Mapping[str, AxisRun]) -> MessageTable:
     return _table("MODE", "QMBB", "s---", "F---", [t for t, _ in rows], columns)
 
 
-def _attitude(axes: Mapping[str, AxisRun], rate: float) -> MessageTable:
+def _attitude(axes: Mapping[str, AxisRun]) -> MessageTable:
+    """Lay out ATT, 100 rows a second."""
     first = next(iter(axes.values()))
-    rows = slice(None, None, max(round(LOOP_HZ / rate), 1))
+    rows = slice(None, None, round(LOOP_HZ / 100.0))
     zero = np.zeros(len(first.t[rows]))
     columns = {}
     for name in ("roll", "pitch", "yaw"):

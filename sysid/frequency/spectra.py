@@ -390,9 +390,9 @@ def estimate(sums: SpectralSums, length: float, known: Complex | None = None) ->
     )
 
 
-def _smooth(power: Floats, reach: int = 2) -> Floats:
+def _smooth(power: Floats) -> Floats:
     """Average a spectrum of noise over a few neighbouring frequencies: few windows know it badly."""
-    kernel = np.ones(2 * reach + 1)
+    kernel = np.ones(5)
     weight = np.convolve(np.ones(len(power)), kernel, "same") if len(power) >= len(kernel) else None
     if weight is None:
         return np.full(len(power), float(np.mean(power)))

@@ -44,8 +44,8 @@ _AS_GOOD = 1.3
 #: Standard deviation of ln G beyond which a frequency will not be coherent.
 _INCOHERENT = 0.4
 
-#: Time [s] over which the first chirp of a craft fades in.
-_FIRST_FADE = 3.0
+#: Length of a chirp, and time over which the first chirp of a craft fades in, s.
+_SECONDS, _FIRST_FADE = 20.0, 3.0
 
 #: Peak of the sensitivity that a craft may have before it is known.
 _RESONANCE = 4.0
@@ -246,7 +246,7 @@ def motion_per_unit(loop: RateLoop) -> Floats:
     return np.stack([rate / (2.0 * np.pi * own.hz), rate, sensitivity])
 
 
-def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
+def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
     """Choose band and magnitude: small errors of gain and delay within the limits, starting as low as they allow.
 
     Low frequencies tell of the rejection of disturbances, which gains that `tune` tries move down.
@@ -257,8 +257,6 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
         As it was flown.
     limits : Limits
         What the chirp may ask of the craft.
-    seconds : float
-        Length of the chirp, s.
 
     Raises
     ------
@@ -278,15 +276,15 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
     allowed = (_USED_LEAN * np.radians(limits.lean_deg), _USED * np.radians(limits.rate_deg), _USED * limits.mixer)
     found_designs: list[tuple[float, ChirpDesign]] = []
     for start, stop, fade_in in itertools.product(_STARTS, _STOPS, _FADES_IN):
-        low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (_HELD * seconds)):.2g}")
+        low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (_HELD * _SECONDS)):.2g}")
         high = float(f"{min(stop * crossover, highest):.3g}")
-        if high < 3.0 * low or fade_in > seconds - FADE_OUT or _ON_MODE[0] * bends < high < _ON_MODE[1] * bends:
+        if high < 3.0 * low or fade_in > _SECONDS - FADE_OUT or _ON_MODE[0] * bends < high < _ON_MODE[1] * bends:
             continue
-        largest_motion = (moved * chirp_window(loop.hz, low, high, seconds, fade_in)).max(axis=1)
+        largest_motion = (moved * chirp_window(loop.hz, low, high, _SECONDS, fade_in)).max(axis=1)
         largest = float(np.min(np.array(allowed) / largest_motion))
         magnitude = float(f"{0.995 * largest:.2g}")
         magnitude = magnitude if magnitude <= largest else float(f"{0.9 * largest:.2g}")
-        errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, seconds, fade_in))
+        errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, _SECONDS, fade_in))
         if not errors:
             continue
         lean, rate, mixer = magnitude * largest_motion
@@ -295,7 +293,7 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
             low=low,
             high=high,
             magnitude=magnitude,
-            seconds=seconds,
+            seconds=_SECONDS,
             fade_in=fade_in,
             errors=errors,
             lean_deg=float(np.degrees(lean)),
@@ -309,7 +307,7 @@ def design_chirp(loop: RateLoop, limits: Limits, seconds: float = 20.0) -> Chirp
     return min((one for badness, one in found_designs if badness <= _AS_GOOD * least), key=lambda one: one.low)
 
 
-def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -> ChirpDesign:
+def first_chirp(settings: LoopSettings, limits: Limits) -> ChirpDesign:
     """Choose a careful chirp for a craft that was never identified, from its gains alone.
 
     Where the loop is tight the rate per unit of the chirp is one over the controller's gain; elsewhere less, but for
@@ -321,8 +319,6 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
         Gains and filters of the axis.
     limits : Limits
         What the chirp may ask of the craft.
-    seconds : float
-        Length of the chirp, s.
     """
     low, high = DEFAULT_BAND
     hz = np.geomspace(low, high, 200)
@@ -340,7 +336,7 @@ def first_chirp(settings: LoopSettings, limits: Limits, seconds: float = 20.0) -
         low,
         high,
         magnitude,
-        seconds,
+        _SECONDS,
         _FIRST_FADE,
         (),
         float(np.degrees(magnitude * lean.max())),

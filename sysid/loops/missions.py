@@ -69,12 +69,12 @@ def _line(
     return "\t".join([str(k), str(current), str(frame), str(command), *numbers, "1"])
 
 
-def drag_legs(height: float, length: float = 120.0) -> tuple[Leg, ...]:
+def drag_legs(height: float) -> tuple[Leg, ...]:
     """Return there and back at four speeds in each of two directions, so that wind and drag part."""
     legs: list[Leg] = [Leg(0.0, 0.0, height, 3.0, 5.0)]
     for speed in (3.0, 6.0, 9.0, 12.0):
-        legs += [Leg(length, 0.0, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
-        legs += [Leg(0.0, length, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
+        legs += [Leg(120.0, 0.0, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
+        legs += [Leg(0.0, 120.0, height, speed, 3.0), Leg(0.0, 0.0, height, speed, 3.0)]
     return tuple(legs)
 
 

@@ -342,6 +342,10 @@ class Experiment(Summarised):
         ExperimentError
             The rate is not positive, or leaves too few samples.
         """
+        return self._resampled(rate)
+
+    def _resampled(self, rate: float, later: float = 0.0) -> Experiment:
+        """Resample, with inputs as they are so many seconds after each new sample."""
         if not rate > 0.0:
             raise ExperimentError(f"{self.name}: a rate of {rate:g} Hz; choose more than 0")
         t = self.t[0] + np.arange(int(self.duration * rate * (1.0 + 1e-9)) + 1) / rate
@@ -351,8 +355,8 @@ class Experiment(Summarised):
         if context is not None:
             values = resample_columns(self.t, context.to_numpy(np.float64), t)
             context = pd.DataFrame(values, index=pd.Index(t, name=context.index.name), columns=context.columns)
-        u, y = resample_columns(self.t, self.u, t), resample_columns(self.t, self.y, t)
-        return replace(self, t=t, u=u, y=y, context=context)
+        u = resample_columns(self.t, self.u, np.minimum(t + later, self.t[-1]) if later else t)
+        return replace(self, t=t, u=u, y=resample_columns(self.t, self.y, t), context=context)
 
     def at_most(self, rate: float) -> Experiment:
         """Return the record itself, or resampled where it has clearly more samples per second than `rate`.
@@ -362,9 +366,7 @@ class Experiment(Summarised):
         """
         if not self.rate > FASTER * rate:
             return self
-        slower = self.resample(rate)
-        middle = slower.t + 0.5 * (1.0 / rate - 1.0 / self.rate)
-        return replace(slower, u=resample_columns(self.t, self.u, np.minimum(middle, self.t[-1])))
+        return self._resampled(rate, later=0.5 * (1.0 / rate - 1.0 / self.rate))
 
     def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Experiment:
         """Keep some of the inputs and outputs, in the order given; all of them where nothing is given.

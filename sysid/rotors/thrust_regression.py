@@ -143,7 +143,7 @@ def blocks_of(
     )
 
 
-def regress(regressors: Sequence[Floats], outputs: Sequence[Floats], most_lags: int = 10) -> Regression:
+def regress(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Regression:
     """Least squares with standard errors for coloured residuals.
 
     Parameters
@@ -151,12 +151,10 @@ def regress(regressors: Sequence[Floats], outputs: Sequence[Floats], most_lags: 
     regressors : sequence of ndarray, shape (N_r, q)
         One per record.
     outputs : sequence of ndarray, shape (N_r,)
-    most_lags : int
-        How far residuals are taken to be correlated, samples.
     """
     values = coefficients(regressors, outputs)
     residuals = [force - rows @ values for force, rows in zip(outputs, regressors, strict=True)]
-    sigma = np.sqrt(np.maximum(np.diag(covariance_of(regressors, residuals, most_lags)), 0.0))
+    sigma = np.sqrt(np.maximum(np.diag(covariance_of(regressors, residuals)), 0.0))
     return Regression(values, sigma, float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))))
 
 

@@ -95,17 +95,17 @@ def steady_gains(index: float) -> Disturbance:
     return Disturbance(float(alpha), float(beta))
 
 
-def fit_disturbance(residuals: Sequence[Floats], dt: float, horizon: float = 1.0) -> Disturbance:
-    """Choose the gains and the memory that predict the training residuals best `horizon` seconds ahead.
+def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
+    """Choose the gains and the memory that predict the training residuals best a second ahead.
 
     Parameters
     ----------
     residuals : sequence of ndarray, shape (N,)
         One per record.
-    dt, horizon : float
+    dt : float
         s.
     """
-    steps = max(round(horizon / dt), 1)
+    steps = max(round(1.0 / dt), 1)
     long = [residual for residual in residuals if len(residual) > steps]
     drifting = [steady_gains(index) for index in TRACKING_INDICES]
     # A level without a slope suits what wanders without direction.

@@ -38,11 +38,11 @@ class Root:
         """Whether the deviation is below half of the distance from the origin."""
         return self.sigma < DETERMINED * abs(self.value)
 
-    def ellipse(self, level: float = 0.95, points: int = 48) -> Complex:
+    def ellipse(self, level: float = 0.95) -> Complex:
         """Draw the line within which the root lies with the given probability; on the axis, for a real root."""
         values, vectors = np.linalg.eigh(self.covariance)
         radii = np.sqrt(np.maximum(values, 0.0) * chi2_isf(2 if self.value.imag else 1, 1.0 - level))
-        angle = np.linspace(0.0, 2.0 * np.pi, points)
+        angle = np.linspace(0.0, 2.0 * np.pi, 48)
         around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
         return np.asarray(self.value + around[0] + 1j * around[1])
 

@@ -25,7 +25,7 @@ def test_the_busiest_half_hour_is_taken_and_named() -> None:
     part = busiest(_log(), HOURS)
     assert part.stop - part.start == pytest.approx(LONGEST)
     assert part.start == pytest.approx(100.0 + 2.0 * LONGEST, abs=0.1 * LONGEST)
-    (finding,) = part_findings(_log(), HOURS)
+    (finding,) = part_findings(HOURS, part)
     assert finding.id == "part-of-long-flight"
     assert "lasts 150 min" in finding.reason
 
@@ -33,7 +33,7 @@ def test_the_busiest_half_hour_is_taken_and_named() -> None:
 def test_usual_flights_and_those_with_chirps_count_as_a_whole() -> None:
     usual = Span(100.0, 100.0 + LONGEST)
     assert busiest(_log(), usual) == usual
-    assert part_findings(_log(), usual) == ()
+    assert part_findings(usual, usual) == ()
     assert busiest(_log(pd.DataFrame({"axis": [10.0]})), HOURS) == HOURS
 
 

@@ -30,10 +30,8 @@ class Increments:
     jacobian: Floats
 
 
-def velocity_increments(
-    flight: Motion, theta: Floats, law: int, shapes: Floats | None = None, seconds: float = BLOCK_SECONDS
-) -> Increments:
-    """Hold the changes of velocity of a flight against the model's.
+def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
+    """Hold the changes of velocity of a flight against the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
 
     Parameters
     ----------
@@ -42,17 +40,13 @@ def velocity_increments(
         Parameters in the order of `_rigid_kernels`.
     law : int
         Of drag.
-    shapes : ndarray, shape (N, w), optional
-        Of the wind over time; a constant wind when not given.
-    seconds : float
-        Length of a block, s.
     """
     count = len(flight.t)
-    shapes = np.ones((count, 1)) if shapes is None else shapes
     model, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta)))
     heights = flight.ground - flight.position[:, 2]
-    accelerations(theta, flight.signals(theta[LAG]), shapes, heights, flight.velocity, law, model, jacobian)
-    size = min(max(round(seconds / flight.dt), 1), count - 1)
+    still = np.ones((count, 1))
+    accelerations(theta, flight.signals(theta[LAG]), still, heights, flight.velocity, law, model, jacobian)
+    size = min(max(round(BLOCK_SECONDS / flight.dt), 1), count - 1)
     edges = np.arange(0, count, size)
 
     def over_blocks(rates: Floats) -> Floats:

@@ -21,8 +21,9 @@ from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 #: Length of the runs that are compared, s; attitude is measured throughout.
 RUN_SECONDS = 0.2
 
-#: Length of the windows of a trim, s: manoeuvres, during which the model errs this way and that, are shorter.
-TRIM_SECONDS = 5.0
+#: Length of the windows of the wind, and of a trim, s: manoeuvres, during which the model errs this way and that, are
+#: shorter than these.
+WIND_SECONDS, TRIM_SECONDS = 1.0, 5.0
 
 #: Windows farther from the median than so many median distances are unlike the others; three standard deviations.
 _UNLIKE = 4.4
@@ -86,9 +87,7 @@ def _usual(values: Floats) -> float:
     return float(values[away <= _UNLIKE * np.median(away) + 1e-12].mean())
 
 
-def estimate_wind(
-    model: SixDofModel, experiment: Experiment, window: float = 1.0, trim: Floats | None = None
-) -> WindTrack:
+def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | None = None) -> WindTrack:
     """Estimate the horizontal wind of a record with a model whose drag is known.
 
     Short runs from measured states are compared in velocity; the wind and the thrust of a window are what makes their
@@ -99,8 +98,6 @@ def estimate_wind(
     model : SixDofModel
         Fitted on records of known wind, or of much speed through the air.
     experiment : Experiment
-    window : float
-        s.
     trim : ndarray, shape (2,), optional
         Of `estimate_trim`, forward and right, m/s^2; it is not taken for drag.
 
@@ -109,7 +106,7 @@ def estimate_wind(
     ExperimentError
         When the record is shorter than a window.
     """
-    runs = _runs(model, experiment, window)
+    runs = _runs(model, experiment, WIND_SECONDS)
     lean = np.zeros(2) if trim is None else trim
 
     def errors(sought: Floats) -> Floats:
