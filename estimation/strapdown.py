@@ -34,7 +34,7 @@ from estimation.trust import (
     scaled_gyro,
     wandering_compass,
 )
-from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
+from estimation.tuning import LAGGING, RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -83,6 +83,13 @@ class _Known:
             )
         longest = _longest(found)
         tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
+        if tuned.late_barometer:
+            # An IMU that agreed better with a barometer of another time was chosen for nothing.
+            timely = observations.earlier(LAGGING["baro"], tuned.lags["baro"])
+            found, before = find_segments(tables, place, timely, noise), longest.imu
+            longest = _longest(found)
+            if longest.imu != before:
+                tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
         found = [s.rescaled(tuned.yaw_scale) if s.imu == longest.imu else s for s in found]
         return cls(observations, found, tuned)
 

@@ -7,6 +7,7 @@ it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from hashlib import blake2b
 from typing import Any
 
@@ -21,6 +22,7 @@ from estimation.shocks import believed
 from estimation.smoother import smooth
 from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
 from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
+from estimation.trust import LATE
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
 WINDOW = 180.0
@@ -48,6 +50,8 @@ LAG_LARGE = 0.1
 #: The same of compass and barometer, whose rows may be means of what they measured since the row before.
 FINE_LAGS = (-1.5, -1.1, -0.8, -0.55, -0.36, -0.24, -0.16, -0.1, -0.05, 0.0)
 FINE_LAGS += tuple(-lag for lag in reversed(FINE_LAGS[:-1]))
+#: Those of a barometer whose driver filters heavily.
+BARO_LAGS = (*FINE_LAGS, 2.0, 2.7, 3.6, 4.8, 6.4)
 #: Sensors whose lag is looked for, and their kinds of measurement.
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
@@ -55,6 +59,16 @@ LAGGING: Mapping[str, tuple[int, ...]] = {
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
     "baro": (_kernels.BARO,),
 }
+#: What is tried for each sensor: further lags only where none of the nearer ones is a peak, since they cost readings at
+#: the ends.
+LAGS: Mapping[str, tuple[tuple[float, ...], ...]] = {
+    "mag": (FINE_LAGS,),
+    "gps": (GPS_LAGS,),
+    "gps2": (GPS_LAGS,),
+    "baro": (FINE_LAGS, BARO_LAGS),
+}
+#: Sensors whose clock a barometer does not know.
+RECEIVERS = frozenset({"gps", "gps2"})
 #: Steps about the yaw gyro's scale at which likelihood is laid through a parabola, and how often: gyros of this class
 #: are off by up to 3 % (data sheets of MPU-6000 and ICM-20689).
 SCALE_STEPS, SCALE_PASSES = np.array([-0.02, 0.0, 0.02]), 3
@@ -71,6 +85,8 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
+#: Those of a late barometer: the filter that makes it late hides its wander from the innovations.
+HIDDEN_WALKS = LADDERS["baro_walk"][2:]
 #: Hard iron's walk about which the search begins, T/sqrt(s).
 COMPASS_CLASS = 2e-8
 #: Tilt and the accelerometer's bias are known to begin with if their 1-sigma is below this, rad and m/s^2.
@@ -100,6 +116,11 @@ class Tuned:
     imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
     lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
     yaw_scale: float  #: Factor on the rate about the down axis that makes it true.
+
+    @property
+    def late_barometer(self) -> bool:
+        """Whether the barometer is so late that one lag may not undo it, as behind a filter."""
+        return abs(self.lags.get("baro", 0.0)) > LATE
 
     def in_time(self, observations: Observations) -> Observations:
         """Put observations at the times that were found."""
@@ -230,19 +251,19 @@ class _Search:
 
     def search(self) -> None:
         """Find lags and noise, from what `begin` found."""
-        for _ in range(2):
+        for last in (False, True):
             found = {}
             for sensor in self.lags:
                 # Some hundredths of a second of a barometer say more of its noise than of its clock.
                 least = LAG_LARGE if sensor == "baro" else 0.0
-                found[sensor] = _find_lag(
-                    self.observations, LAGGING[sensor], self.span, self.lay_out, self.passes, least
-                )
+                found[sensor] = _find_lag(self._judging(sensor), sensor, self.span, self.lay_out, self.passes, least)
                 self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
                 self.lags[sensor] += found[sensor]
             # What was found with a clock that was off is found again with it set right.
             if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
                 break
+            if self.found.late_barometer and not last:
+                self._forget_receivers()
             self.begin()
         self._find_yaw_scale()
         problem = self.lay_out(self.observations)
@@ -251,6 +272,8 @@ class _Search:
             self.imu_scale[column], problem = _scale_imu(problem, column, self.passes)
         start = replace(self.aligned, x=self.x)
         for setting, ladder in LADDERS.items():
+            if setting == "baro_walk" and self.found.late_barometer:
+                ladder = HIDDEN_WALKS
             problem = _set_noise(problem, start, setting, ladder, self.passes)
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
             problem = _set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
@@ -260,10 +283,25 @@ class _Search:
         self._take(replace(problem, white_scale=matched))
         # A start whose tilt is still sought makes up for a lag, or the lag for it.
         if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
-            for sensor in self.lags.keys() & {"gps", "gps2"}:
-                self.lags[sensor] += _refine_lag(self.observations, LAGGING[sensor], self.span, self.lay_out)
+            for sensor in self.lags.keys() & RECEIVERS:
+                self.lags[sensor] += _refine_lag(self._judging(sensor), LAGGING[sensor], self.span, self.lay_out)
         if self.yaw_scale != 1.0:
             self._doubt_yaw_scale()
+
+    def _judging(self, sensor: str) -> Observations:
+        """Return the observations that the lag of a sensor is judged by.
+
+        The IMU tells a receiver's clock. A barometer that is late lags as a filter does, which no one lag undoes: it
+        would bend the receiver's clock by hundredths of a second, and each of them is 8 cm at 8 m/s.
+        """
+        alone = self.found.late_barometer and sensor in RECEIVERS
+        return self.observations.without(_kernels.BARO) if alone else self.observations
+
+    def _forget_receivers(self) -> None:
+        """Put receivers back to the times that their tables state: what was found may have been the barometer's lag."""
+        for sensor in self.lags.keys() & RECEIVERS:
+            self.observations = self.observations.earlier(LAGGING[sensor], -self.lags[sensor])
+            self.lags[sensor] = 0.0
 
     def _find_yaw_scale(self) -> None:
         """Find the scale of the gyro about the down axis, where it is decisively likelier than 1.
@@ -387,7 +425,7 @@ def _compared(
 
 def _find_lag(
     observations: Observations,
-    kinds: tuple[int, ...],
+    sensor: str,
     span: tuple[float, float],
     lay_out: Callable[[Observations], Problem],
     passes: _Passes,
@@ -398,20 +436,26 @@ def _find_lag(
     Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
     be decisively likelier.
     """
-    steps = GPS_LAGS if len(kinds) > 1 else FINE_LAGS
-    compared = _compared(observations, kinds, span, steps[-1])
+    kinds = LAGGING[sensor]
 
-    def at(lag: float) -> Problem:
-        return lay_out(compared.earlier(kinds, lag))
+    def at(lag: float, readings: Observations) -> Problem:
+        return lay_out(readings.earlier(kinds, lag))
+
+    for steps in LAGS[sensor]:
+        compared = _compared(observations, kinds, span, steps[-1])
+        likelihoods, _ = _climb(partial(at, readings=compared), steps, 0.0, passes)
+        near = max(likelihoods, key=likelihoods.__getitem__)
+        if near not in (steps[0], steps[-1]):
+            break
+    else:
+        # No peak within reach, so that what is wrong is something else.
+        return 0.0
+    if abs(near) + CLOSER < least:
+        return 0.0
 
     def posterior(lag: float) -> float:
-        return passes.likelihood(at(lag)) - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
+        return passes.likelihood(at(lag, compared)) - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
 
-    likelihoods, _ = _climb(at, steps, 0.0, passes)
-    near = max(likelihoods, key=likelihoods.__getitem__)
-    if near in (steps[0], steps[-1]) or abs(near) + CLOSER < least:
-        # No peak within reach, so that what is wrong is something else; or none that counts.
-        return 0.0
     posteriors = {lag: posterior(lag) for lag in {0.0, near}}
     for _ in range(CLOSER_STEPS):
         for lag in (near - CLOSER, near + CLOSER):

@@ -127,7 +127,7 @@ def test_a_clock_that_nothing_tells_is_left_alone(flight):
         assert in_one_time(replace(flight.tables, gps=gps.assign(t_valid=when)))[1] == []
 
 
-@pytest.mark.parametrize(("what", "lag"), [("baro", 1.0), ("mag", 0.6), ("mag", -0.4)])
+@pytest.mark.parametrize(("what", "lag"), [("baro", 1.0), ("baro", 3.0), ("mag", 0.6), ("mag", -0.4)])
 def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     """Half a second of the compass is degrees of heading in every turn, one of the barometer a speed of climb."""
     table = getattr(flight.tables, what)
@@ -138,6 +138,30 @@ def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     error = compare(result, truth)
     assert error.vertical_velocity < 1.5 * clean.vertical_velocity
     assert error.yaw < 1.5 * clean.yaw
+
+
+def test_a_receiver_beside_a_late_barometer_is_found_late(flight):
+    gps, baro = flight.tables.gps, flight.tables.baro
+    late = replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + 0.4), baro=baro.set_axis(baro.index + 2.0))
+    lags = estimate(late, rate=10.0).diagnostics["lags"]
+    assert lags["gps"] == pytest.approx(0.4, abs=0.03)
+    assert lags["baro"] == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("time_constant", [1.0, 2.0])
+def test_a_barometer_behind_a_slow_filter_bends_no_clock(flight, truth, clean, time_constant):
+    """It lags by no one time; the receiver was taken for early, and positions were 8 sigma off without a finding."""
+    baro = flight.tables.baro
+    share = 1.0 - np.exp(-np.median(np.diff(baro.index)) / time_constant)
+    slow = baro.assign(alt=baro["alt"].ewm(alpha=share, adjust=False).mean())
+    result = estimate(replace(flight.tables, baro=slow), rate=10.0)
+    assert [(f.id, f.evidence["sensor"]) for f in result.findings] == [("sensor-late", "baro")]
+    assert result.findings[0].evidence["lag_s"] == pytest.approx(time_constant, rel=0.4)
+    assert result.diagnostics["lags"]["gps"] == pytest.approx(0.0, abs=0.015)
+    assert max(nees(result, truth).values()) < 1.5
+    error = compare(result, truth)
+    assert error.horizontal_velocity < 1.2 * clean.horizontal_velocity
+    assert error.vertical_velocity < 2.0 * clean.vertical_velocity
 
 
 @pytest.mark.parametrize("start", [0.0, 60.0])
