@@ -1,11 +1,12 @@
 """Whether flights of one craft are alike enough to be fitted together, from what each says by itself.
 
 Thrust over mass (at one voltage), inertias over mass and arm, and yaw torque over inertia of every flight, with their
-standard errors and what air temperature, batteries and methods make them scatter by, must pass a chi-square test. Where
-they do not, the largest set of flights that passes is kept, and every other flight that is by itself too far from that
-set's mean is named: another payload, another battery, changed propellers or motors, or another craft with the same
-parameters in its autopilot. Flights of one day and place share the air, so that less shows among them. A motor that
-gives another thrust than in the other flights shows in what the controller steadily asks for.
+standard errors and what air temperature, batteries and methods make them scatter by, must pass a chi-square test, and
+none may be too far from the mean of the others. Where they do not, the largest set of flights that passes is kept, and
+every other flight that is by itself too far from that set's mean is named: another payload, another battery, changed
+propellers or motors, or another craft with the same parameters in its autopilot. Flights of one day and place share the
+air, so that less shows among them. A motor that gives another thrust than in the other flights shows in what the
+controller steadily asks for.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ SAME_DAY = 0.015
 
 #: Fewest flights of one day, or with known trims, among which one can be odd.
 _FEWEST = 3
+
+#: Most flights of whose trims the mean is taken.
+_OTHERS = 100
 
 #: Chance of a false alarm for one craft and quantity.
 LEVEL = 1e-3
@@ -93,16 +97,29 @@ def _apart(flights: Sequence[FlightEntry], quantity: str, scatter: float) -> dic
     if len(names) < 2:
         return found
     spread = np.hypot(sigmas, scatter)
-    kept = _largest(values, spread)
+    limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
+    kept = _without_odd(_largest(values, spread), values, spread, limit)
     weights = spread[kept] ** -2.0
     mean = float(weights @ values[kept] / weights.sum())
-    limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
     for k, name in enumerate(names):
         off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
         if not kept[k] and abs(off) > limit:
             ratio = float(np.exp(values[k] - mean))
             found[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
     return found
+
+
+def _without_odd(kept: NDArray[np.bool_], values: Floats, spread: Floats, limit: float) -> NDArray[np.bool_]:
+    """Leave out, one by one, what is too far from the mean of the others: a sum over hundreds does not show it."""
+    while kept.sum() >= _FEWEST:
+        weights = np.where(kept, spread**-2.0, 0.0)
+        others = weights.sum() - weights
+        means = (weights @ values - weights * values) / others
+        off = np.where(kept, np.abs(values - means) / np.hypot(spread, others**-0.5), 0.0)
+        if off.max() <= limit:
+            break
+        kept[np.argmax(off)] = False
+    return kept
 
 
 def _days(flights: Sequence[FlightEntry]) -> list[list[FlightEntry]]:
@@ -122,9 +139,11 @@ def _of_other_motors(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
         return found
     values = np.array([each.trims for each in told.values()])
     middle = list(told.values())[int(np.argmin(np.sum((values - np.median(values, axis=0)) ** 2, axis=1)))]
-    most = {name for name, each in told.items() if changed_motor(each, [middle]) is None}
+    most = [name for name, each in told.items() if changed_motor(each, [middle]) is None]
+    # Each is held against the mean of the others, which a hundred of them tell as well as thousands.
+    mean_of = most[:: -(-len(most) // _OTHERS) or 1]
     for name, trims in told.items():
-        others = [told[each] for each in most if each != name]
+        others = [told[each] for each in mean_of if each != name]
         change = changed_motor(trims, others) if len(most) > len(told) / 2 else None
         if change is not None:
             motor, loss, sigma = change
@@ -189,16 +208,16 @@ def _voltage(flight: FlightEntry) -> float | None:
 def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
     """Return the largest set of neighbouring values that passes the chi-square test; the tightest of several."""
     order = np.argsort(values)
-    best: tuple[int, float, NDArray[np.int64]] = (0, 0.0, order[:0])
-    for first in range(len(order)):
-        for last in range(first + 1, len(order) + 1):
-            members = order[first:last]
-            weights = spread[members] ** -2.0
-            mean = weights @ values[members] / weights.sum()
-            q = float(weights @ (values[members] - mean) ** 2)
-            passes = len(members) == 1 or q < float(chi2_isf(len(members) - 1, LEVEL))
-            if passes and (len(members), -q) > (best[0], -best[1]):
-                best = (len(members), q, members)
+    # About their median, so that sums of squares lose no digits.
+    weights, centred = spread[order] ** -2.0, values[order] - np.median(values)
+    sums = [np.concatenate([[0.0], np.cumsum(weights * centred**power)]) for power in range(3)]
     kept = np.zeros(len(values), dtype=bool)
-    kept[best[2]] = True
+    for size in range(len(values), 1, -1):
+        total, first, second = (each[size:] - each[:-size] for each in sums)
+        q = second - first**2 / total
+        tightest = int(np.argmin(q))
+        if q[tightest] < float(chi2_isf(size - 1, LEVEL)):
+            kept[order[tightest : tightest + size]] = True
+            return kept
+    kept[order[:1]] = True
     return kept

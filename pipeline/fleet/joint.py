@@ -42,7 +42,7 @@ class Records:
     store: str  #: URL.
     #: Paths in the store.
     training: tuple[str, ...]
-    held_out: tuple[str, ...]
+    judging: tuple[str, ...]
 
     def fitted(self) -> list[sysid.Experiment]:
         """Read what the models are fitted to."""
@@ -50,7 +50,7 @@ class Records:
 
     def judges(self) -> list[sysid.Experiment]:
         """Read what the models are judged on."""
-        return self._read(self.held_out)
+        return self._read(self.judging)
 
     def _read(self, paths: Sequence[str]) -> list[sysid.Experiment]:
         store = open_store(self.store)
@@ -88,8 +88,8 @@ def identify_craft(
     """
     by_name = {flight.name: flight for flight in flights}
     training = [by_name[each] for each in split.training]
-    held_out = [by_name[each] for each in split.held_out]
-    records = {kind.key: _records(store, kind.key, training, held_out) for kind in KINDS}
+    judging = [by_name[each] for each in split.judging]
+    records = {kind.key: _records(store, kind.key, training, judging) for kind in KINDS}
     stages = Stages(progress or silent, config.time_limit * len(flights))
     models = _identify_all(records, training, config, stages, executor)
     ordered = [models[kind.key] for kind in KINDS]
@@ -118,11 +118,11 @@ def identify_craft(
     )
 
 
-def _records(store: str, key: str, training: Sequence[FlightEntry], held_out: Sequence[FlightEntry]) -> Records:
+def _records(store: str, key: str, training: Sequence[FlightEntry], judging: Sequence[FlightEntry]) -> Records:
     def paths(flights: Sequence[FlightEntry]) -> tuple[str, ...]:
         return tuple(part(EXPERIMENTS, key, each.vehicle, each.folder) for each in flights if key in each.experiments)
 
-    return Records(store=store, training=paths(training), held_out=paths(held_out))
+    return Records(store=store, training=paths(training), judging=paths(judging))
 
 
 def _identify_all(

@@ -14,6 +14,8 @@ Left to itself the split is deterministic and of this kind:
 - No more than `MOST_TRAINING` train. Flights differ in wind, air and battery; a mean over k of them leaves the error
   on an unseen flight larger than that of the best model by a factor of sqrt(1 + 1/k), and a joint fit costs k times as
   much: at 20 flights the rest is 2.5 %.
+- Of those held out no more than `MOST_JUDGING` judge, chosen in the same way: they tell a mean error to a few percent,
+  and their free runs are held in memory and drawn.
 """
 
 from __future__ import annotations
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
 #: Most flights that train where the user names none.
 MOST_TRAINING = 20
 
+#: Most flights held out that models are judged on where the user names none.
+MOST_JUDGING = 100
+
 
 def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
     """Divide the flights of one craft into those to fit and those to judge, and say how it was done.
@@ -58,12 +63,13 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     unlike = {name: each.reason for name, each in unlike_flights(flights).items()}
     usable = [flight for flight in flights if flight.name not in never and flight.name not in unlike]
     half = _half(usable)
-    chosen = _thinned(half)
+    chosen = _thinned(half, MOST_TRAINING)
     names = {flight.name for flight in chosen}
     judges = [flight for flight in flights if flight.name not in names and flight.name not in unlike]
     return Split(
         training=tuple(sorted(names)),
         held_out=tuple(flight.name for flight in judges),
+        judging=tuple(sorted(flight.name for flight in _thinned(judges, MOST_JUDGING))),
         unused=unlike,
         never_train=never,
         sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
@@ -99,7 +105,9 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
         sentence += "; of those that train, " + ", ".join(
             f"{name} teaches little ({why.reason})" for name, why in poor.items()
         )
-    return Split(training=tuple(training), held_out=tuple(judges), unused=neither, sentence=sentence)
+    return Split(
+        training=tuple(training), held_out=tuple(judges), judging=tuple(judges), unused=neither, sentence=sentence
+    )
 
 
 def _rank(flight: FlightEntry) -> tuple[float, str]:
@@ -189,13 +197,13 @@ def _uneven(signs: Sequence[int], turn: Mapping[int, int]) -> int:
     return sum(ahead**2 for ahead in accumulate(turn.get(rank, sign) for rank, sign in enumerate(signs)))
 
 
-def _thinned(half: Sequence[FlightEntry]) -> list[FlightEntry]:
-    """Keep at most `MOST_TRAINING`: every so many-th by place, day and excitation, and the one that moves most."""
-    if len(half) <= MOST_TRAINING:
-        return list(half)
-    places = places_of(half)
-    ordered = sorted(half, key=lambda f: (places[f.name], day_of(f), *_rank(f)))
-    at = [int((k + 0.5) * len(ordered) / MOST_TRAINING) for k in range(MOST_TRAINING)]
+def _thinned(flights: Sequence[FlightEntry], most: int) -> list[FlightEntry]:
+    """Keep at most so many: every so many-th by place, day and excitation, and the one that moves most."""
+    if len(flights) <= most:
+        return list(flights)
+    places = places_of(flights)
+    ordered = sorted(flights, key=lambda f: (places[f.name], day_of(f), *_rank(f)))
+    at = [int((k + 0.5) * len(ordered) / most) for k in range(most)]
     best = min(range(len(ordered)), key=lambda k: _rank(ordered[k]))
     nearest = min(range(len(at)), key=lambda k: abs(at[k] - best))
     at[nearest] = best
@@ -234,6 +242,8 @@ def _sentence(
             f"; of the half that could train {len(chosen)} do, spread over places, days and excitation, because more "
             f"would lower the error on unseen flights by less than {gain:.1f} %"
         )
+    if len(judges) > MOST_JUDGING:
+        text += f"; models are judged on {MOST_JUDGING} of those held out, spread alike"
     return f"{text}; {never}" if never else text
 
 

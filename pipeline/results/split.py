@@ -30,6 +30,7 @@ class Split:
 
     training: tuple[str, ...]
     held_out: tuple[str, ...]
+    judging: tuple[str, ...]  #: Those held out that models are judged on.
     unused: Mapping[str, str] = field(default_factory=dict)  #: Flights that do neither, and why.
     never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)  #: Flights that judge only, and why.
     sentence: str = ""  #: How the two were chosen, with the numbers.

@@ -101,7 +101,7 @@ def _ahead(numbers: FleetReport) -> ShownAnswer:
         use = model.uses.prediction
         of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
         longest, reach = use.horizon_s or 0.0, _reach(use)
-        text = f"by {model.title.partition(' →')[0]}, on {counted(len(craft.held_out), 'flight')} held out{of}"
+        text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
     else:
         own = [(name, shown) for name, shown in _said(numbers.flights, "Predict ahead") if shown.line.value is not None]
         if not own:

@@ -170,7 +170,10 @@ def _identified(numbers: FlightReport | CraftReport) -> str:
 def joint_sentences(group: CraftReport) -> list[str]:
     """Report what was identified from several flights of one craft, and from which."""
     count = len(group.training) + len(group.held_out)
-    split = f"{len(group.training)} to fit, {len(group.held_out)} to judge"
+    judging = max((len(result.held_out) for result in group.models), default=0)
+    split = f"{len(group.training)} to fit, {len(group.held_out)} held out, of which {judging} judge"
+    if judging in (0, len(group.held_out)):
+        split = f"{len(group.training)} to fit, {len(group.held_out)} to judge"
     text = f"{count} flights of one craft ({group.name}): {split}."
     if not any(result.model is not None for result in group.models):
         reason = next((result.missing for result in group.models if result.missing), "not fitted")

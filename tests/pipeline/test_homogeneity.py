@@ -54,6 +54,19 @@ def test_two_hundred_honest_fleets_raise_hardly_anything():
     assert sum(alarms) <= 2
 
 
+def test_odd_flights_of_a_fleet_of_a_thousand_are_named():
+    """All windows of sorted values were tried one by one: half a minute, and eight times as long for twice as many."""
+    assert list(unlike_flights(fleet(3, count=1000, payload={7: 1.5, 400: 0.6}))) == ["flight 7", "flight 400"]
+
+
+@pytest.mark.parametrize("count", [20, 50, 200])
+def test_one_flight_is_not_lost_among_many(count):
+    """A sum over all flights hid one of another payload: of 60 with 1.3 times the mass 23, 4 and 0 were named."""
+    named = [list(unlike_flights(fleet(seed, count=count, payload={1: 1.4}))) for seed in range(12)]
+    assert sum(found == ["flight 1"] for found in named) >= 11
+    assert not any(unlike_flights(fleet(seed, count=count)) for seed in range(12))
+
+
 @pytest.mark.parametrize("mass", [0.6, 1.5, 2.0])
 def test_flights_of_another_payload_are_named(mass):
     for seed in range(10):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
 from pipeline.fleet.places import day_of, places_of
-from pipeline.fleet.split import MOST_TRAINING, choose_split
+from pipeline.fleet.split import MOST_JUDGING, MOST_TRAINING, choose_split
 from pipeline.flight.training import excitation, position_sigma
 from pipeline.results.split import Exclusion
 from tests.pipeline.builders import flight, flown
@@ -142,6 +142,22 @@ def test_large_fleets_train_on_no_more_than_help():
     assert set(places_of(flights).values()) == {places_of(flights)[each.name] for each in chosen}
     assert len({day_of(each) for each in chosen}) >= MOST_TRAINING // 2
     assert "less than 2.5 %" in split.sentence
+
+
+def test_large_fleets_are_judged_on_no_more_than_tell():
+    """Free runs of a thousand flights took gigabytes, and tell the mean error no better."""
+    flights = [
+        flight(f"f{k:03d}", float(m), day=k // 7, place=k % 3)
+        for k, m in enumerate(np.random.default_rng(7).lognormal(0.0, 0.5, 203))
+    ]
+    split = choose_split(flights, CONFIG)
+    assert len(split.judging) == MOST_JUDGING
+    assert set(split.judging) < set(split.held_out)
+    judges = [each for each in flights if each.name in split.judging]
+    assert {day_of(each) for each in judges} == {day_of(each) for each in flights}
+    assert "judged on 100 of those held out" in split.sentence
+    named = choose_split(flights, AnalysisConfig(training=("f00*",)))
+    assert named.judging == named.held_out
 
 
 def test_names_of_the_user_count():
