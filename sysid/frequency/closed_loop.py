@@ -17,7 +17,8 @@ from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
-from sysid.frequency.records import AxisRecord, flight_span, on_uniform_clock
+from sysid.frequency.flight_records import flight_span
+from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.statistics.parameter import Parameter
 

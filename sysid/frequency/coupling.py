@@ -14,9 +14,12 @@ import numpy as np
 
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, Axis, FrequencyError
+from sysid.frequency.chirp_records import chirp_signal
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
-from sysid.frequency.records import AxisRecord, RateSignals, chirp_signal, flight_record, on_uniform_clock
+from sysid.frequency.flight_records import flight_record
+from sysid.frequency.rate_signals import RateSignals
+from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.sources import signals_of
 from sysid.statistics.parameter import Parameter

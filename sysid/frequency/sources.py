@@ -23,7 +23,7 @@ from logparse.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.records import RateSignals, rate_signals, with_vertical
+from sysid.frequency.rate_signals import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
 from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
 from sysid.records.mixer import patterns, thrust_commands, voltage_at

@@ -14,8 +14,9 @@ from logparse import FlightLog
 from logparse.canonical.dataflash_control import throttle_output
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
+from sysid.frequency.flight_records import flight_span
 from sysid.frequency.lift_asked import lift_asked
-from sysid.frequency.records import ORDINARY_BAND, AxisRecord, flight_span, on_uniform_clock
+from sysid.frequency.records import ORDINARY_BAND, AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats
 from sysid.frequency.sources import FASTER, driving, step_of
 

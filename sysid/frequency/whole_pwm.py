@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog, MissingDataError, Vehicle
-from sysid.frequency.records import RateSignals
+from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.response import Floats
 from sysid.records.mixer import expectation, factors_of, patterns, thrust_commands, voltage_at
 from sysid.records.motor_scaling import commands_for, motor_pwm

@@ -18,8 +18,10 @@ import scipy
 
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
+from sysid.frequency.chirp_records import below_folding
 from sysid.frequency.excitation import Chirp, find_chirps
-from sysid.frequency.records import below_folding, on_uniform_clock, rate_signals
+from sysid.frequency.rate_signals import rate_signals
+from sysid.frequency.records import on_uniform_clock
 from sysid.loops.autopilot import read_settings
 from sysid.loops.evidence import limited_chirp
 from sysid.loops.filters import Complexes, Floats, first_order

@@ -9,16 +9,11 @@ import scipy
 
 from logparse import FlightLog
 from sysid.frequency.axes import axis_of
+from sysid.frequency.chirp_records import below_folding, chirp_record, record_of_chirp
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
-from sysid.frequency.records import (
-    AxisRecord,
-    RateSignals,
-    below_folding,
-    chirp_record,
-    rate_signals,
-    record_of_chirp,
-)
+from sysid.frequency.rate_signals import RateSignals, rate_signals
+from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats

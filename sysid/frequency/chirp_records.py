@@ -1,0 +1,141 @@
+"""Records of chirps: what went into an axis and came out of it while one was flown, with the chirp as instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.frequency.axes import Axis, FrequencyError
+from sysid.frequency.excitation import Chirp
+from sysid.frequency.rate_signals import RateSignals
+from sysid.frequency.records import AxisRecord, Logged, on_uniform_clock, refuse_scattered
+from sysid.frequency.response import Floats
+
+#: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
+_SKIPPED = 1.15
+
+
+def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp) -> AxisRecord:
+    """Cut the record of one chirp: the axis' controller output, its answer, and the chirp as instrument.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    signals : RateSignals
+        Of the log's rate controllers.
+    axis : Axis
+        The axis, which need not be that of the chirp.
+    chirp : Chirp
+        Which of the log's chirps.
+
+    Raises
+    ------
+    FrequencyError
+        When the log lacks the signals of the axis within the chirp.
+    """
+    chirp = below_folding(log, chirp, signals.step)
+    rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
+    t = signals.t[rows]
+    if len(t) < 16:
+        raise FrequencyError(f"{log.path.name}: no RATE or PID rows within the chirp at {chirp.start:.1f} s")
+    missing = [n for n in (axis.input, axis.output) if n not in signals.columns]
+    if missing:
+        raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} for the {axis.name} axis")
+    command = signals.columns[axis.input][rows]
+    if chirp.at_mixer and not signals.with_chirp and chirp.axis == axis.name:
+        command = command + chirp_signal(log, t, chirp)
+    answer = signals.columns[axis.output][rows]
+    record = record_of_chirp(log, chirp, t, command, answer, lambda at: chirp_signal(log, at, chirp))
+    return replace(record, source=signals.source)
+
+
+def record_of_chirp(
+    log: FlightLog, chirp: Chirp, t: Floats, command: Logged, answer: Logged, added: Callable[[Floats], Floats]
+) -> AxisRecord:
+    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument.
+
+    The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
+    frequencies, must not be in it.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    chirp : Chirp
+        Which of its chirps.
+    t : ndarray, shape (N,)
+        Times within the chirp, s.
+    command, answer : ndarray, shape (N,)
+        Input and output at these times.
+    added : callable
+        Returns what the chirp added at times, s.
+    """
+    refuse_scattered(log, t)
+    clock, values, usable = on_uniform_clock(t, [command, answer])
+    table = log.tables.systemid
+    assert table is not None
+    hz = np.interp(clock, table.index.to_numpy(np.float64), table["frequency"].to_numpy(np.float64) / (2.0 * np.pi))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
+    holes = [(float(hz[a]), float(hz[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return AxisRecord(
+        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :1],
+        output=values[:, 1],
+        instruments=added(clock)[:, None],
+        usable=usable,
+        band=(chirp.low, chirp.high),
+        instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
+        unswept=tuple((low, high) for low, high in holes if high > _SKIPPED * low > 0.0),
+    )
+
+
+def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
+    """Interpolate a chirp as it was added at the times `t`; zero outside it.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    t : ndarray, shape (N,)
+        s.
+    chirp : Chirp
+        Which of its chirps.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        In the unit of `Tables.systemid`.
+    """
+    table = log.tables.systemid
+    assert table is not None
+    times = table.index.to_numpy(np.float64)
+    inside = (times >= chirp.start) & (times <= chirp.stop)
+    return np.asarray(np.interp(t, times[inside], table["target"].to_numpy(np.float64)[inside], 0.0, 0.0))
+
+
+def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
+    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest.
+
+    Parameters
+    ----------
+    log : FlightLog
+        A log with SIDD messages.
+    chirp : Chirp
+        Which of its chirps.
+    step : float
+        Time between rows, s.
+    """
+    table = log.tables.systemid
+    assert table is not None
+    times = table.index.to_numpy(np.float64)
+    hz = table["frequency"].to_numpy(np.float64) / (2.0 * np.pi)
+    shown = times[(times >= chirp.start) & (times <= chirp.stop) & (hz <= 0.5 / step)]
+    if chirp.high <= 0.5 / step or len(shown) < 8:
+        return chirp
+    return replace(chirp, start=float(shown[0]), stop=float(shown[-1]), high=0.5 / step)

@@ -1,0 +1,196 @@
+"""Records of ordinary flights, in which pilot, mission or angle loop asked something of the axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logparse import FlightLog
+from sysid.frequency.antialias import below
+from sysid.frequency.axes import AXES, Axis, FrequencyError
+from sysid.frequency.excitation import Within
+from sysid.frequency.lift_asked import lift_asked
+from sysid.frequency.rate_signals import RateSignals
+from sysid.frequency.records import (
+    ORDINARY_BAND,
+    AxisRecord,
+    Logged,
+    lost_one_by_one,
+    on_uniform_clock,
+    refuse_scattered,
+)
+from sysid.frequency.response import Floats
+
+#: Variance of what a kick counts for, per part of the rows that is lost one by one: 1 for its own row, twice 0.6
+#: squared for its neighbours.
+_KICK_VARIANCE = 1.7
+
+#: Shortest flight [s], and the time [s] after take-off and before landing that is left out.
+_SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
+
+#: Output below which an axis stands still: a ten-thousandth of full.
+_STILL = 1e-4
+
+#: Standard deviation of an attitude target [rad] below which nothing was asked of an axis.
+_ASKED = 0.004
+
+#: Shortest flight [s] in which the outputs of the other axes can be told apart from that of the axis.
+_CONDITIONED = 40.0
+
+
+def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
+    """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
+
+    Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    first, last : float
+        Times of the first and last row, s, for a log that tells of no flight.
+    within : (float, float), optional
+        Stretch of time to use, s.
+
+    Returns
+    -------
+    (float, float)
+        s.
+
+    Raises
+    ------
+    FrequencyError
+        When that is shorter than ten seconds.
+    """
+    flight = log.flight
+    start, stop = (flight.start, flight.stop) if flight is not None else (first, last)
+    start, stop = start + _TAKEOFF, stop - _TAKEOFF
+    if within is not None:
+        start, stop = max(start, within[0]), min(stop, within[1])
+    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
+        raise FrequencyError(
+            f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.1f} s in the air; "
+            f"{_SHORTEST_FLIGHT:.0f} s are needed"
+        )
+    return start, stop
+
+
+def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: Within | None = None) -> AxisRecord:
+    """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
+
+    Without it the rate target is, of which a part comes from the angle loop.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    signals : RateSignals
+        Of the log's rate controllers.
+    axis : Axis
+        The axis.
+    within : (float, float), optional
+        Stretch of time to use, s.
+
+    Raises
+    ------
+    FrequencyError
+        Without a flight, or without the signals of the axis in it.
+    """
+    start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
+    rows = slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
+    t = signals.t[rows]
+    wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
+    known = {name: signals.columns[name][rows] for name in wanted}
+    missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
+    if missing:
+        raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
+    target = _outside_target(log, axis, float(t[0]), float(t[-1]))
+    beside: list[Logged] = []
+    name = ""
+    if target is not None:
+        name = target[2]
+    elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
+        beside, name = [known[axis.reference]], "rate target"
+    refuse_scattered(log, t)
+    others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
+    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], *others, *beside])
+    command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
+    if target is not None:
+        # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
+        asked = _at_rows(*target[:2], clock)
+        if axis.attitude and np.std(asked) < _ASKED:
+            # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
+            raise FrequencyError(
+                f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, "
+                "or a minute of short stick inputs on it"
+            )
+    else:
+        asked = values[:, -1] if beside else command
+    if np.std(command) < _STILL or np.std(asked) == 0.0:
+        raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
+    return AxisRecord(
+        name=f"{log.path.name} [{clock[0]:.1f}-{clock[-1]:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=np.column_stack([command, conditions]),
+        output=values[:, 1].copy(),
+        instruments=np.column_stack([asked, conditions]),
+        usable=usable,
+        band=ORDINARY_BAND,
+        instrument=name,
+        source=signals.source,
+        common=_of_lost_rows(t, command),
+    )
+
+
+def _of_lost_rows(t: Floats, command: Floats) -> float:
+    """Return the common error of a response whose command comes in kicks, of which some rows are missing.
+
+    A kick as short as a row counts for nothing where its row is lost, and for about 1.6 times as much where its
+    neighbour is, which the spline makes of it; on an average over all kicks that is nothing, but kicks are few.
+    """
+    lost = lost_one_by_one(t)
+    moved = command - np.mean(command)
+    squared = moved**2
+    kicks = float(np.sum(squared) ** 2 / max(np.sum(squared**2), 1e-300))
+    return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
+
+
+def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Logged]:
+    """Return the outputs of the other axes of rotation that move, so that what they do does not count as the axis's."""
+    if not axis.attitude:
+        return []
+    found = []
+    for other in AXES.values():
+        values = signals.columns.get(other.input)
+        if other.name == axis.name or not other.attitude or values is None:
+            continue
+        if np.isfinite(values[rows]).all() and np.std(values[rows]) > _STILL:
+            found.append(values[rows])
+    return found
+
+
+def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tuple[Floats, Floats, str] | None:
+    """Return times, values and name of what asked an axis from outside its loop; None without an attitude target.
+
+    Raises
+    ------
+    FrequencyError
+        When nothing asked for lift.
+    """
+    if not axis.attitude:
+        return lift_asked(log, first, last)
+    table = log.tables.setpoints
+    if table is None or axis.attitude not in table:
+        return None
+    values = table[axis.attitude].to_numpy(np.float64)
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 16:
+        return None
+    return table.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
+
+
+def _at_rows(times: Floats, wanted: Floats, t: Floats) -> Floats:
+    """Interpolate a target at the times of rows."""
+    smooth = below(times, wanted[:, None], t, float(np.median(np.diff(t))))[:, 0]
+    # What the target has above half of the rows' rate would fold onto what of the outputs folds.
+    return np.asarray(np.where(np.isfinite(smooth), smooth, np.interp(t, times, wanted)))

@@ -1,0 +1,83 @@
+"""What the rate controllers of a log say: outputs, measurements and targets, as rows of the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from logparse import FlightLog
+from logparse.log_settings import Need, bit_to_set
+from logparse.tables import COLUMNS
+from logparse.units import quantity
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.excitation import Within
+from sysid.frequency.records import Logged
+from sysid.frequency.response import Floats
+
+#: Time [s] before and after what is needed of the rate controllers that tells of air and battery there.
+_AROUND = 30.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RateSignals:
+    """What the rate controllers of a log said: their outputs, what they measured and what they wanted."""
+
+    t: Floats  #: shape (N,): Times of validity (of the gyro sample), s.
+    columns: dict[str, Logged]  #: dict of str to ndarray, shape (N,): By name, as in `Axis`.
+    with_chirp: bool  #: Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
+    source: str = ""  #: What they are, where they are not the controllers' own.
+
+    @property
+    def step(self) -> float:
+        """Return the usual step, s."""
+        return float(np.median(np.diff(self.t)))
+
+
+def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
+    """Read the rate controllers of a log: RATE, or the PID messages where it has none.
+
+    Parameters
+    ----------
+    log : FlightLog
+        The log.
+    within : (float, float), optional
+        Stretch of time that is needed, s.
+
+    Raises
+    ------
+    FrequencyError
+        Without either.
+    """
+    t = log.tables.times("rates")
+    if t is None or len(t) < 16:
+        raise FrequencyError(
+            f"{log.path.name}: no RATE or PID messages; {bit_to_set(Need.FAST_RATES, log)}, "
+            "and fly one minute of short stick inputs on each axis"
+        )
+    rows = slice(None)
+    if within is not None:
+        rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
+    columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
+    known = {str(each.name): _as_logged(each.to_numpy()[rows]) for each in columns}
+    return RateSignals(t[rows], known, "RATE" in log.messages)
+
+
+def _as_logged(values: Logged) -> Logged:
+    """Return values in single precision, as the fast loop is logged: all in double are the largest thing in memory."""
+    return values.astype(np.float32)
+
+
+def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
+    """Return the rate controllers with that of the vertical acceleration, where they are those of RATE."""
+    if not signals.with_chirp:
+        return signals
+    # Not kept: of a long log it would be the largest thing in memory.
+    frame = log.messages.once("RATE", ("A", "ADes"))
+    times = frame.index.to_numpy(np.float64)
+    order = np.argsort(times, kind="stable")
+    columns = dict(signals.columns)
+    for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):
+        if source in frame:
+            columns[name] = _as_logged(np.interp(signals.t, times[order], quantity(frame, source, "cm/s/s")[order]))
+    return replace(signals, columns=columns)
