@@ -1,7 +1,4 @@
-"""Whether the columns of a table fit each other.
-
-Units are compared with usual magnitudes, velocity with position, rates with attitude, thrust with acceleration, and the
-order of the motors with what they do.
+"""Whether the columns of a table fit each other: velocity and position, rates and attitude, thrust and acceleration.
 
 Each check compares what was declared with what else could have been meant, so that the text can say which.
 """
@@ -10,23 +7,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from logparse.findings import Finding, Severity
+from logparse.findings import Finding
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
 from logparse.foreign.differences import mean_over, slopes
 from logparse.foreign.files import TableError
 from logparse.foreign.lift import check_lift, following, mean_square, specific_force
+from logparse.foreign.motor_order import contradicted_order
 from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
-
-#: Ranges that multirotors keep to: rotor speeds [rad/s], PWM [us], commands.
-_SPEEDS, _PULSES, _COMMANDS = (10.0, 8000.0), (500.0, 2500.0), (-0.2, 1.3)
 
 #: Correlation that signals of one motion have, and what is too little to be one motion.
 _ALIKE, _UNLIKE = 0.5, 0.2
@@ -40,141 +34,12 @@ _ODD, _CLEAR = 2.5, 0.8
 #: How many times as fast as its lean says a craft may speed up, by regression: drag takes some, units much more.
 _SPEEDING = (0.25, 2.0)
 
-#: Part of the changes of rates that motors must explain to show their order, and what part of the best order's the one
-#: declared must explain.
-_TURNING, _BEHIND = 0.15, 0.6
-
-#: Part of the others' movement below which a motor hardly moves.
-_QUIET = 0.1
-
-#: Most motors whose orders are all tried.
-_MOST_ORDERED = 4
-
 #: Movement below which a check has nothing to go by: m/s, rad/s, m/s^2.
 _STILL_SPEED, _STILL_RATE, _STILL_FORCE = 0.05, 0.05, 0.3
 
 #: Time over which differences are taken, s: short against the motion, long against noise; and second differences of
 #: position, where no velocity is logged.
 _BASE, _LONG_BASE = 0.04, 0.2
-
-
-def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) -> list[Finding]:
-    """Compare magnitudes with what such a craft can have.
-
-    Parameters
-    ----------
-    declared : ColumnMap
-        What the columns were said to be.
-    columns : mapping of str to ndarray, shape (N, k)
-        Columns by quantity, in the units of `declared` brought to SI.
-    label : str
-        Name of the table, for errors.
-
-    Raises
-    ------
-    TableError
-        When motors, rates or positions cannot be in the declared unit.
-    """
-    motors = columns["motors"]
-    names = ", ".join(declared.motors.columns)
-    usual = float(np.median(np.abs(motors)))
-    low, high = {"pwm": _PULSES, "command": _COMMANDS}.get(declared.motors.quantity, _SPEEDS)
-    if not low <= usual <= high or (declared.motors.quantity == "command" and np.max(motors) > 5.0):
-        raw = usual / declared.motors.factor
-        guesses = [
-            what
-            for what, (a, b) in {"command": (0.01, 1.3), "rad/s": (50.0, 5000.0), "pwm": (900.0, 2100.0)}.items()
-            if a <= raw <= b and what != declared.motors.quantity
-        ] or ["rpm or erpm"]
-        raise TableError(
-            f"{label}: columns {names}: the usual value {raw:.4g} cannot be {declared.motors.quantity}; "
-            f"is it {' or '.join(guesses)}?"
-        )
-    below = [name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.median(column) < 0.0]
-    if below and declared.motors.quantity != "command":
-        raise TableError(
-            f"{label}: column {', '.join(below)}: {declared.motors.quantity} is below zero; give its size, and the "
-            "sense of the rotor's turning in its place"
-        )
-    still = [name for name, column in zip(declared.motors.columns, motors.T, strict=True) if np.ptp(column) == 0.0]
-    if still:
-        raise TableError(f"{label}: column {', '.join(still)}: the motor never moves; is it a motor of this craft?")
-    if "rates" in columns and declared.rates is not None and (top := float(np.std(columns["rates"]))) > 40.0:
-        raise TableError(
-            f"{label}: columns {', '.join(declared.rates.columns)}: rates of {top:.3g} rad/s in the mean are beyond "
-            "any such craft; are they in deg/s?"
-        )
-    spread = motors.std(axis=0)
-    quiet = [
-        name
-        for name, own in zip(declared.motors.columns, spread, strict=True)
-        if own < _QUIET * float(np.median(spread))
-    ]
-    unlike = [
-        name
-        for name, column in zip(declared.motors.columns, motors.T, strict=True)
-        if declared.motors.quantity != "pwm" and not 0.5 * usual <= np.median(column) <= 2.0 * usual
-    ]
-    return [
-        Finding(
-            "table-unlike-motors",
-            Severity.WARNING,
-            f"column {', '.join(names)}: {text}",
-            "check unit and column of this motor",
-            {"column": ", ".join(names)},
-        )
-        for names, text in (
-            (unlike, "less than half or more than twice what the other motors have"),
-            (quiet, "hardly moves while the other motors do"),
-        )
-        if names
-    ]
-
-
-def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
-    """Explain that a flight does not show the order of its motors: it turns too little, or another fits better.
-
-    Parameters
-    ----------
-    declared : ColumnMap
-        What the columns were said to be.
-    rates : ndarray, shape (N, 3)
-        Body rates, rad/s.
-    motors : ndarray, shape (N, k)
-        Motor columns, in the order declared.
-    dt : float
-        s.
-    """
-    names = ", ".join(declared.motors.columns)
-    found = _orders(declared, rates, motors, dt)
-    if found is not None and found.best >= _TURNING:
-        if found.best == found.own:
-            return []
-        return [
-            Finding(
-                "table-motor-order",
-                Severity.WARNING,
-                f"columns {names}: in the order {found.names} the motors would turn the craft better (they would "
-                f"explain {100 * found.best:.0f} % of the changes of roll and pitch rate, in the order declared "
-                f"{100 * found.own:.0f} %)",
-                "check the order and the places of the motors; wrong ones show as gains of the wrong sign",
-                {"column": names, "own": found.own, "best": found.best},
-            )
-        ]
-    return [
-        Finding(
-            "table-motor-order",
-            Severity.INFO,
-            f"columns {names}: "
-            + (
-                f"the order of {count} motors is not held against the turns, as there are too many orders to try"
-                if (count := len(declared.motors.motors)) > _MOST_ORDERED
-                else "this record turns too little to show whether the motors stand in the order declared"
-            ),
-            "check the order on a record with brisk turns; wrong orders show as gains of the wrong sign",
-            {"column": names},
-        )
-    ]
 
 
 def check_motion(
@@ -223,7 +88,7 @@ def check_motion(
     base = max(round(_LONG_BASE / dt / 2.0), 1) if declared.velocity is None else reach
     force = specific_force(velocity, rotation, dt, base)
     _refuse(label, _thrust(declared, velocity, rotation, force, motors, dt, base))
-    _refuse(label, _motors(declared, rates, motors, dt))
+    _refuse(label, contradicted_order(declared, rates, motors, dt))
     return check_lift(declared, -force[:, 2], motors, 2 * base, dt)
 
 
@@ -445,76 +310,3 @@ def _thrust(
         f"columns {', '.join(declared.motors.columns)}: thrust does not grow with the motors (correlation "
         f"{driven.likeness:+.2f}): are they the motors of this record?"
     ]
-
-
-def _motors(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[str]:
-    """Motors must turn the craft as their places say, better than in any other order.
-
-    Changes of the rates over a time are compared with the moments of the motors over it, for every order of
-    the columns.
-    """
-    found = _orders(declared, rates, motors, dt)
-    if found is None or found.best < _TURNING or found.own > _BEHIND * found.best:
-        return []
-    return [
-        f"columns {', '.join(declared.motors.columns)}: the motors do not turn the craft as their places say (they "
-        f"explain {100 * found.own:.0f} % of the changes of roll and pitch rate); in the order {found.names} they "
-        f"would ({100 * found.best:.0f} %)"
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Orders:
-    """How well the motors explain the changes of roll and pitch rate."""
-
-    own: float  #: Part explained in the order declared.
-    best: float  #: In the order that explains most.
-    names: str  #: Columns in that order.
-
-
-def _orders(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> _Orders | None:
-    """Try the motors in every order; None for more or fewer than three or four, and for short records."""
-    count = len(declared.motors.motors)
-    if not 3 <= count <= _MOST_ORDERED or len(motors) < 200:
-        return None
-    levers, strengths = _levers(declared, motors)
-    explained = {
-        order: _explained(rates, strengths[:, order], levers, dt) for order in itertools.permutations(range(count))
-    }
-    best = max(explained, key=lambda order: explained[order])
-    names = ", ".join(declared.motors.columns[k] for k in best)
-    return _Orders(explained[tuple(range(count))], explained[best], names)
-
-
-def _levers(declared: ColumnMap, motors: Floats) -> tuple[Floats, Floats]:
-    """Levers of the motors, (m, 3), and their strengths over the mean, (N, m)."""
-    strengths = motors**2 if declared.motors.quantity not in {"pwm", "command"} else motors
-    levers = np.array([[-np.sin(m.angle), np.cos(m.angle), -float(m.spin)] for m in declared.motors.motors])
-    return levers, np.asarray(strengths / max(float(np.mean(strengths)), 1e-12))
-
-
-def _explained(rates: Floats, strengths: Floats, levers: Floats, dt: float) -> float:
-    """Part of the changes of roll and pitch rates that the moments explain with gains of the right sign."""
-    width = max(round(0.1 / dt), 2)
-    parts: list[float] = []
-    for axis in range(2):
-        moment = strengths @ levers[:, axis]
-        change = rates[width:, axis] - rates[:-width, axis]
-        turned = mean_over(rates[:, axis : axis + 1], width)[:, 0]
-        best = 0.0
-        for late in _delays(dt):
-            moved = np.roll(moment, late)
-            total = mean_over(moved[:, None], width)[:, 0]
-            x = np.column_stack([total, turned, np.ones(len(total))])
-            solution, *_ = np.linalg.lstsq(x, change, rcond=None)
-            if solution[0] <= 0.0:
-                continue
-            without = x[:, 1:] @ np.linalg.lstsq(x[:, 1:], change, rcond=None)[0]
-            left, base = np.sum((change - x @ solution) ** 2), np.sum((change - without) ** 2)
-            best = max(best, 1.0 - float(left / max(base, 1e-300)))
-        parts.append(best)
-    return float(np.mean(parts))
-
-
-def _delays(dt: float) -> Iterable[int]:
-    return sorted({round(late / dt) for late in (0.0, 0.02, 0.04, 0.08)})

@@ -17,8 +17,10 @@ from scipy.spatial.transform import Rotation
 from logparse.findings import Finding, Severity
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
-from logparse.foreign.consistency import check_motion, check_units, unchecked_order
+from logparse.foreign.consistency import check_motion
 from logparse.foreign.files import TableError, flatten, read_columns
+from logparse.foreign.magnitudes import check_units
+from logparse.foreign.motor_order import unchecked_order
 from logparse.foreign.shifts import check_clock, check_shifts
 from logparse.frames import Vehicle
 
