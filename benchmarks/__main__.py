@@ -118,7 +118,7 @@ def written(run: Sequence[str]) -> list[tuple[str, ...]]:
     """Read the rows of the page that other benchmarks than those `run` have left there."""
     there = PAGE.read_text().partition(BEGIN)[2].partition(END)[0] if PAGE.exists() else ""
     cells = [tuple(cell.strip() for cell in line[1:-1].split("|")) for line in there.splitlines() if line[:1] == "|"]
-    return [row for row in cells if len(row) == len(COLUMNS) and row[0] in WHOLE and row[0] not in run]
+    return [row for row in cells if len(row) == len(COLUMNS) and row[0] in names() and row[0] not in run]
 
 
 def write(table: str) -> None:

@@ -28,8 +28,20 @@ SITL = ROOT.parent / "shared" / "logs" / "sitl"
 Row = tuple[str, str, str, str, str]
 
 
-def write_long_log(folder: Path, minutes: float = 20.0) -> Path:
-    """Fly an octocopter between random points for so long, and write its log."""
+def write_long_log(
+    folder: Path, minutes: float = 20.0, *, like: str = "octa06_reykjavik_windy", hover: float = 0.0
+) -> Path:
+    """Fly an octocopter between random points for so long, and write its log.
+
+    Parameters
+    ----------
+    folder : Path
+    minutes : float
+    like : str
+        Sample flight whose craft, place and weather it has.
+    hover : float
+        Seconds over the place of take-off before and after, at the same height; 0 for none.
+    """
     import numpy as np
 
     from simulation import FLIGHTS
@@ -44,7 +56,9 @@ def write_long_log(folder: Path, minutes: float = 20.0) -> Path:
     for _ in range(round(minutes * 60.0 / 13.0)):
         north, east = random.uniform(-20.0, 20.0, 2)
         steps += [GoTo(float(north), float(east), float(random.uniform(5.0, 16.0)), 4.0), Wait(2.0)]
-    sample = FLIGHTS["octa06_reykjavik_windy"]
+    if hover:
+        steps = [GoTo(0.0, 0.0, 10.0), Wait(hover), *steps, GoTo(0.0, 0.0, 10.0), Wait(hover)]
+    sample = FLIGHTS[like]
     vehicle = dataclasses.replace(sample.setup.vehicle, battery=Battery(capacity=25.0))
     setup = dataclasses.replace(sample.setup, vehicle=vehicle, mission=Mission(takeoff=7.0, steps=tuple(steps)))
     sample = dataclasses.replace(

@@ -1,0 +1,123 @@
+"""One flight of five hours, 1 GB of log: CPU of an analysis and its memory, and CPU of a look into it.
+
+The simulator flies no more than an hour. So a flight of 20 min in calm air, which begins and ends hovering over one
+place, is written one time behind the other, with its clocks going on. Not part of `make bench`: it takes minutes, and
+some 3 GB of memory.
+"""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.flight import ROOT, Row, in_process, write_long_log
+from logparse.dataflash.chain import Chain
+
+Bytes = npt.NDArray[np.uint8]
+
+#: Bytes of the log, and the seconds of hovering at either end of the flight that is repeated.
+SIZE, HOVER = 1e9, 20.0
+#: Seconds after the craft has left the ground, and before it is back on it, that are within those.
+RISEN, LANDING = 18.0, 22.0
+#: Clocks in a log, and how often they tick in a second: the autopilot's, and the receiver's week.
+CLOCKS = {"TimeUS": 1_000_000, "GMS": 1_000}
+
+
+def write_large_log(folder: Path, size: float = SIZE) -> Path:
+    """Write the log, of `size` bytes or somewhat more."""
+    source = write_long_log(folder, like="octa01_zurich_calm", hover=HOVER)
+    truth = json.loads(source.with_suffix(".json").read_text())
+    start, stop = truth["time_s"]["airborne"]
+    return repeat(source, folder / "large.bin", size, start + RISEN, stop - LANDING)
+
+
+def repeat(source: Path, target: Path, size: float, start: float, stop: float) -> Path:
+    """Write a log in which a stretch comes again and again.
+
+    Parameters
+    ----------
+    source : Path
+        A DataFlash log of the simulator.
+    target : Path
+    size : float
+        Bytes that it has at least.
+    start, stop : float
+        Where the craft is in the same state, s on the boot clock; whole seconds of it are repeated.
+    """
+    chain = Chain(source.read_bytes())
+    places, _ = chain.locate(chain.whole, set(range(len(chain.slots))))
+    clocks = list(_clocks(chain, places))
+    boot = np.zeros(len(places))
+    for rows, at, ticks in clocks:
+        if ticks == CLOCKS["TimeUS"]:
+            boot[rows] = _value(chain.data, at).ravel() / ticks
+    # Rows come a little out of the order of time, and some have none.
+    order = np.maximum.accumulate(boot)
+    period = int(stop - start)
+    first, last = (int(places[np.searchsorted(order, t)]) for t in (start, start + period))
+    times = max(int(np.ceil((size - first) / (last - first))), 1)
+    with target.open("wb") as file:
+        file.write(chain.data[:first].tobytes())
+        for number in range(times):
+            later = _later(chain.data, clocks, number * period)
+            file.write(later[first : last if number < times - 1 else None].tobytes())
+    return target
+
+
+def _clocks(chain: Chain, places: npt.NDArray[np.int64]) -> Iterator[tuple[npt.NDArray[np.intp], npt.NDArray, int]]:
+    """Yield for each clock of each message its rows, the bytes that hold it, and its ticks in a second."""
+    for number, slot in enumerate(chain.slots):
+        rows = np.flatnonzero(chain.sequence == number)
+        for field in slot.fields:
+            if field.name in CLOCKS:
+                at = places[rows, None] + field.offset + np.arange(field.type.size)
+                yield rows, at, CLOCKS[field.name]
+
+
+def _value(data: Bytes, at: npt.NDArray[np.int64]) -> npt.NDArray[np.uint64]:
+    return np.ascontiguousarray(data[at]).view(f"u{at.shape[1]}")
+
+
+def _later(data: Bytes, clocks: list[tuple[npt.NDArray, npt.NDArray, int]], seconds: int) -> Bytes:
+    """Return the messages as they would have been written so much later."""
+    moved = data.copy()
+    for _, at, ticks in clocks:
+        moved[at] = (_value(data, at) + np.array(seconds * ticks).astype(f"u{at.shape[1]}")).view(np.uint8)
+    return moved
+
+
+def inspect_seconds(path: Path) -> float:
+    """Return the CPU time of ``rotorid inspect`` of a log, imports included, s."""
+    command = [sys.executable, "-m", "rotorid", "inspect", str(path), "--json"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, cwd=ROOT, capture_output=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def run() -> list[Row]:
+    """Measure."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_large_log(Path(folder))
+        size = path.stat().st_size
+        looked = inspect_seconds(path)
+        found = in_process("measure", path)
+    growth = (found["peak"] - found["before"]) / size
+    slow = sorted(found["cpu"].items(), key=lambda item: -item[1])
+    return [
+        (f"5 h octocopter, {size / 1e9:.2f} GB, all stages, CPU", f"{found['total']:.0f} s", "-", "-", "< 60 s"),
+        *((f"... {stage}", f"{seconds:.1f} s", "-", "-", "-") for stage, seconds in slow if seconds >= 1.0),
+        ("... memory beyond the imported process, over file", f"{growth:.2f}", "-", "-", "< 1.2"),
+        ("... rotorid inspect, CPU", f"{looked:.1f} s", "-", "-", "< 2 s"),
+    ]
+
+
+if __name__ == "__main__":
+    print(write_large_log(Path(sys.argv[1])))
