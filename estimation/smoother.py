@@ -18,7 +18,7 @@ class Estimates:
 
     x: np.ndarray  #: shape (m, 27): Nominal states at the outputs.
     covariance: np.ndarray  #: shape (m, 9, 9): Covariance of position, velocity and attitude errors.
-    slow_variance: np.ndarray  #: shape (m, 17): Variance of each sensor error.
+    slow_variance: np.ndarray  #: shape (ceil(m / 8), 17), or (m, 17) of `smooth`: Variance of each sensor error.
     #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
     #: Jong & Penzer 1998); NaN where nothing was smoothed.
     deletion: np.ndarray
@@ -39,7 +39,10 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
 
     Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
     """
-    return filled_in(smooth_piece(problem, result, new_adjoint()), smoothed=True)
+    found = smooth_piece(problem, result, new_adjoint())
+    fill_in(found.x)
+    every = [between_rows(column, len(found.x)) for column in found.slow_variance.T]
+    return replace(found, slow_variance=np.column_stack(every))
 
 
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
@@ -55,7 +58,7 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
     Returns
     -------
     Estimates
-        `slow_variance` of every eighth row, and sensor errors of `x` in these rows only: see `filled_in`.
+        `slow_variance` of every eighth row, and sensor errors of `x` in these rows only: see `fill_in`.
     """
     rows = problem.outputs
     x = result.x.copy()
@@ -92,14 +95,10 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
     return Estimates(x, covariance, variance, deletion, problem.t, shock, shock_size)
 
 
-def filled_in(found: Estimates, *, smoothed: bool) -> Estimates:
-    """Fill in what is known of every eighth row only: variances of sensor errors and, where smoothed, these errors."""
-    if smoothed:
-        row = np.arange(len(found.x))
-        known = row[:: _kernels.SLOW_EVERY]
-        for column in range(10, found.x.shape[1]):
-            found.x[:, column] = np.interp(row, known, found.x[known, column]) if row.size else 0.0
-    return replace(found, slow_variance=_between_rows(found.slow_variance, len(found.x)))
+def fill_in(x: np.ndarray) -> None:
+    """Fill in the sensor errors of smoothed states, shape (m, 27), of which every eighth row is known."""
+    for column in range(10, x.shape[1]):
+        x[:, column] = between_rows(x[:: _kernels.SLOW_EVERY, column].copy(), len(x))
 
 
 def filtered(result: ForwardPass) -> Estimates:
@@ -110,9 +109,7 @@ def filtered(result: ForwardPass) -> Estimates:
     return Estimates(result.x, result.rows[:, :, : _kernels.SLOW], slow, unknown, np.empty(0), nothing, nothing)
 
 
-def _between_rows(known: np.ndarray, rows: int) -> np.ndarray:
-    """Interpolate what is known in every eighth row."""
-    if rows == 0:
-        return known
+def between_rows(known: np.ndarray, rows: int) -> np.ndarray:
+    """Interpolate what is known in every eighth row, shape (ceil(rows / 8),), to all of them."""
     row = np.arange(rows)
-    return np.column_stack([np.interp(row, row[:: _kernels.SLOW_EVERY], column) for column in known.T])
+    return np.interp(row, row[:: _kernels.SLOW_EVERY], known) if rows else np.empty(0)

@@ -19,7 +19,7 @@ from estimation.observations import Observations, observe, usable_field, usable_
 from estimation.outages import excess, outages, widen
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, find_segments
 from estimation.shocks import Shocks
-from estimation.smoother import Estimates, filled_in, filtered, new_adjoint, smooth_piece
+from estimation.smoother import Estimates, between_rows, fill_in, filtered, new_adjoint, smooth_piece
 from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.surroundings import Surroundings
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
@@ -189,7 +189,13 @@ def estimate_strapdown(
     if turn is not None:
         for each in rows:
             each.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
-    states, sigma = _frames(rows)
+    index = pd.Index(np.concatenate([e.t for e in rows]), name="t")
+    states = _states(rows, index)
+    # The states are as large as the log again, and nobody needs the estimates that they were made of.
+    rows = [
+        replace(e, estimates=replace(e.estimates, x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
+    ]
+    sigma = _sigma(rows, index)
     doubts += impossible_biases(states)
     if place.origin is not None:
         doubts += contradicted_receiver(tables, states, place.origin, lag)
@@ -287,7 +293,9 @@ def _estimate(
         widen(estimates.covariance, t, spans, excess(partial(plan.surprises, x=x), observations, moving))
     rates = np.concatenate([signal.rate(asked) for asked in plan.rows])
     forces = np.concatenate([signal.force(asked) for asked in plan.rows])
-    return _Estimated(segment, known, _Rows(t, filled_in(estimates, smoothed=smoothed), rates, forces))
+    if smoothed:
+        fill_in(estimates.x)
+    return _Estimated(segment, known, _Rows(t, estimates, rates, forces))
 
 
 class _Plan:
@@ -426,26 +434,39 @@ def _place(piece: Estimates, whole: Estimates, number: int) -> None:
     whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 
 
-def _frames(done: list[_Rows]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Lay the segments' estimates out as the tables of a `Trajectory`."""
-    index = pd.Index(np.concatenate([e.t for e in done]), name="t")
-    # A sensor that is not there has no error to estimate.
-    there = np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done])
+def _errors_there(done: list[_Rows]) -> np.ndarray:
+    """Return which sensor errors any segment knows, shape (17,): a sensor that is not there has none to estimate."""
+    return np.asarray(np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done]))
+
+
+def _states(done: list[_Rows], index: pd.Index) -> pd.DataFrame:
+    """Lay the segments' estimates out as the states of a `Trajectory`."""
+    there = _errors_there(done)
     errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
     states = np.empty((len(index), len(STATE_COLUMNS) + len(errors)))
-    sigma = np.empty((len(index), len(SIGMA_COLUMNS) + len(errors)))
     first = 0
     for e in done:
         x, rows = e.estimates.x, slice(first, first + len(e.t))
         states[rows, :10] = x[:, :10]
         np.subtract(e.rates, x[:, 10:13], out=states[rows, 10:13])
         np.subtract(e.forces, x[:, 13:16], out=states[rows, 13:16])
-        states[rows, 16:] = x[:, 10:][:, there]
+        for column, known in enumerate(np.flatnonzero(there), start=16):
+            states[rows, column] = x[:, 10 + known]
+        first += len(e.t)
+    return pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors], copy=False)
+
+
+def _sigma(done: list[_Rows], index: pd.Index) -> pd.DataFrame:
+    """Lay the segments' variances out as the standard deviations of a `Trajectory`."""
+    there = _errors_there(done)
+    errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
+    sigma = np.empty((len(index), len(SIGMA_COLUMNS) + len(errors)))
+    first = 0
+    for e in done:
+        rows = slice(first, first + len(e.t))
         sigma[rows, :9] = np.diagonal(e.estimates.covariance, axis1=2, axis2=3).reshape(-1, 9)
-        sigma[rows, 9:] = e.estimates.slow_variance[:, there]
+        for column, known in enumerate(np.flatnonzero(there), start=9):
+            sigma[rows, column] = between_rows(e.estimates.slow_variance[:, known], len(e.t))
         first += len(e.t)
     np.sqrt(np.maximum(sigma, 0.0, out=sigma), out=sigma)
-    return (
-        pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors], copy=False),
-        pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors], copy=False),
-    )
+    return pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors], copy=False)

@@ -38,6 +38,9 @@ _WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians
 #: Slowest rates [Hz] in which an oscillation is looked for.
 _SLOWEST = 20.0
 
+#: Windows that are transformed at a time.
+_PIECE = 1 << 10
+
 
 def attitude_events(
     tables: Tables, flights: tuple[Flight, ...], error: "pd.Series[float] | None"
@@ -183,15 +186,15 @@ def _yaw(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
 
 def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:
     """Find stretches in which a rate swings at one frequency without being asked to."""
-    measured = _swinging(tables)
-    if measured is None:
+    table = _swinging(tables)
+    if table is None:
         return
     chirps = _chirps(tables)
     for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
-        if f"w_{axis}" not in measured:
+        # One axis at a time: all columns of a fast loop together are nearly as large as the log.
+        flown, logged = (_known_column(tables, table, column) for column in (f"w_{axis}", f"w_{axis}_ref"))
+        if flown is None:
             continue
-        flown = measured[f"w_{axis}"]
-        logged = measured.get(f"w_{axis}_ref")
         asked = _turned(tables, name) if logged is None else logged
         rows = []
         for flight in flights:
@@ -226,19 +229,31 @@ def _chirps(tables: Tables) -> list[tuple[float, float]]:
     return [(first - 1.0, last + 1.0) for first, last in found]
 
 
-def _swinging(tables: Tables) -> "dict[str, pd.Series[float]] | None":
-    """Angular rates by the fastest table that has them, with their targets where known."""
-    for table, names in (("rates", None), ("imu", {"gyro_x": "w_x", "gyro_y": "w_y", "gyro_z": "w_z"})):
+#: Columns of the tables that have angular rates, by their names in the table of rates; the fastest table first.
+_RATES = {
+    "rates": {name: name for name in ("w_x", "w_y", "w_z", "w_x_ref", "w_y_ref", "w_z_ref")},
+    "imu": {"w_x": "gyro_x", "w_y": "gyro_y", "w_z": "gyro_z"},
+}
+
+
+def _swinging(tables: Tables) -> str | None:
+    """Return the fastest table that has angular rates."""
+    for table, names in _RATES.items():
         times = tables.times(table)
         if times is None or len(times) < 10 or 1.0 / float(np.median(np.diff(times))) < _SLOWEST:
             continue
-        wanted = tuple(names) if names else ("w_x", "w_y", "w_z", "w_x_ref", "w_y_ref", "w_z_ref")
-        columns = zip(wanted, tables.columns(table, wanted), strict=True)
-        found = {(names[name] if names else name): column.dropna() for name, column in columns}
-        found = {name: column for name, column in found.items() if len(column) > 10}
-        if found:
-            return found
+        if any(_known_column(tables, table, name) is not None for name in names):
+            return table
     return None
+
+
+def _known_column(tables: Tables, table: str, name: str) -> "pd.Series[float] | None":
+    """Return what is known of a rate; None of less than a few values."""
+    if name not in _RATES[table]:
+        return None
+    column = next(tables.columns(table, (_RATES[table][name],)), None)
+    known = None if column is None else column.dropna()
+    return known if known is not None and len(known) > 10 else None
 
 
 def _turned(tables: Tables, name: str) -> "pd.Series[float] | None":
@@ -295,6 +310,11 @@ def _spectra(values: Array, size: int, count: int) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2][:count]
     hann = np.hanning(size + 1)[:-1]
     linear = np.linspace(-1.0, 1.0, size)
-    flat = windows - windows.mean(axis=1, keepdims=True)
-    flat = flat - (flat @ linear / (linear @ linear))[:, None] * linear
-    return np.asarray(2.0 * np.abs(np.fft.rfft(flat * hann, axis=1)) ** 2 / (size * np.sum(hann**2)))
+    result = np.empty((count, size // 2 + 1))
+    for first in range(0, count, _PIECE):  # as a whole they are several times the signal
+        piece = windows[first : first + _PIECE]
+        flat = piece - piece.mean(axis=1, keepdims=True)
+        flat = flat - (flat @ linear / (linear @ linear))[:, None] * linear
+        power = np.abs(np.fft.rfft(flat * hann, axis=1)) ** 2
+        result[first : first + _PIECE] = 2.0 * power / (size * np.sum(hann**2))
+    return result

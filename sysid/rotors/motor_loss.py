@@ -171,7 +171,9 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     if tables.imu is None:
         raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
     outputs = tables.motors.loc[start + _LIFT_OFF : stop, names].dropna()
-    motion = tables.imu.loc[start : stop + 0.5].dropna()
+    motion = tables.imu.loc[start : stop + 0.5]
+    if motion.isna().to_numpy().any():  # a copy of a long log's IMU is half as large as the log
+        motion = motion.dropna()
     t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
     if len(t) < 30 or len(at) < 30:
         return None
@@ -185,9 +187,9 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         for group in (("gyro_x", "gyro_y", "gyro_z"), ("accel_x", "accel_y"))
     )
     # Change of the rate over the interval around each output.
-    raw = motion[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(np.float64)
+    raw = (np.ascontiguousarray(motion[name].to_numpy(np.float64)) for name in ("gyro_x", "gyro_y", "gyro_z"))
     acceleration = np.column_stack(
-        [(np.interp(t + width, at, column) - np.interp(t - width, at, column)) / (2.0 * width) for column in raw.T]
+        [(np.interp(t + width, at, column) - np.interp(t - width, at, column)) / (2.0 * width) for column in raw]
     )
     thrust = curve(np.clip(motor_commands(pwm, vehicle), 0.0, 1.0), vehicle.thrust_expo)
     factors = factors_of(vehicle).T
