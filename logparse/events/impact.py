@@ -12,6 +12,7 @@ from logparse.events.reported import airborne
 from logparse.events.stretches import Array, stretches
 from logparse.findings import Severity
 from logparse.flights import Flight, height_above_ground, speed_down
+from logparse.rest import ACCEL
 from logparse.tables import Tables
 from logparse.units import STANDARD_GRAVITY
 
@@ -66,13 +67,21 @@ def _force(tables: Tables, smooth: float = 0.0) -> "pd.Series[float] | None":
     """Magnitude of the specific force, m/s^2, or of its mean over `smooth` seconds, of which vibration is no part."""
     if tables.imu is None:
         return None
-    axes = tables.imu[["accel_x", "accel_y", "accel_z"]].dropna()
-    if smooth and len(axes) > 2:
+    axes = tables.imu[list(ACCEL)]
+    if axes.isna().to_numpy().any():
+        axes = axes.dropna()
+    if len(axes) <= 2:
+        return None
+    size = 1
+    if smooth:
         step = float(np.median(np.diff(axes.index.to_numpy(np.float64))))
         # Slow samples have been averaged before, and are too few to lose.
         size = round(smooth / step) if 0.0 < step <= 0.25 * smooth else 1
-        axes = axes.rolling(size, center=True, min_periods=1).mean()
-    return pd.Series(np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index) if len(axes) > 2 else None
+    squares = np.zeros(len(axes))
+    for name in ACCEL:  # one by one: together they are as large as half a log
+        axis = axes[name].rolling(size, center=True, min_periods=1).mean() if smooth else axes[name]
+        squares += axis.to_numpy(np.float64) ** 2
+    return pd.Series(np.sqrt(squares, out=squares), index=axes.index)
 
 
 def _falls(force: "pd.Series[float] | None", flights: tuple[Flight, ...]) -> Iterator[FlightEvent]:

@@ -60,6 +60,7 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
         rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
     columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
     known = {str(each.name): _as_logged(each.to_numpy()[rows]) for each in columns}
+    log.tables.release(keep="imu")  # what the columns were made of is as large as they are
     return RateSignals(t[rows], known, "RATE" in log.messages)
 
 
