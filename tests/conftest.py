@@ -250,10 +250,9 @@ def rotorid_here(
     monkeypatch.setenv("NO_COLOR", "1")
 
     def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
-        monkeypatch.setattr(sys, "argv", ["rotorid", *map(str, arguments)])
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            cli.main([*map(str, arguments)])
         shown = capsys.readouterr()
         assert isinstance(ended.value.code, int)
         return subprocess.CompletedProcess(arguments, ended.value.code, shown.out, shown.err)

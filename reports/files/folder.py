@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
+
 from logparse.cells import as_cell
 from logparse.serialization import as_json
 from pipeline.results.fleet import GroupResult
@@ -18,12 +20,12 @@ from pipeline.results.report import CraftReport, FlightReport
 from reports.figures.figure import Figure
 from reports.figures.models import off_by_default
 from reports.figures.prediction import joint_predictions
-from reports.files.exports import write_exports
 from reports.files.parameters import write_parameters
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
 from reports.views.model_board import Board, model_board
+from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
 _LOG = logging.getLogger("rotorid.reports")
 
@@ -31,6 +33,8 @@ _LOG = logging.getLogger("rotorid.reports")
 SHARED_SCRIPT = "plotly.min.js"
 #: The page on all flights, seen from that of one.
 _BACK = "../../"
+#: Columns of ``coefficients.csv``.
+_COEFFICIENTS = ["owner", "model", "output", "input", "part", "power", "value", "std", "relative", "determined"]
 
 
 def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
@@ -80,7 +84,7 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
     (folder / "report.json").write_text(as_json(report), encoding="utf-8")
     (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
     (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
-    write_exports(result, folder)
+    _write_exports(result, folder)
     write_parameters(result, folder)
     return path
 
@@ -127,3 +131,15 @@ def rmse_table(rows: Sequence[RmseRow]) -> str:
         )
         table.writerow(["" if cell is None else cell for cell in (*names, row.start_s, row.duration_s, *cells)])
     return text.getvalue()
+
+
+def _write_exports(result: FlightResult | GroupResult, folder: Path) -> None:
+    """Write every model that is a matrix of transfer functions.
+
+    In ``models.mat`` they are variables by their kind: ``motors``, ``mixer``, ``reference``.
+    """
+    matrices = {each.key: each.model for each in result.models if isinstance(each.model, TransferMatrix)}
+    tables = [coefficients(model).assign(owner=as_cell(result.name), model=key) for key, model in matrices.items()]
+    table = pd.concat(tables)[_COEFFICIENTS] if tables else pd.DataFrame(columns=_COEFFICIENTS)
+    table.to_csv(folder / "coefficients.csv", index=False, float_format="%.9g")
+    write_mat(matrices, folder / "models.mat")

@@ -8,14 +8,14 @@ from textwrap import shorten
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from logparse.quantity import column, number
+from logparse.quantity import column, joined, number, uncertain
 from logparse.table import TONES, Cell, Row, Table
 from pipeline.results.answer import Answer
 from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
+from pipeline.results.rotation_report import RotationReport
 from pipeline.results.verdict import Verdict
 from reports.numbers.rows import average
-from reports.terminal.rotation_line import rotation_line
 from reports.views import summary
 from reports.views.health import sentence
 
@@ -171,3 +171,21 @@ def no_model(numbers: FlightReport | FleetReport) -> str:
     if not flights or any(each.thrust is not None or any(result.kind for result in each.models) for each in every):
         return ""
     return f"no model could be identified: {summary.first_reason(flights[0])}"
+
+
+def rotation_line(rotation: RotationReport | None) -> str:
+    """Sum up in a line what a flight tells of how its craft turns; empty where nothing."""
+    if rotation is None:
+        return ""
+    known = [axis.axis for axis in rotation.axes if axis.determined]
+    parts = ["determined in " + joined(known)] if known else []
+    for axis in rotation.axes:
+        if axis.loop is not None:
+            margins = axis.loop.computed
+            told = [
+                f"{title} {uncertain(each.value, each.sigma, each.unit)}"
+                for title, each in (("gain margin", margins.gain_db), ("phase margin", margins.phase_deg))
+                if each.value is not None
+            ]
+            parts.append(f"{axis.axis} loop {axis.loop.state}" + (f" ({', '.join(told)})" if told else ""))
+    return f"How it turns: {'; '.join(parts)}." if parts else ""

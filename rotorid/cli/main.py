@@ -7,6 +7,7 @@ errors come at once.
 import logging
 import os
 import sys
+from collections.abc import Sequence
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -114,8 +115,11 @@ for _command, _summary in (
 app.add_typer(tokens, cls=Group, short_help="Make, list and revoke the service's tokens.")
 
 
-def main() -> NoReturn:
-    """Run the command line; whatever happens, the user reads a sentence and not a traceback."""
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line; whatever happens, the user reads a sentence and not a traceback.
+
+    `arguments` are those of the process unless they are given.
+    """
     # Our matrices are small: more BLAS threads than one only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     collect_seldom()
@@ -123,7 +127,7 @@ def main() -> NoReturn:
     debug = bool(os.environ.get("ROTORID_DEBUG"))
     logging.basicConfig(level=logging.DEBUG if debug else logging.CRITICAL, stream=sys.stderr)
     try:
-        app()
+        app(arguments)
     except BrokenPipeError:
         # Whoever read our output has seen enough; nothing may be written at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

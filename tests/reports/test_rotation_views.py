@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import reports
-from reports.terminal.rotation_line import rotation_line
+from reports.terminal.summary import rotation_line
 from reports.views.rotation import rotation_view
 from tests.pipeline.builders import margins, turning
 from tests.reports.builders import validator_of
