@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,14 @@ LAGS: Mapping[str, tuple[tuple[float, ...], ...]] = {
     "gps": (GPS_LAGS,),
     "gps2": (GPS_LAGS,),
     "baro": (FINE_LAGS, BARO_LAGS),
+}
+#: Further lags from which the climb begins as well: what flies to and fro is likely again half a turn off. Filters
+#: delay, so that none makes a barometer early; a receiver is where its tables take off too much.
+FAR_LAGS: Mapping[str, tuple[float, ...]] = {
+    "mag": (-1.1, -0.36, 0.36, 1.1),
+    "gps": (-1.1, -0.36, 0.36, 1.1),
+    "gps2": (-1.1, -0.36, 0.36, 1.1),
+    "baro": (0.36, 1.1),
 }
 #: Sensors whose clock a barometer does not know.
 RECEIVERS = frozenset({"gps", "gps2"})
@@ -256,7 +265,15 @@ class _Search:
             for sensor in self.lags:
                 # Some hundredths of a second of a barometer say more of its noise than of its clock.
                 least = LAG_LARGE if sensor == "baro" else 0.0
-                found[sensor] = _find_lag(self._judging(sensor), sensor, self.span, self.lay_out, self.passes, least)
+                found[sensor] = _find_lag(
+                    self._judging(sensor),
+                    sensor,
+                    self.span,
+                    self.lay_out,
+                    self.passes,
+                    least,
+                    () if last else FAR_LAGS[sensor],
+                )
                 self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
                 self.lags[sensor] += found[sensor]
             # What was found with a clock that was off is found again with it set right.
@@ -430,8 +447,9 @@ def _find_lag(
     lay_out: Callable[[Observations], Problem],
     passes: _Passes,
     least: float,
+    far: Sequence[float],
 ) -> float:
-    """Find the lag of one sensor; 0 where it is smaller than `least`, s.
+    """Find the lag of one sensor; 0 where it is smaller than `least`, s. Climbs begin at none and at those `far` off.
 
     Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
     be decisively likelier.
@@ -443,8 +461,7 @@ def _find_lag(
 
     for steps in LAGS[sensor]:
         compared = _compared(observations, kinds, span, steps[-1])
-        likelihoods, _ = _climb(partial(at, readings=compared), steps, 0.0, passes)
-        near = max(likelihoods, key=likelihoods.__getitem__)
+        near = _highest(at, compared, kinds, steps, far, passes)
         if near not in (steps[0], steps[-1]):
             break
     else:
@@ -467,6 +484,37 @@ def _find_lag(
         near = best
     lag = _vertex((near - CLOSER, near, near + CLOSER), posteriors)
     return _earned(lag, posterior(lag) - posteriors[0.0]) if abs(lag) >= least else 0.0
+
+
+def _highest(
+    lagging: Callable[[float, Observations], Problem],
+    compared: Observations,
+    kinds: tuple[int, ...],
+    steps: Sequence[float],
+    far: Sequence[float],
+    passes: _Passes,
+) -> float:
+    """Return the likeliest lag uphill of none, or of one `far` off that is likelier than that peak by all readings.
+
+    One fix that is wrong is worth hundreds where a lag makes up for it: so a far peak must be decisively likelier by
+    either half of the readings alone.
+    """
+    variant = partial(lagging, readings=compared)
+    likelihoods, _ = _climb(variant, steps, 0.0, passes)
+    near = max(likelihoods, key=likelihoods.__getitem__)
+    for start in far:
+        if passes.likelihood(variant(start)) > likelihoods[near]:
+            likelihoods |= _climb(variant, steps, start, passes)[0]
+    best = max(likelihoods, key=likelihoods.__getitem__)
+    t = compared.t[np.isin(compared.kind, kinds)]
+    if best == near or not t.size:
+        return near
+    for half in pairwise(np.quantile(t, [0.0, 0.5, 1.0]).tolist()):
+        readings = compared.within(kinds, *half)
+        gain = passes.likelihood(lagging(best, readings)) - passes.likelihood(lagging(near, readings))
+        if gain < DECISIVE:
+            return near
+    return best
 
 
 def _refine_lag(

@@ -4,6 +4,7 @@ A simulated flight is spoilt in one way; the estimate must come out as good as f
 """
 
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,9 +17,11 @@ from estimation.receiver_clock import in_one_time
 from estimation.shocks import Shocks
 from estimation.timing import ACCEL, GYRO
 from estimation.trust import doubtful_sensors, impossible_biases, missed_steps
-from logparse import Tables
+from logparse import Tables, read_log
 from tests.estimation.simulated_flight import Sensors, fly
 
+LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
+needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 SETTLED = 15.0
 VELOCITY = ("v_n", "v_e", "v_d")
 
@@ -138,6 +141,17 @@ def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     error = compare(result, truth)
     assert error.vertical_velocity < 1.5 * clean.vertical_velocity
     assert error.yaw < 1.5 * clean.yaw
+
+
+@needs_logs
+def test_a_receivers_clock_is_found_behind_a_nearer_peak():
+    """The 8 kg craft's mission to and fro is likely at 0.1 s too: velocities were 81 sigma off, and withdrawn."""
+    tables = read_log(LOGS / "octa11_auto_8kg.BIN").tables
+    gps = tables.gps
+    assert gps is not None
+    result = estimate(replace(tables, gps=gps.assign(t_valid=gps["t_valid"] + 1.0)), rate=10.0)
+    assert result.diagnostics["lags"]["gps"] == pytest.approx(0.98, abs=0.03)
+    assert [f.id for f in result.findings] == ["gps-late"]
 
 
 def test_a_receiver_beside_a_late_barometer_is_found_late(flight):
