@@ -7,7 +7,6 @@ it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from hashlib import blake2b
 from itertools import pairwise
 from typing import Any
@@ -499,7 +498,10 @@ def _highest(
     One fix that is wrong is worth hundreds where a lag makes up for it: so a far peak must be decisively likelier by
     either half of the readings alone.
     """
-    variant = partial(lagging, readings=compared)
+
+    def variant(lag: float) -> Problem:
+        return lagging(lag, compared)
+
     likelihoods, _ = _climb(variant, steps, 0.0, passes)
     near = max(likelihoods, key=likelihoods.__getitem__)
     for start in far:
