@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import __main__ as runner
+from benchmarks.flight_large import repeat
+from logparse import read_log
 
 
 @pytest.mark.parametrize(
@@ -50,3 +53,20 @@ def test_the_table_takes_the_place_of_the_one_before(tmp_path: Path, monkeypatch
 def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
     assert runner.measure("no_such_benchmark", [], 60.0)[0][0].startswith("failed: ")
     assert runner.measure("short", [], 0.01)[0][0] == "not run: out of time"
+
+
+def test_a_repeated_stretch_goes_on_in_time(tmp_path: Path) -> None:
+    """Boot clock and receiver's clock both, or the large log would be one of a broken autopilot."""
+    source = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    once = read_log(source)
+    assert once.flight is not None
+    start = once.flight.start + 10.0
+    path = repeat(source, tmp_path / "longer.bin", 2.5 * source.stat().st_size, start, start + 20.0)
+    longer = read_log(path)
+    assert path.stat().st_size > 2.5 * source.stat().st_size
+    assert longer.start_utc == once.start_utc
+    extra = longer.duration - once.duration
+    assert extra > 20.0
+    assert extra == pytest.approx(20.0 * round(extra / 20.0), abs=1e-3)
+    assert np.diff(longer.messages["IMU"].index).max() < 1.5 * np.diff(once.messages["IMU"].index).max()
+    assert longer.findings == once.findings
