@@ -22,6 +22,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,14 @@ def write_log(folder: Path, number: int, minutes: float = MINUTES) -> Path:
         steps += [GoTo(float(north), float(east), float(random.uniform(5.0, 16.0)), 4.0), Wait(2.0)]
     sample = samples[number % len(samples)]
     setup = dataclasses.replace(sample.setup, mission=Mission(takeoff=7.0, steps=tuple(steps)))
+    # On a day of its own, lest it count as another recording of a flight at the same time and place.
     flown = dataclasses.replace(
-        sample, name=f"flight{number:03d}", setup=setup, logging=Logging(imu=400.0, rate=400.0), telemetry=False
+        sample,
+        name=f"flight{number:03d}",
+        setup=setup,
+        start_utc=sample.start_utc + timedelta(days=number),
+        logging=Logging(imu=400.0, rate=400.0),
+        telemetry=False,
     )
     path, truth, *_ = write_flight(flown, folder)
     truth.unlink()
