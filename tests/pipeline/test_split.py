@@ -129,11 +129,14 @@ def test_the_sentence_has_the_numbers():
         assert part in sentence
 
 
+def many_flights():
+    """Return 203 flights of 29 days at three places."""
+    moved = np.random.default_rng(7).lognormal(0.0, 0.5, 203)
+    return [flight(f"f{k:03d}", float(m), day=k // 7, place=k % 3) for k, m in enumerate(moved)]
+
+
 def test_large_fleets_train_on_no_more_than_help():
-    flights = [
-        flight(f"f{k:03d}", float(m), day=k // 7, place=k % 3)
-        for k, m in enumerate(np.random.default_rng(7).lognormal(0.0, 0.5, 203))
-    ]
+    flights = many_flights()
     split = choose_split(flights, CONFIG)
     assert len(split.training) == MOST_TRAINING
     assert len(split.held_out) == 203 - MOST_TRAINING
@@ -146,10 +149,7 @@ def test_large_fleets_train_on_no_more_than_help():
 
 def test_large_fleets_are_judged_on_no_more_than_tell():
     """Free runs of a thousand flights took gigabytes, and tell the mean error no better."""
-    flights = [
-        flight(f"f{k:03d}", float(m), day=k // 7, place=k % 3)
-        for k, m in enumerate(np.random.default_rng(7).lognormal(0.0, 0.5, 203))
-    ]
+    flights = many_flights()
     split = choose_split(flights, CONFIG)
     assert len(split.judging) == MOST_JUDGING
     assert set(split.judging) < set(split.held_out)
