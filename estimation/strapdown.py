@@ -1,5 +1,6 @@
 """From IMU-rate tables to a smoothed trajectory."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from functools import partial
@@ -190,12 +191,13 @@ def estimate_strapdown(
         for each in rows:
             each.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
     index = pd.Index(np.concatenate([e.t for e in rows]), name="t")
-    states = _states(rows, index)
+    there = _errors_there(rows)
+    states = _states(rows, index, there)
     # The states are as large as the log again, and nobody needs the estimates that they were made of.
     rows = [
         replace(e, estimates=replace(e.estimates, x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
     ]
-    sigma = _sigma(rows, index)
+    sigma = _sigma(rows, index, there)
     doubts += impossible_biases(states)
     if place.origin is not None:
         doubts += contradicted_receiver(tables, states, place.origin, lag)
@@ -434,39 +436,38 @@ def _place(piece: Estimates, whole: Estimates, number: int) -> None:
     whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 
 
-def _errors_there(done: list[_Rows]) -> np.ndarray:
-    """Return which sensor errors any segment knows, shape (17,): a sensor that is not there has none to estimate."""
-    return np.asarray(np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done]))
+def _errors_there(done: list[_Rows]) -> dict[int, str]:
+    """Return the sensor errors that any segment knows, by place: a sensor that is not there has none to estimate."""
+    known = np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done])
+    return {k: name for k, (name, some) in enumerate(zip(SENSOR_ERROR_COLUMNS, known, strict=True)) if some}
 
 
-def _states(done: list[_Rows], index: pd.Index) -> pd.DataFrame:
-    """Lay the segments' estimates out as the states of a `Trajectory`."""
-    there = _errors_there(done)
-    errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
-    states = np.empty((len(index), len(STATE_COLUMNS) + len(errors)))
+def _states(done: list[_Rows], index: pd.Index, there: Mapping[int, str]) -> pd.DataFrame:
+    """Lay the segments' estimates out as the states of a `Trajectory`, with the sensor errors that are there."""
+    columns = [*STATE_COLUMNS, *there.values()]
+    states = np.empty((len(index), len(columns)))
     first = 0
     for e in done:
         x, rows = e.estimates.x, slice(first, first + len(e.t))
         states[rows, :10] = x[:, :10]
         np.subtract(e.rates, x[:, 10:13], out=states[rows, 10:13])
         np.subtract(e.forces, x[:, 13:16], out=states[rows, 13:16])
-        for column, known in enumerate(np.flatnonzero(there), start=16):
+        for column, known in enumerate(there, start=16):
             states[rows, column] = x[:, 10 + known]
         first += len(e.t)
-    return pd.DataFrame(states, index=index, columns=[*STATE_COLUMNS, *errors], copy=False)
+    return pd.DataFrame(states, index=index, columns=columns, copy=False)
 
 
-def _sigma(done: list[_Rows], index: pd.Index) -> pd.DataFrame:
-    """Lay the segments' variances out as the standard deviations of a `Trajectory`."""
-    there = _errors_there(done)
-    errors = [name for name, some in zip(SENSOR_ERROR_COLUMNS, there, strict=True) if some]
-    sigma = np.empty((len(index), len(SIGMA_COLUMNS) + len(errors)))
+def _sigma(done: list[_Rows], index: pd.Index, there: Mapping[int, str]) -> pd.DataFrame:
+    """Lay the segments' variances out as the standard deviations of a `Trajectory`, as `_states`."""
+    columns = [*SIGMA_COLUMNS, *there.values()]
+    sigma = np.empty((len(index), len(columns)))
     first = 0
     for e in done:
         rows = slice(first, first + len(e.t))
         sigma[rows, :9] = np.diagonal(e.estimates.covariance, axis1=2, axis2=3).reshape(-1, 9)
-        for column, known in enumerate(np.flatnonzero(there), start=9):
+        for column, known in enumerate(there, start=9):
             sigma[rows, column] = between_rows(e.estimates.slow_variance[:, known], len(e.t))
         first += len(e.t)
     np.sqrt(np.maximum(sigma, 0.0, out=sigma), out=sigma)
-    return pd.DataFrame(sigma, index=index, columns=[*SIGMA_COLUMNS, *errors], copy=False)
+    return pd.DataFrame(sigma, index=index, columns=columns, copy=False)

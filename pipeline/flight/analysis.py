@@ -156,7 +156,7 @@ def _analyze(
         None if isinstance(flight, Failure) else present(stages.run("health", lambda _: logged_rates(tables, flight)))
     )
     sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
-    part = sound if isinstance(sound, Failure) else busiest(log, sound)
+    part = sound if isinstance(sound, Failure) else stages.run("health", lambda _: busiest(log, sound))
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
     aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, part, apart))
@@ -237,11 +237,10 @@ def _without_trajectory(
     log: FlightLog, sound: Span | Failure, part: Span | Failure, stages: Stages
 ) -> _WithoutTrajectory:
     """Look at what needs no trajectory: how the craft turns, its loops and its motors."""
-    if isinstance(part, Failure):
-        return _WithoutTrajectory(part, part, part, stages)
-    assert not isinstance(sound, Failure)
+    if isinstance(sound, Failure):
+        return _WithoutTrajectory(sound, sound, sound, stages)
     log.tables.release()
-    rotation = stages.run("rotation", lambda _: find_rotation(log, part))
+    rotation = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
     loops = stages.run("loops", lambda _: assess_loops(log, sound))
     motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
@@ -279,8 +278,10 @@ def _fit(
     stages: Stages,
 ) -> _Fitted:
     """Fit every kind of model to the beginning of the flight's part that models are of, and validate it on the rest."""
-    if isinstance(flight, Failure) or isinstance(part, Failure):
+    if isinstance(flight, Failure):
         return _nothing(flight)
+    if isinstance(part, Failure):
+        return _nothing(part)
     if isinstance(trajectory, Failure):
         return _nothing(trajectory)
     thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
