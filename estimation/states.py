@@ -64,7 +64,7 @@ class SensorNoise:
     accel_bias: float = 0.1
     baro: float = 0.15  #: White noise of the pressure altitude, m.
     #: Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes. Propeller wash and
-    #: airspeed make it 0.1 to 0.6 on real craft, which the log tells (`tuning.LADDERS`).
+    #: airspeed make it 0.1 to 0.6 on real craft, which the log tells (`tuning.noise.LADDERS`).
     baro_walk: float = 0.04
     baro_bias: float = 30.0  #: 1-sigma offset of the baro's zero from the origin, m.
     mag: float = 5.0e-7  #: White noise of the magnetometer, T: noise, quantisation, motor currents.

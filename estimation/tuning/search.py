@@ -1,0 +1,285 @@
+"""The search for the settings of one segment: lags, then noise, about one start or two."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation import _kernels
+from estimation.alignment import Alignment, with_priors
+from estimation.filter import COARSE, Problem, World, assemble, matched_scale, run
+from estimation.observations import Observations
+from estimation.shocks import believed
+from estimation.states import SensorNoise
+from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
+from estimation.trust import LATE
+from estimation.tuning.ladders import DECISIVE, Passes, climb
+from estimation.tuning.lags import ENDS, FAR_LAGS, FINE_LAGS, LAGGING, RECEIVERS, find_lag, refine_lag
+from estimation.tuning.linearisation import RELINEARISED, is_sought, moves_bias, relinearised, settled
+from estimation.tuning.noise import GPS_ERROR_SHARES, HIDDEN_WALKS, LADDERS, scale_imu, set_noise, split_gps_error
+
+#: Seconds of flight that are looked at; more would cost time and tell little more.
+WINDOW = 180.0
+#: A lag beyond this, s, spoils what is found along with it.
+LAG_LARGE = 0.1
+#: Steps about the yaw gyro's scale at which likelihood is laid through a parabola, and how often: gyros of this class
+#: are off by up to 3 % (data sheets of MPU-6000 and ICM-20689).
+SCALE_STEPS, SCALE_PASSES = np.array([-0.02, 0.0, 0.02]), 3
+#: Hard iron's walk about which the search begins, T/sqrt(s).
+COMPASS_CLASS = 2e-8
+#: Biases of an IMU that was never calibrated, rad/s and m/s^2.
+WIDE_GYRO_BIAS, WIDE_ACCEL_BIAS = 0.1, 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """Settings found for one log."""
+
+    noise: SensorNoise
+    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
+    lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
+    yaw_scale: float  #: Factor on the rate about the down axis that makes it true.
+
+    @property
+    def late_barometer(self) -> bool:
+        """Whether the barometer is so late that one lag may not undo it, as behind a filter."""
+        return abs(self.lags.get("baro", 0.0)) > LATE
+
+    def in_time(self, observations: Observations) -> Observations:
+        """Put observations at the times that were found."""
+        for sensor, lag in self.lags.items():
+            observations = observations.earlier(LAGGING[sensor], lag)
+        return observations
+
+
+def window(signal: InertialSignal) -> tuple[float, float]:
+    """Return the span of the flight that is looked at, s; it begins where the craft first turns."""
+    moving = signal.beyond(GYRO_MOVING)
+    begin = float(signal.t[np.argmax(moving)] - signal.gyro_delay if moving.any() else signal.start)
+    return begin, begin + WINDOW
+
+
+def tune(
+    signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
+) -> Tuned:
+    """Find the settings from one segment of the log, from its start to at most `WINDOW` into the flight.
+
+    Biases far beyond their class throw off the attitude that is found along with them, after which no single setting
+    looks better: they need a start of their own. With settings of the class that start also makes up for whatever else
+    is worse than its class, as a compass beside motors, and one fix more or less decided on it. So where it looks
+    better, settings are found about both, and it must still be decisively likelier.
+
+    Parameters
+    ----------
+    signal : InertialSignal
+        IMU samples of the segment.
+    observations : Observations
+        What the aiding sensors measured, at the times that their tables state.
+    aligned : Alignment
+        The start.
+    world : World
+        Gravity and Earth's rotation.
+    noise : SensorNoise
+        Settings to begin with, those that `aligned` was made with.
+    """
+    wide = replace(noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
+    known = _Search(signal, observations, aligned, world, noise)
+    # Each finds how its compass wanders: about a wrong start it seems to, and that would spoil the other.
+    far_off = _Search(signal, observations, with_priors(aligned, noise, wide), world, wide)
+    looks_better = far_off.begin() - known.begin() > DECISIVE
+    known.search()
+    if not looks_better:
+        return known.found
+    far_off.search()
+    return far_off.found if far_off.likelihood() - known.likelihood() > DECISIVE else known.found
+
+
+class _Search:
+    """The search for settings about one start."""
+
+    def __init__(
+        self, signal: InertialSignal, observations: Observations, aligned: Alignment, world: World, noise: SensorNoise
+    ) -> None:
+        self.observations, self.aligned, self.world = observations, aligned, world
+        self.given = self.noise = noise
+        self.x, self.P, self.white_scale = aligned.x, aligned.P, np.ones(_kernels.KINDS)
+        self.imu_scale = np.ones(2)
+        self.span = signal.start, min(window(signal)[1], signal.stop)
+        self.moves = bool(signal.beyond(TURNING).any())
+        self.signal = self.as_measured = signal.before(self.span[1])
+        self.yaw_scale = 1.0
+        self.lags = {s: 0.0 for s, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
+        self.passes = Passes()
+
+    @property
+    def found(self) -> Tuned:
+        """The settings."""
+        return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags, self.yaw_scale)
+
+    def lay_out(self, observations: Observations) -> Problem:
+        """Lay out the window with the settings found so far."""
+        return assemble(
+            self.signal,
+            observations,
+            np.array([self.signal.start]),
+            self.x,
+            self.P,
+            self.world,
+            self.noise,
+            white_scale=self.white_scale,
+            imu_scale=self.imu_scale,
+            stop=self.span[1],
+            finest=COARSE,
+            moves=self.moves,
+        )
+
+    def begin(self) -> float:
+        """Find the attitude to linearise about and what white noise suits it; return the log-likelihood.
+
+        Currents beside a compass pull at attitude, after which lags and noise of all other sensors come out wrong: so
+        how far its hard iron walks is found at once.
+        """
+        self.x, self.P, self.noise = self.aligned.x, self.aligned.P, self.given
+        self.white_scale = np.ones(_kernels.KINDS)
+        started = self._started(self.lay_out(self.observations))
+        if "mag" in self.lags:
+            ladder = LADDERS["hard_iron_walk"][LADDERS["hard_iron_walk"].index(COMPASS_CLASS) :]
+            likelihoods, likeliest = climb(
+                lambda walk: replace(started, noise=replace(started.noise, hard_iron_walk=walk)),
+                ladder,
+                COMPASS_CLASS,
+                self.passes,
+            )
+            if max(likelihoods.values()) - likelihoods[COMPASS_CLASS] > DECISIVE:
+                started = self._started(replace(likeliest, x=self.x))
+        self._take(started)
+        return self.passes.likelihood(started)
+
+    def search(self) -> None:
+        """Find lags and noise, from what `begin` found."""
+        for last in (False, True):
+            found = {}
+            for sensor in self.lags:
+                # Some hundredths of a second of a barometer say more of its noise than of its clock.
+                least = LAG_LARGE if sensor == "baro" else 0.0
+                found[sensor] = find_lag(
+                    self._judging(sensor),
+                    sensor,
+                    self.span,
+                    self.lay_out,
+                    self.passes,
+                    least,
+                    () if last else FAR_LAGS[sensor],
+                )
+                self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
+                self.lags[sensor] += found[sensor]
+            # What was found with a clock that was off is found again with it set right.
+            if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
+                break
+            if self.found.late_barometer and not last:
+                self._forget_receivers()
+            self.begin()
+        self._find_yaw_scale()
+        problem = self.lay_out(self.observations)
+        # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
+        for column in range(2):
+            self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
+        start = replace(self.aligned, x=self.x)
+        for setting, ladder in LADDERS.items():
+            if setting == "baro_walk" and self.found.late_barometer:
+                ladder = HIDDEN_WALKS
+            problem = set_noise(problem, start, setting, ladder, self.passes)
+        if np.any(problem.observations.kind == _kernels.GPS_POSITION):
+            problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
+            problem = split_gps_error(problem, self.passes)
+        matched = matched_scale(problem, run(problem, keep=False))
+        matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
+        self._take(replace(problem, white_scale=matched))
+        # A start whose tilt is still sought makes up for a lag, or the lag for it.
+        if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
+            for sensor in self.lags.keys() & RECEIVERS:
+                self.lags[sensor] += refine_lag(self._judging(sensor), LAGGING[sensor], self.span, self.lay_out)
+        if self.yaw_scale != 1.0:
+            self._doubt_yaw_scale()
+
+    def _judging(self, sensor: str) -> Observations:
+        """Return the observations that the lag of a sensor is judged by.
+
+        The IMU tells a receiver's clock. A barometer that is late lags as a filter does, which no one lag undoes: it
+        would bend the receiver's clock by hundredths of a second, and each of them is 8 cm at 8 m/s.
+        """
+        alone = self.found.late_barometer and sensor in RECEIVERS
+        return self.observations.without(_kernels.BARO) if alone else self.observations
+
+    def _forget_receivers(self) -> None:
+        """Put receivers back to the times that their tables state: what was found may have been the barometer's lag."""
+        for sensor in self.lags.keys() & RECEIVERS:
+            self.observations = self.observations.earlier(LAGGING[sensor], -self.lags[sensor])
+            self.lags[sensor] = 0.0
+
+    def _find_yaw_scale(self) -> None:
+        """Find the scale of the gyro about the down axis, where it is decisively likelier than 1.
+
+        Other axes turn to and fro, so that little comes of theirs but what is wrong elsewhere.
+        """
+        for _ in range(SCALE_PASSES):
+            scale, gain = self._likelier_scale()
+            if gain < DECISIVE:
+                return
+            self._rescale(scale)
+            self.begin()
+
+    def _doubt_yaw_scale(self) -> None:
+        """Find the scale again with the log's noise, and believe as much of it as the log shows.
+
+        One that is believed or not would turn the craft by all of it when one fix decides.
+        """
+        scale, _ = self._likelier_scale()
+        self._rescale(scale)
+        gain = self._log_likelihood()
+        self._rescale(1.0)
+        gain -= self._log_likelihood()
+        self._rescale(1.0 + (scale - 1.0) * believed(gain / DECISIVE))
+
+    def _likelier_scale(self) -> tuple[float, float]:
+        """Return the likeliest scale near that of now, by a parabola, and by how much it is likelier."""
+        middle = self.yaw_scale
+        values = []
+        for step in SCALE_STEPS.tolist():
+            self._rescale(middle * (1.0 + step))
+            values.append(self._log_likelihood())
+        self._rescale(middle)
+        bend, slope, _ = np.polyfit(SCALE_STEPS, values, 2)
+        if bend >= 0.0:
+            return middle, 0.0
+        step = float(np.clip(-0.5 * slope / bend, SCALE_STEPS[0], SCALE_STEPS[-1]))
+        return middle * (1.0 + step), step * (slope + bend * step)
+
+    def _log_likelihood(self) -> float:
+        return run(self.lay_out(self.observations), keep=False).log_likelihood
+
+    def _rescale(self, yaw_scale: float) -> None:
+        """Set another scale; what was found with the one before is of another problem."""
+        self.yaw_scale, self.signal = yaw_scale, self.as_measured.rescaled(yaw_scale)
+        self.passes = Passes()
+
+    def likelihood(self) -> float:
+        """Return the log-likelihood of what was found, over readings that no lag moves out of the window."""
+        kinds, reach = range(_kernels.KINDS), max(map(abs, FINE_LAGS)) + ENDS
+        seen = self.observations.within(kinds, self.span[0] + reach, self.span[1] - reach)
+        return run(self.lay_out(seen), keep=False).log_likelihood
+
+    def _started(self, problem: Problem) -> Problem:
+        """Linearise about the attitude that a problem itself finds from its start, and match white noise to it."""
+        levelled = self.aligned.levelled
+        for k in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
+            result = run(problem)
+            x, scale = problem.x, matched_scale(problem, result)
+            problem = replace(problem, x=relinearised(problem, result, levelled=levelled), white_scale=scale)
+            if k and settled(x, problem.x):
+                break
+        return problem
+
+    def _take(self, problem: Problem) -> None:
+        self.x, self.P, self.noise, self.white_scale = problem.x, problem.P, problem.noise, problem.white_scale
