@@ -98,7 +98,8 @@ def find_lag(
     least : float
         A smaller lag is none, s.
     far : Sequence[float]
-        Further lags to begin at, s."""
+        Further lags to begin at, s.
+    """
     kinds = LAGGING[sensor]
 
     def at(lag: float, readings: Observations) -> Problem:

@@ -58,7 +58,8 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
     ladder : Sequence[float]
         Its values, rising.
     passes : Passes
-        Likelihoods known so far."""
+        Likelihoods known so far.
+    """
 
     def at(value: float) -> Problem:
         changed: dict[str, Any] = {setting: value}
