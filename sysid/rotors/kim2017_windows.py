@@ -221,8 +221,15 @@ def output_error(
         Where to start.
     """
     q = len(share)
-    gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
-    outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
+    all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
+    all_outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
+    # Sensitivities are combinations of these columns: the triangular factor of them has all products of all rows.
+    triangles = [
+        np.asarray(np.linalg.qr(np.column_stack([gain, output]), mode="r"))
+        for gain, output in zip(all_gains, all_outputs, strict=True)
+    ]
+    gains, outputs = [each[:, :-1] for each in triangles], [each[:, -1] for each in triangles]
+    samples = len(all_outputs[0])
     if start is None:
         lifted = gains[0] @ np.ones(q)
         if not np.any(lifted):
@@ -235,7 +242,7 @@ def output_error(
     for _ in range(STEPS):
         weights = np.array(
             [
-                1.0 / max(float(np.sqrt(np.mean(r**2))), 1e-12)
+                1.0 / max(float(np.sqrt(r @ r / samples)), 1e-12)
                 for _, r in _sensitivities(gains, outputs, values, lever, known is None)
             ]
         )
@@ -245,9 +252,10 @@ def output_error(
         values = values + step[:q]
         if known is None:
             lever = lever + step[q:]
-    last = list(_sensitivities(gains, outputs, values, lever, known is None))
+    last = list(_sensitivities(all_gains, all_outputs, values, lever, known is None))
     residual = [left for _, left in last]
-    covariance, condition = _covariance(last, weights, [len(w.yaw) for w in windows])
+    triangle = _triangle(weights, _sensitivities(gains, outputs, values, lever, known is None))
+    covariance, condition = _covariance(triangle, last, weights, [len(w.yaw) for w in windows])
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Estimate(
         values,
@@ -256,7 +264,7 @@ def output_error(
         sigma[q:] if known is None else np.zeros(2),
         condition,
         {name: float(np.sqrt(np.mean(r**2))) for name, r in zip(("z", "w_x", "w_y"), residual, strict=True)},
-        {f"w_{axis}": _explained(residual[o], outputs[o]) for o, axis in ((1, "x"), (2, "y"))},
+        {f"w_{axis}": _explained(residual[o], all_outputs[o]) for o, axis in ((1, "x"), (2, "y"))},
     )
 
 
@@ -314,10 +322,22 @@ def _norms(columns: Floats) -> Floats:
 
 
 def _covariance(
-    parts: Sequence[tuple[Floats, Floats]], weights: Floats, lengths: Sequence[int]
+    triangle: Floats, parts: Sequence[tuple[Floats, Floats]], weights: Floats, lengths: Sequence[int]
 ) -> tuple[Floats, float]:
-    """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values."""
-    triangle = _triangle(weights, parts)[:, :-1]
+    """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values.
+
+    Parameters
+    ----------
+    triangle : ndarray, shape (q + 1, q + 1)
+        Of `_triangle`.
+    parts : sequence of (ndarray of shape (N, q), ndarray of shape (N,))
+        Sensitivities and residual of each output.
+    weights : ndarray
+        Of each output.
+    lengths : sequence of int
+        Samples of each window.
+    """
+    triangle = triangle[:, :-1]
     size = _norms(triangle)
     singular = np.linalg.svd(triangle / size, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
@@ -358,7 +378,8 @@ def mean_torque(windows: Sequence[Window]) -> TorqueEstimate | None:
     scaled = yaw / np.where(size > 0.0, size, 1.0)
     values = np.linalg.lstsq(scaled, output, rcond=1e-8)[0]
     residual = output - scaled @ values
-    covariance, _ = _covariance([(scaled, residual)], np.ones(1), [len(w.yaw) for w in windows])
+    parts = [(scaled, residual)]
+    covariance, _ = _covariance(_triangle(np.ones(1), parts), parts, np.ones(1), [len(w.yaw) for w in windows])
     value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
     explained = _explained(residual, output)
     if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:

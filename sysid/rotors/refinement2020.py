@@ -125,7 +125,7 @@ def fit_refinement2020(
         ]
 
     if time_constant is None:
-        time_constant = best_lag(motion_at) if rotation else 0.0
+        time_constant = best_lag(motion_at(0.0)) if rotation else 0.0
     motion = motion_at(time_constant)
     air = air_sigma_of(records)
     stacked = fit_stacked(motion, air, pressed(records), law is Law.SPEED)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_geometry import MotorGeometry
 from sysid.records.motor_signals import unexplained
-from sysid.records.thrust_curve import column
+from sysid.records.thrust_curve import column, lagged
 from sysid.rotors.thrust_regression import DETERMINED, covariance_of
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
@@ -371,15 +371,22 @@ def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bo
     return {name: result[name] for name in PARAMETERS}
 
 
-def best_lag(motion_at: Callable[[float], list[Motion]]) -> float:
-    """Find the lag with which roll and pitch moments explain most of the angular acceleration."""
+def best_lag(motion: Sequence[Motion]) -> float:
+    """Find the lag with which roll and pitch moments explain most of the angular acceleration.
+
+    Parameters
+    ----------
+    motion : sequence of Motion
+        With motors that follow their signals at once.
+    """
+    # Moments are sums of the signals: a lag of these is a lag of them.
+    moments = [np.column_stack([m.roll, m.pitch]) for m in motion]
+    aims = [np.concatenate([m.acceleration[:, axis] for m in motion]) for axis in range(2)]
 
     def left(lag: float) -> float:
-        motion = motion_at(lag)
+        late = np.concatenate([lagged(each, lag, m.dt) for each, m in zip(moments, motion, strict=True)])
         total = 0.0
-        for axis, moment in enumerate(("roll", "pitch")):
-            rows = np.concatenate([getattr(m, moment) for m in motion])
-            aim = np.concatenate([m.acceleration[:, axis] for m in motion])
+        for rows, aim in zip(late.T, aims, strict=True):
             power = float(rows @ rows)
             total += float(aim @ aim) - (float(rows @ aim) ** 2 / power if power > 0.0 else 0.0)
         return total
@@ -422,11 +429,12 @@ def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[
     weight = np.ones(len(y))
     values = np.zeros(x.shape[1])
     for _ in range(20):
-        root = np.sqrt(weight)
-        new = np.linalg.lstsq(x / size * root[:, None], y * root, rcond=1e-10)[0] / size
+        weighted = x * weight[:, None]
+        normal = weighted.T @ x / np.outer(size, size)
+        new = np.linalg.lstsq(normal, weighted.T @ y / size, rcond=1e-13)[0] / size
         residual = y - x @ new
         scale = 1.4826 * float(np.median(np.abs(residual)))
-        done = bool(np.allclose(new, values, rtol=1e-8, atol=0.0))
+        done = bool(np.allclose(new, values, rtol=1e-7, atol=0.0))
         values = new
         if done or scale == 0.0:
             break

@@ -10,7 +10,7 @@ flights when commands vary enough.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -61,6 +61,9 @@ EXPO_DETERMINED = 0.15
 
 #: Rates at which the lag can be seen at all, Hz, and the longest lag looked for, s.
 LAG_RATE, LONGEST_LAG = 20.0, 0.5
+
+#: Lags with which the search begins, beside none.
+_LAGS_TRIED = 8
 
 #: Condition number of the motors' signals above which motors are not told apart.
 SEPARABLE = 1e4
@@ -120,7 +123,16 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     require_all_motors(records[0], vehicle)
     findings += unknown
     motors = records[0].input_names
-    tried = {Law.COMMAND: [blocks_of(record, vehicle, voltage) for record in records]}
+    # Thrust by command is linear in the curvature: between a straight line and a parabola nothing is averaged anew.
+    ends = [[blocks_of(record, vehicle, voltage, Law.COMMAND, expo) for record in records] for expo in (0.0, 1.0)]
+
+    def bent(expo: float) -> list[Blocks]:
+        return [
+            replace(line, thrust=line.thrust + expo * (parabola.thrust - line.thrust))
+            for line, parabola in zip(*ends, strict=True)
+        ]
+
+    tried = {Law.COMMAND: bent(vehicle.thrust_expo)}
     usable = sum(len(block.force) for block in tried[Law.COMMAND])
     if usable < 2 * len(motors) + 4:
         raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few for a rotor model")
@@ -129,18 +141,14 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     rmse = {law: _fit(blocks).rmse for law, blocks in tried.items()}
     law, more = _choose(records, vehicle, rmse)
     findings += [*more, *_dead(records, vehicle), *_slow(records, vehicle, law)]
-
-    def blocks_at(value: float) -> list[Blocks]:
-        return [blocks_of(record, vehicle, voltage, law, value) for record in records]
-
     thrust_expo, expo = vehicle.thrust_expo, Parameter(None, None, "1", "thrust follows rotor speed")
     if law is Law.COMMAND:
-        expo = _curvature(blocks_at, vehicle.thrust_expo)
+        expo = _curvature(bent, vehicle.thrust_expo)
         other = _other_curve(expo, vehicle)
         if other and expo.value is not None:
             thrust_expo = expo.value
             findings += other
-    blocks = blocks_at(thrust_expo)
+    blocks = bent(thrust_expo) if law is Law.COMMAND else tried[law]
     together = _fit(blocks)
     air, sums = air_sigma_of(records), [_with_climb(b.thrust.sum(axis=1, keepdims=True), b) for b in blocks]
     common = coefficient(
@@ -343,15 +351,16 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
     def rows_at(tau: float) -> list[Floats]:
         return [np.hstack([lagged(s, tau, dt), c]) for s, c in zip(signals, climbs, strict=True)]
 
-    def residual(x: Floats) -> Floats:
-        rows = rows_at(float(x[0]))
+    def left_over(tau: float) -> float:
+        rows = rows_at(tau)
         values = coefficients(rows, forces)
-        return np.concatenate([f - r @ values for f, r in zip(forces, rows, strict=True)])
+        return sum(float(np.sum((f - r @ values) ** 2)) for f, r in zip(forces, rows, strict=True))
 
-    starts = [
-        scipy.optimize.least_squares(residual, [tau], bounds=(1e-4, LONGEST_LAG), x_scale=0.02) for tau in (0.02, 0.1)
-    ]
-    tau = float(min(starts, key=lambda found: float(found.cost)).x[0])
+    # A flight may have two lags that are each better than those about it: the best of a few is gone on from.
+    tried = np.concatenate([[1e-4], np.geomspace(0.01, LONGEST_LAG, _LAGS_TRIED)])
+    best = int(np.argmin([left_over(each) for each in tried]))
+    around = tried[max(best - 1, 0)], tried[min(best + 1, _LAGS_TRIED)]
+    tau = float(scipy.optimize.minimize_scalar(left_over, bounds=around, method="bounded", options={"xatol": 1e-5}).x)
     rows = rows_at(tau)
     values, step = coefficients(rows, forces), max(1e-3, 0.01 * tau)
     above, below = rows_at(tau + step), rows_at(max(tau - step, 0.0))

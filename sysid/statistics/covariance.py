@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import groupby, islice
 
 import numpy as np
 import scipy
 
 from sysid.records.experiment import Floats
+
+#: Values whose spectra are taken together: they stay in the processor's cache.
+AT_ONCE = 1 << 15
 
 
 def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
@@ -24,13 +28,14 @@ def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     ndarray, shape (lags,)
     """
     total, result = 0, np.zeros(lags)
-    for residual in residuals:
-        n = len(residual)
-        spectrum = scipy.fft.rfft(residual, scipy.fft.next_fast_len(n + lags))
-        product = scipy.fft.irfft(np.abs(spectrum) ** 2, scipy.fft.next_fast_len(n + lags))
+    for n, alike in groupby(residuals, key=len):
+        together = np.stack(list(alike))
+        size = scipy.fft.next_fast_len(n + lags)
+        spectra = scipy.fft.rfft(together, size)
+        product = scipy.fft.irfft(np.sum(np.abs(spectra) ** 2, axis=0), size)
         reach = min(lags, n)
         result[:reach] += product[:reach]
-        total += n
+        total += together.size
     return np.asarray(result / total * (1.0 - np.arange(lags) / lags))
 
 
@@ -58,12 +63,15 @@ def coloured_information(regressors: Sequence[Floats], covariance: Floats) -> Fl
     """
     q = regressors[0].shape[1]
     result = np.zeros((q, q))
-    for psi in regressors:
-        n = len(psi)
+    for n, alike in groupby(regressors, key=len):
         coloured = _colouring(covariance, n)
-        # One regressor at a time: spectra of all of a long record would be the largest thing in memory.
-        for k in range(q):
-            result[:, k] += psi.T @ coloured(psi[:, k])
+        # Short records many at a time, long ones by one regressor: their spectra would be the largest thing in memory.
+        many, few = max(AT_ONCE // (n * q), 1), min(max(AT_ONCE // n, 1), q)
+        while together := list(islice(alike, many)):
+            psi = np.concatenate(together)
+            for k in range(0, q, few):
+                shaped = psi[:, k : k + few].reshape(len(together), n, -1)
+                result[:, k : k + few] += psi.T @ coloured(shaped).reshape(psi[:, k : k + few].shape)
     return 0.5 * (result + result.T)
 
 
@@ -89,7 +97,7 @@ def lagged_information(signals: Sequence[Floats], lags: int, covariance: Floats)
         n = len(u) - lags
         # By the sample at which a column starts, from 0 (the longest lag) to lags - 1 (one sample).
         found = np.zeros((lags, lags))
-        filtered = _colouring(covariance, n)(u[-n - 1 : -1])
+        filtered = _colouring(covariance, n)(u[-n - 1 : -1, None])[:, 0]
         found[-1] = found[:, -1] = [u[start : start + n] @ filtered for start in range(lags)]
         kernel = covariance[:n]
         entering, leaving = u[: lags - 1], u[n : n + lags - 1]
@@ -109,11 +117,17 @@ def _both(ends: Floats, sums: Floats, variance: float) -> Floats:
 
 
 def _colouring(covariance: Floats, n: int) -> Callable[[Floats], Floats]:
-    """Return the multiplication of n values by the covariance matrix of residuals."""
+    """Return the multiplication of n values, along the axis before the last, by the covariance matrix of residuals."""
     reach = min(len(covariance), n)
     size = scipy.fft.next_fast_len(n + reach)
     kernel = np.zeros(size)
     kernel[:reach] = covariance[:reach]
     kernel[size - reach + 1 :] = covariance[reach - 1 : 0 : -1]
-    spectrum = scipy.fft.rfft(kernel)
-    return lambda values: np.asarray(scipy.fft.irfft(scipy.fft.rfft(values, size) * spectrum, size)[:n])
+    spectrum = scipy.fft.rfft(kernel)[:, None]
+
+    def coloured(values: Floats) -> Floats:
+        spectra = scipy.fft.rfft(values, size, axis=-2)
+        spectra *= spectrum
+        return np.asarray(scipy.fft.irfft(spectra, size, axis=-2)[..., :n, :])
+
+    return coloured
