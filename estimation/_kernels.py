@@ -13,8 +13,8 @@ the adjoint ``lam``, ``Lam`` and needs the covariance only where a result is wan
 
 import numpy as np
 
-from logparse.compiled import inner, njit
-from logparse.kernel_types import Flags, Int64Rows, Int64s, Matrix, Stack, Vector
+from logparse.numerics.compiled import inner, njit
+from logparse.numerics.kernel_types import Flags, Int64Rows, Int64s, Matrix, Stack, Vector
 
 Array = np.ndarray
 

@@ -10,10 +10,10 @@ from logparse.findings import Finding, Severity
 from logparse.lazy import exports
 
 if TYPE_CHECKING:
+    from logparse.craft.frames import Motor, Vehicle
     from logparse.events.event import FlightEvent
     from logparse.events.timeline import flight_events
     from logparse.flights import Flight
-    from logparse.frames import Motor, Vehicle
     from logparse.given import GivenLogs, logs_of
     from logparse.log import FlightLog, check_is_log, read_flights, read_log, read_power_ups
     from logparse.messages import Messages

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from logparse.cells import as_cell
 from logparse.errors import RotoridError
 from logparse.lazy import lazy
+from logparse.presentation.cells import as_cell
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:

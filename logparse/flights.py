@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.pwm_range import pwm_range
+from logparse.craft.pwm_range import pwm_range
 from logparse.tables import Tables
 
 Array = npt.NDArray[np.float64]

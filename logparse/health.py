@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
+from logparse.craft.pwm_range import pwm_range
 from logparse.findings import Finding, Severity
 from logparse.flights import height_above_ground, held
-from logparse.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
-from logparse.pwm_range import pwm_range
 from logparse.rest import at_rest, calibration
 from logparse.units import numbers
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from logparse import health
+from logparse.craft.frames import Vehicle
 from logparse.findings import Finding
 from logparse.flights import Flight
-from logparse.frames import Vehicle
 from logparse.tables import COLUMNS, Tables
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from logparse.errors import LogError, RotoridError
 from logparse.findings import Finding, Severity
 from logparse.lazy import lazy
 from logparse.messages import Messages, Passing
+from logparse.presentation.summary import Summarised, listed
 from logparse.source import Boot, MessageSource
-from logparse.summary import Summarised, listed
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
 from logparse.units import numbers
@@ -27,12 +27,12 @@ from logparse.units import numbers
 if TYPE_CHECKING:
     from logparse import canonical
     from logparse import flights as airborne
-    from logparse import vehicle as craft
+    from logparse.craft import vehicle as craft
+    from logparse.craft.frames import Vehicle
     from logparse.flights import Flight
-    from logparse.frames import Vehicle
     from logparse.tables import Tables
 else:
-    canonical, airborne, craft = lazy("logparse.canonical"), lazy("logparse.flights"), lazy("logparse.vehicle")
+    canonical, airborne, craft = lazy("logparse.canonical"), lazy("logparse.flights"), lazy("logparse.craft.vehicle")
 
 _HEAD = 1 << 16
 
@@ -43,7 +43,7 @@ _LAST_WEEK = 6261
 
 #: Reader modules in the order of asking; the surest signs first.
 _READERS = (
-    ("logparse.ulog", "UlogSource"),
+    ("logparse.ulog.reader", "UlogSource"),
     ("logparse.dataflash.binary", "DataflashSource"),
     ("logparse.dataflash.text", "DataflashTextSource"),
     ("logparse.mavlink.tlog", "TlogSource"),

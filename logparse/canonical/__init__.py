@@ -8,8 +8,8 @@ import pandas as pd
 from logparse.canonical import dataflash, px4, telemetry
 from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
+from logparse.craft.frames import OTHER_CRAFT, Vehicle
 from logparse.findings import Finding, Severity
-from logparse.frames import OTHER_CRAFT, Vehicle
 from logparse.tables import COLUMNS, Tables
 
 __all__ = ["TOGETHER", "gather_tables"]
@@ -39,7 +39,7 @@ def gather_tables(
     parameters : mapping of str to float
         The autopilot's parameters.
     vehicle : Vehicle
-        From `logparse.vehicle.describe`.
+        From `logparse.craft.vehicle.describe`.
 
     Returns
     -------

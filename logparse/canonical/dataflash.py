@@ -13,7 +13,7 @@ from logparse.canonical.dataflash_sensors import Sensor
 from logparse.canonical.deferred import KeptFields, Later
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
-from logparse.frames import Vehicle
+from logparse.craft.frames import Vehicle
 from logparse.tables import Tables
 from logparse.units import numbers
 

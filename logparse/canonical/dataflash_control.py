@@ -9,8 +9,8 @@ import pymap3d
 from logparse.canonical.deferred import KeptFields, SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, columns_of, euler_angles, join, quaternions, sample, series, wrap
-from logparse.cubic_spline import cubic_spline
-from logparse.frames import Vehicle
+from logparse.craft.frames import Vehicle
+from logparse.numerics.cubic_spline import cubic_spline
 from logparse.tables import COLUMNS, Geodetic
 from logparse.units import numbers, quantity
 

@@ -11,8 +11,8 @@ from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
+from logparse.craft.frames import Motor
 from logparse.findings import Finding, Severity
-from logparse.frames import Motor
 from logparse.units import numbers, quantities, quantity, sample_times
 
 Messages = Mapping[str, pd.DataFrame]

@@ -12,7 +12,7 @@ from logparse.canonical.modes import PX4_MODES
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, join, sample, series
 from logparse.canonical.stray import without_stray, without_stray_rows
-from logparse.frames import Motor, Vehicle
+from logparse.craft.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.units import numbers
 

@@ -17,11 +17,11 @@ from logparse.canonical.instances import pick
 from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, frozen, join, sample, series, wrap
+from logparse.craft.frames import Motor, Vehicle
+from logparse.craft.vehicle import assumed_outputs, vehicle_heartbeats
 from logparse.findings import Finding, Severity
-from logparse.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
 from logparse.units import numbers, quantity
-from logparse.vehicle import assumed_outputs, vehicle_heartbeats
 
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from logparse.craft.frames import FRAME_CLASSES, FRAME_TYPES, Motor, motor_table
 from logparse.foreign.files import TableError
-from logparse.frames import FRAME_CLASSES, FRAME_TYPES, Motor, motor_table
 
 Floats = npt.NDArray[np.float64]
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from logparse.craft.frames import Vehicle
 from logparse.findings import Finding, Severity
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
@@ -22,7 +23,6 @@ from logparse.foreign.files import TableError, flatten, read_columns
 from logparse.foreign.magnitudes import check_units
 from logparse.foreign.motor_order import unchecked_order
 from logparse.foreign.shifts import check_clock, check_shifts
-from logparse.frames import Vehicle
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 from logparse import Finding, Severity
-from logparse.quantity import readable
+from logparse.presentation.quantity import readable
 from pipeline.flight.training import excitation, position_good
 from pipeline.results.coverage import Cell, Coverage, Distribution
 from pipeline.results.entry import FlightEntry

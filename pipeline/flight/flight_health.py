@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
-from logparse.quantity import joined
+from logparse.presentation.quantity import joined
 from pipeline.flight.health_signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around

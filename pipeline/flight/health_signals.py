@@ -9,9 +9,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
+from logparse.craft.pwm_range import pwm_range
 from logparse.events.vibration import vibration_levels
 from logparse.numeric import NumericMessages
-from logparse.pwm_range import pwm_range
 from pipeline.flight.vibration_spectrum import vibration_spectrum
 from pipeline.results.health import HealthSignals, Panel, Signal
 from pipeline.results.span import Span

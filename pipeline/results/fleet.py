@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from pipeline.names import file_name
 from pipeline.results.failure import Failure, reasons
 

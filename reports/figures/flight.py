@@ -11,7 +11,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from logparse import Geodetic
-from logparse.quantity import uncertain
+from logparse.presentation.quantity import uncertain
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from logparse.quantity import joined, number, uncertain
+from logparse.presentation.quantity import joined, number, uncertain
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum

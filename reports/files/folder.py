@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from logparse.cells import as_cell
+from logparse.presentation.cells import as_cell
 from logparse.serialization import as_json
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult

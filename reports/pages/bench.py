@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from logparse import Finding
-from logparse.quantity import number, uncertain
-from logparse.table import Row, Table
+from logparse.presentation.quantity import number, uncertain
+from logparse.presentation.table import Row, Table
 from reports.figures.figure import Figure, Trace, layout_of
 from reports.pages.html import render
 from sysid.bench.stand import Bench

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from logparse import Finding
-from logparse.quantity import counted, per_degree, uncertain, with_unit
-from logparse.table import Row, Table
+from logparse.presentation.quantity import counted, per_degree, uncertain, with_unit
+from logparse.presentation.table import Row, Table
 from pipeline.results.craft_review import CraftReview, Note
 from reports.figures.drift import drift_figures
 from reports.figures.figure import Figure

@@ -10,7 +10,7 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup
 
-from logparse.quantity import uncertain
+from logparse.presentation.quantity import uncertain
 from logparse.serialization import as_json
 from reports.numbers.loops import tuning_report
 from reports.views.rotation import TITLES

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from logparse import Finding, Vehicle
-from logparse.quantity import counted, uncertain
+from logparse.presentation.quantity import counted, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.model_report import ParameterRow
 from reports.numbers.flight import parameter_rows

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import Finding
-from logparse.quantity import number, uncertain
-from logparse.table import Row, Table
+from logparse.presentation.quantity import number, uncertain
+from logparse.presentation.table import Row, Table
 from pipeline.results.tables import TableResult
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, line, time_axis
 from reports.pages.html import render

@@ -8,8 +8,8 @@ from rich.text import Text
 
 from logparse import Finding
 from logparse.inspection import Inspection, MessageSummary, TableSummary
-from logparse.quantity import duration, number
-from logparse.table import Cell, Row, Table
+from logparse.presentation.quantity import duration, number
+from logparse.presentation.table import Cell, Row, Table
 from reports.views import log_words
 
 _TONES = {"error": "bad", "warning": "care", "info": "unknown"}

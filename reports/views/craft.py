@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from logparse import Finding, Vehicle
-from logparse.quantity import column, counted, number
-from logparse.table import Row, Table
+from logparse.presentation.quantity import column, counted, number
+from logparse.presentation.table import Row, Table
 from pipeline.results.advice import Advice
 from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport

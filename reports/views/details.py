@@ -4,7 +4,7 @@ import math
 from dataclasses import fields
 
 from logparse import Vehicle
-from logparse.quantity import duration, number, size
+from logparse.presentation.quantity import duration, number, size
 from pipeline.config import AnalysisConfig
 from pipeline.results.report import FlightReport, LogReport, OriginReport, TrajectoryReport
 from reports.views import summary

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 from logparse import Severity
-from logparse.quantity import counted, duration, number
-from logparse.table import Row, Table
+from logparse.presentation.quantity import counted, duration, number
+from logparse.presentation.table import Row, Table
 from pipeline.results.model_report import ModelInShort
 from pipeline.results.report import FleetReport, FlightInShort
 from pipeline.results.verdict import Trust

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from logparse import FlightEvent
-from logparse.quantity import number
+from logparse.presentation.quantity import number
 from pipeline.results.report import HealthReport
 
 #: Most events that the table shows; the rest is counted.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from logparse import Finding
-from logparse.quantity import MINUS, column, complex_numbers, counted, number, uncertain
-from logparse.table import Row, Table
+from logparse.presentation.quantity import MINUS, column, complex_numbers, counted, number, uncertain
+from logparse.presentation.table import Row, Table
 from pipeline.results.model_report import ModelReport
 from reports.views import summary
 from reports.views.formula import transfer_function

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from logparse import Finding
-from logparse.quantity import joined, uncertain
-from logparse.table import Row, Table
+from logparse.presentation.quantity import joined, uncertain
+from logparse.presentation.table import Row, Table
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figures.figure import Figure
 from reports.figures.frequency import bode_figure

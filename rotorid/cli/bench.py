@@ -70,7 +70,7 @@ def bench(
 
 
 def _summary(numbers: "BenchReport") -> str:
-    from logparse.quantity import uncertain
+    from logparse.presentation.quantity import uncertain
     from sysid.bench.stand import NoTrim
 
     lines = []

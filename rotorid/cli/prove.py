@@ -23,7 +23,7 @@ def prove(
 
     Example: rotorid prove before.bin after.bin
     """
-    from logparse.quantity import uncertain
+    from logparse.presentation.quantity import uncertain
     from logparse.serialization import as_json as strict_json
     from reports.numbers.loops import proof_report
     from sysid.loops.proof import WANTED, WORSE

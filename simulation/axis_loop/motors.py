@@ -9,8 +9,8 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from logparse import Motor
+from logparse.craft.frames import motor_table
 from logparse.dataflash.writer import MessageTable
-from logparse.frames import motor_table
 from simulation.axis_loop.axis import LOOP_HZ, AxisRun
 
 #: Mean thrust of the craft in parts of full, and the speed of its rotors there, rad/s.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from logparse import RotoridError
-from logparse.summary import listed
+from logparse.presentation.summary import listed
 
 
 class FrequencyError(RotoridError):

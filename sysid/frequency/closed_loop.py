@@ -9,8 +9,8 @@ import numpy as np
 
 from logparse import FlightLog, GivenLogs, logs_of
 from logparse.canonical.series import wrap
-from logparse.log_settings import Need, bit_to_set
-from logparse.quantity import uncertain
+from logparse.craft.log_settings import Need, bit_to_set
+from logparse.presentation.quantity import uncertain
 from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.cost import POOR

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from logparse.quantity import uncertain
-from logparse.summary import Summarised, listed
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised, listed
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel

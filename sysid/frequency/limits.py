@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from logparse import Finding, FlightLog, Severity
-from logparse.log_settings import Need, bit_to_set
+from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from logparse import FlightLog
-from logparse.log_settings import Need, bit_to_set
+from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
 from logparse.units import quantity
 from sysid.frequency.axes import FrequencyError

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from logparse import FlightLog
-from logparse.cubic_spline import cubic_spline
+from logparse.numerics.cubic_spline import cubic_spline
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding
-from logparse.summary import Summarised
+from logparse.presentation.summary import Summarised
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog, MissingDataError
-from logparse.cubic_spline import cubic_spline
-from logparse.log_settings import Need, bit_to_set
-from logparse.recent import Recent
+from logparse.craft.log_settings import Need, bit_to_set
+from logparse.numerics.cubic_spline import cubic_spline
+from logparse.numerics.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Within

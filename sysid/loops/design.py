@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog, RotoridError
-from logparse.log_settings import Need, log_setting
+from logparse.craft.log_settings import Need, log_setting
 from sysid.frequency.fit import fit
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog
-from logparse.log_settings import Need, bit_to_set
+from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.limits import share_at_limits

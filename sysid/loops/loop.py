@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from logparse import GivenLogs, logs_of
-from logparse.quantity import uncertain
-from logparse.summary import Summarised
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.autopilot import read_settings

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from sysid.loops.as_flown import contradiction
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError

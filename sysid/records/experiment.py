@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from logparse import Finding, RotoridError, Vehicle
 from logparse.lazy import lazy
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
 from sysid.records.flight_record import record_flight

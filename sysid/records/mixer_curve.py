@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity, Tables, Vehicle
-from logparse.cubic_spline import cubic_spline
+from logparse.numerics.cubic_spline import cubic_spline
 from sysid.records.arrays import Floats
 from sysid.records.mixer import expectation, factors_of
 from sysid.records.motor_scaling import curve, motor_commands

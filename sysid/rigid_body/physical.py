@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, RotoridError, Vehicle
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.motor_signals import unexplained

@@ -25,8 +25,8 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
-from logparse.quantity import uncertain
-from logparse.summary import Summarised, listed
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised, listed
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_geometry import MotorGeometry, motor_geometry

@@ -30,8 +30,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from logparse import Finding, Severity
-from logparse.quantity import uncertain
-from logparse.summary import Summarised, listed
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment, require_alike
 from sysid.records.motor_geometry import motor_geometry
 from sysid.records.motor_signals import motor_signals, too_slow, unexplained

@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 
 from logparse import Finding, Severity, Vehicle
-from logparse.quantity import uncertain
-from logparse.summary import Summarised, listed
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import motor_commands

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import Finding, Severity
-from logparse.quantity import uncertain
-from logparse.summary import Summarised, listed
+from logparse.presentation.quantity import uncertain
+from logparse.presentation.summary import Summarised, listed
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike

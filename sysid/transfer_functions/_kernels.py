@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from logparse.compiled import njit
-from logparse.kernel_types import Matrix, Stack
+from logparse.numerics.compiled import njit
+from logparse.numerics.kernel_types import Matrix, Stack
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})

@@ -16,7 +16,7 @@ import scipy
 from scipy.linalg import lstsq
 
 from logparse import Finding, Severity
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import (
     Experiment,

@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, Severity
+from logparse.presentation.summary import Summarised, listed
 from logparse.serialization import plain, restored
-from logparse.summary import Summarised, listed
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS

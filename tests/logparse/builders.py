@@ -1,7 +1,7 @@
 """Canonical tables from messages that a test makes up."""
 
 from logparse.canonical import gather_tables
-from logparse.vehicle import describe
+from logparse.craft.vehicle import describe
 
 
 def tables_of(messages, kind, parameters):

@@ -10,7 +10,7 @@ import pytest
 SOURCE = """
 import sys
 import numpy as np
-from logparse.compiled import inner, njit
+from logparse.numerics.compiled import inner, njit
 
 @inner()
 def _twice(x):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from logparse import frames
-from logparse.frames import motor_table, servo_function_motor
+from logparse.craft import frames
+from logparse.craft.frames import motor_table, servo_function_motor
 
 SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
 

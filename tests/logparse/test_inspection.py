@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from logparse import read_log
+from logparse.craft.vehicle import describe
 from logparse.flights import find_flights
 from logparse.inspection import inspect
 from logparse.serialization import plain
 from logparse.source import Boot
-from logparse.vehicle import describe
 from tests.logparse.builders import tables_of
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from logparse.frames import Vehicle
-from logparse.log_settings import Need, bit_to_set, bits_of, how_to_log, log_setting
+from logparse.craft.frames import Vehicle
+from logparse.craft.log_settings import Need, bit_to_set, bits_of, how_to_log, log_setting
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7", frame_class="quad")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4", version="1.16.0")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from logparse import LogError
-from logparse.ulog import UlogSource, looks_like
+from logparse.ulog.reader import UlogSource, looks_like
 
 SHARED = Path(__file__).parents[3] / "shared" / "logs" / "real"
 LOGS = sorted(SHARED.glob("*.ulg"))
@@ -251,7 +251,7 @@ def test_crash_dump_is_a_finding():
 def test_a_bug_of_ours_is_no_damage_of_the_log(monkeypatch):
     """What pyulog stumbles over is the log's fault; what our own code beneath it raises is not, nor is memory."""
     with monkeypatch.context() as broken:
-        broken.setattr("logparse.ulog._Handle._asked", property(lambda self: 0))
+        broken.setattr("logparse.ulog.reader._Handle._asked", property(lambda self: 0))
         with pytest.raises(AttributeError, match="no setter"):
             UlogSource(small_log())
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.pwm_range import pwm_range
-from logparse.vehicle import describe
+from logparse.craft.pwm_range import pwm_range
+from logparse.craft.vehicle import describe
 
 
 def texts(*lines):

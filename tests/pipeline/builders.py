@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 
 from logparse import Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.flight_parameters import SHARES

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from logparse import Finding, Severity
-from logparse.frames import Vehicle
-from logparse.log_settings import Need, bits_of, log_setting
+from logparse.craft.frames import Vehicle
+from logparse.craft.log_settings import Need, bits_of, log_setting
 from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope

@@ -11,7 +11,7 @@ SAMPLE = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
 CALLED = f"""
 import sys
 import pipeline
-from logparse.compiled import argument_types
+from logparse.numerics.compiled import argument_types
 from pipeline.execution.compiling import KERNELS
 
 pipeline.analyze({str(SAMPLE)!r})
@@ -28,8 +28,8 @@ print(len(called & foreseen), *sorted(function.__qualname__ for function, _ in c
 """
 
 MODULE = """
-from logparse.compiled import njit
-from logparse.kernel_types import Vector
+from logparse.numerics.compiled import njit
+from logparse.numerics.kernel_types import Vector
 
 @njit(cache=True)
 def total(values: Vector, start: float) -> float:
@@ -50,7 +50,7 @@ COMPILE = """
 import resource, sys
 import numpy as np
 from loops import broken, most, total
-from logparse.compiled import is_kept
+from logparse.numerics.compiled import is_kept
 from pipeline.execution.compiling import compile_missing
 
 heard = []

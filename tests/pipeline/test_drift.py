@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA

@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 
-from logparse.quantity import readable
+from logparse.presentation.quantity import readable
 from logparse.serialization import plain
 from pipeline.fleet.envelope import envelope
 from tests.pipeline.builders import covering, flown

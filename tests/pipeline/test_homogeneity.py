@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
 from pipeline.flight.flight_parameters import BATTERY
 from pipeline.results.entry import FlightParameter

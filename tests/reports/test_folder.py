@@ -18,7 +18,7 @@ from scipy.io import loadmat
 
 import reports
 from logparse import Finding, Severity
-from logparse.quantity import column
+from logparse.presentation.quantity import column
 from logparse.serialization import plain
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure

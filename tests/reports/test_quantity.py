@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from logparse.quantity import (
+from logparse.presentation.quantity import (
     NOT_DETERMINED,
     alike,
     column,

@@ -17,7 +17,7 @@ import pipeline
 import rotorid as ro
 import sysid
 from logparse import RotoridError
-from logparse.summary import Summarised
+from logparse.presentation.summary import Summarised
 from pipeline.errors import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
 

@@ -8,7 +8,7 @@ from numba import njit
 from scipy.signal import lfilter
 
 from logparse import Tables, Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 
 #: Steps of the simulation [s], of logged outputs and of logged rates.
 STEP, OUTPUTS, RATES = 0.005, 0.1, 0.04

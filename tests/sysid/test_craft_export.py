@@ -9,7 +9,7 @@ import pytest
 from scipy.io import loadmat
 
 from logparse import MissingDataError, Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from simulation.controllers import hover_linearisation
 from simulation.papers import kim2017 as paper
 from sysid.rigid_body.export.craft_export import write_craft

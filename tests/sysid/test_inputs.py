@@ -9,7 +9,7 @@ import pytest
 
 from estimation import estimate
 from logparse import Geodetic, MissingDataError, Tables, Vehicle, read_log
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
 from sysid.records.excitation import coherence

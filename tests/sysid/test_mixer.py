@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from logparse import MissingDataError, Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from sysid.records.mixer import project, rounding
 
 COMMANDS = {"thrust": (0.4, 0.05), "roll": (0.0, 0.04), "pitch": (0.01, 0.04), "yaw": (0.0, 0.06)}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from simulation.papers.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from logparse import Finding, Severity, Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from sysid import Experiment
 from sysid.records.mixer_curve import MIXER_DIFFERS
 from sysid.records.motor_signals import motor_signals

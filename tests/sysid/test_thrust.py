@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from logparse.serialization import as_json, cleaned
 from reports.views import summary
 from reports.views.models import thrust_coefficients

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from logparse.log_settings import TELEMETRY, Bit, LogSetting, mask
+from logparse.craft.log_settings import TELEMETRY, Bit, LogSetting, mask
 from pipeline.results.advice import Advice, having, names_of
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def _on_board(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
 def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
     """Put all that was lacking into one value of the parameter that the autopilot has for it.
 
-    `logparse.log_settings` has decided which bits log it, and the findings carry them.
+    `logparse.craft.log_settings` has decided which bits log it, and the findings carry them.
     """
     asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightSummary]]]]] = {}
     for flight in flights:

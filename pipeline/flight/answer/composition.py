@@ -6,7 +6,7 @@ the heading and the captions of two plots must be read in ten seconds. Full reas
 
 from __future__ import annotations
 
-from logparse.frames import OTHER_CRAFT
+from logparse.craft.frames import OTHER_CRAFT
 from pipeline.flight.answer.ahead import ahead
 from pipeline.flight.answer.flown import flown
 from pipeline.flight.answer.healthy import healthy

@@ -6,8 +6,8 @@ from math import log
 
 import numpy as np
 
-from logparse.compiled import njit
-from logparse.kernel_types import Matrix, Stack, Vector
+from logparse.numerics.compiled import njit
+from logparse.numerics.kernel_types import Matrix, Stack, Vector
 
 
 @njit(cache=True, nogil=True)

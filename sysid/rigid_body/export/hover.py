@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from logparse import MissingDataError
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import command_for

@@ -15,8 +15,8 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.compiled import inner, njit
-from logparse.kernel_types import Matrix, Stack, Vector
+from logparse.numerics.compiled import inner, njit
+from logparse.numerics.kernel_types import Matrix, Stack, Vector
 from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import MissingDataError, Vehicle
-from logparse.recent import Recent
+from logparse.numerics.recent import Recent
 from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.compiled import inner, njit
+from logparse.numerics.compiled import inner, njit
 from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]

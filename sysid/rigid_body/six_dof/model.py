@@ -29,7 +29,7 @@ from typing import Literal
 import numpy as np
 
 from logparse import Finding, MissingDataError
-from logparse.summary import Summarised, listed
+from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run

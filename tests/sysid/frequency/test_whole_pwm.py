@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from logparse import FlightLog, Vehicle
-from logparse.frames import motor_table
+from logparse.craft.frames import motor_table
 from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
 from sysid.records.mixer import expectation, patterns, thrust_commands

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from logparse.frames import Vehicle
+from logparse.craft.frames import Vehicle
 
 if TYPE_CHECKING:
     from logparse.log import FlightLog

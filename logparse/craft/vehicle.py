@@ -8,8 +8,16 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from logparse.frames import FRAME_CLASSES, FRAME_TYPES, MOTOR_COUNTS, Motor, Vehicle, motor_table, servo_function_motor
-from logparse.pwm_range import pwm_range
+from logparse.craft.frames import (
+    FRAME_CLASSES,
+    FRAME_TYPES,
+    MOTOR_COUNTS,
+    Motor,
+    Vehicle,
+    motor_table,
+    servo_function_motor,
+)
+from logparse.craft.pwm_range import pwm_range
 from logparse.units import numbers
 
 

@@ -21,7 +21,7 @@ from logparse.errors import LogError
 from logparse.findings import Finding, Severity
 from logparse.source import Boot
 from logparse.timebase import mend_times
-from logparse.ulog_chain import whole_messages
+from logparse.ulog.chain import whole_messages
 
 _HEADER_BYTES = 3
 #: Severities of the kernel's log, from emergency to debug, count from this character.

@@ -1,0 +1,1 @@
+"""How results show themselves: numbers with units, tables, a few lines."""
