@@ -61,6 +61,11 @@ class SpectralSums:
     def __add__(self, other: SpectralSums) -> SpectralSums:
         return SpectralSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
 
+    def below(self, count: int) -> SpectralSums:
+        """Return the part of the lowest `count` frequencies."""
+        over = ("zz", "zx", "xx", "zy", "xy", "yy", "noise_gain")
+        return replace(self, **{name: getattr(self, name)[:count] for name in over})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowEstimate:
@@ -177,6 +182,17 @@ class RecordWindows:
     starts: NDArray[np.intp]  #: shape (K,)
     halvings: int  #: Of the record's rate.
     without_output: SpectralSums  #: Its products with the output are zero.
+
+    def below(self, count: int) -> RecordWindows:
+        """Return the part of the lowest `count` frequencies."""
+        phase = self.phase.reshape(len(self.phase), 2, -1)[:, :, :count]
+        return replace(
+            self,
+            columns=np.ascontiguousarray(self.columns[..., :count]),
+            phase=phase.reshape(len(phase), -1),
+            differenced=self.differenced[:count],
+            without_output=self.without_output.below(count),
+        )
 
     def sums(self, output: ThinnedSignals) -> SpectralSums:
         """Complete the sums with an output."""
