@@ -16,8 +16,9 @@ Array = npt.NDArray[np.float64]
 _ABOVE_IDLE = 0.03
 #: Pauses [s] in which the motors may fall to idle within one flight (dropping with closed throttle).
 _PAUSE = 5.0
-#: Gap [s] in the data that ends a flight, and the same in sample intervals for slow telemetry.
-_GAP, _GAP_SAMPLES = 5.0, 20.0
+#: Gap [s] in the data that ends a flight, the same in sample intervals for slow telemetry, and at most: where a clock
+#: claims years between rows, they are no flight of years.
+_GAP, _GAP_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
 #: Height [m] that makes a flight; pressure under the propellers feigns up to about a metre on the ground. A lower
 #: hover counts when the craft also moved about its axes: root mean square angular rate [rad/s].
 _RISE, _HOP, _TURNING = 1.5, 0.5, 0.05
@@ -105,7 +106,7 @@ def _powered(motors: pd.DataFrame, parameters: Mapping[str, float]) -> list[tupl
 
 def _intervals(t: Array, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Intervals of consecutive times with `on`, short pauses bridged, cut at gaps in the data."""
-    gap = max(_GAP, _GAP_SAMPLES * float(np.median(np.diff(t))))
+    gap = min(max(_GAP, _GAP_SAMPLES * float(np.median(np.diff(t)))), LONGEST_GAP)
     times = t[on]
     if not len(times):
         return []

@@ -166,7 +166,8 @@ def _rise(part: pd.DataFrame, levels: VibrationLevels, number: int, flight: Flig
     worst = np.max(np.where(np.isfinite(values), values, 0.0), axis=1, initial=0.0)
     if len(t) < 20 or t[-1] - t[0] < _USUAL + _STAYS:
         return None
-    for begin in np.arange(t[0] + _USUAL, t[-1] - _STAYS, 0.5):
+    # Every half second in which there is a row: a clock may claim days between two.
+    for begin in t[0] + 0.5 * np.unique(np.floor(2.0 * (t[within(t, [(t[0] + _USUAL, t[-1] - _STAYS)])] - t[0]))):
         first, last = np.searchsorted(t, (begin, begin + _STAYS))
         later = worst[first:last]
         # Before percentiles are taken, at every half second of a long log.

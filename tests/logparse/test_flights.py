@@ -160,3 +160,11 @@ def test_motors_driven_hard_on_a_stand_are_no_flight(follows, flown):
     force = 9.8 + (follows > 0.0) * (0.02 * rng.normal(size=len(T)) + follows * 9.8 * (pwm - PWM) / 400.0)
     imu = table(T, accel_x=0.0 * T, accel_y=0.0 * T, accel_z=-force, gyro_x=0.0 * T, gyro_y=0.0 * T, gyro_z=0.0 * T)
     assert len(find_flights(tables(T, pwm, height, imu=imu))) == flown
+
+
+@pytest.mark.parametrize("step", [61.0, 4000.0, 1e7])
+def test_rows_that_lie_minutes_or_years_apart_are_no_flight(step):
+    """Such a clock is wrong; as a flight of years it would be looked at second by second."""
+    t = 10.0 * step * T  # T is in tenths of a second
+    stretched = tables(t, PWM, HEIGHT)
+    assert find_flights(stretched) == ()

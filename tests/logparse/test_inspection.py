@@ -153,6 +153,14 @@ def test_a_bench_log_says_why_it_is_no_flight():
     assert "never run above idle (1000 us)" in finding.reason
 
 
+def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
+    slow = {name: rows.set_index(rows.index * 100_000.0) for name, rows in flight_messages().items()}
+    messages = Messages(slow)
+    finding = by_id(inspect(log_of(messages)))["no-flight"]
+    assert "motor outputs are" in finding.reason
+    assert "the clock of this log is wrong" in finding.reason
+
+
 def test_troubles_in_flight():
     messages = flight_messages()
     messages["GPS"]["Status"] = np.where(messages["GPS"].index > 30, 1, 3)
