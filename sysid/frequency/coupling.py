@@ -15,7 +15,7 @@ import numpy as np
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.chirp_records import chirp_signal
-from sysid.frequency.estimate import response_of_records
+from sysid.frequency.estimate import coherent_up_to, response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.rate_signals import RateSignals
@@ -74,7 +74,8 @@ def coupling(logs: Sequence[FlightLog], own: FrequencyResponse, other: str, with
             f"{own.axis} to {other}: the logs excite one of both axes only; fly chirps, or sticks, on both"
         )
     across = replace(answering, input=commanded.input)
-    cross = response_of_records(records, across, gyro_filter_hz=own.gyro_filter_hz, refined=False)
+    upto = coherent_up_to(own)
+    cross = response_of_records(records, across, gyro_filter_hz=own.gyro_filter_hz, refined=False, upto=upto)
     return Coupling(axis=own.axis, other=other, ratio=_ratio(own, cross), response=cross)
 
 

@@ -66,8 +66,8 @@ _FOLDED = 2.0
 #: Most times that the model is taken out again.
 _PASSES = 7
 
-#: Coherence from which on a frequency may yet count once what windows bend is taken out, and how far above the highest
-#: such frequency that is done: of 349 responses none became coherent there.
+#: Coherence from which on a frequency may yet count with better models, and how far above the highest such frequency
+#: that is tried: of 349 responses none became coherent beyond.
 _HINTED, _BEYOND = 0.3, 1.25
 
 #: Roughness of a response, in its stated errors, above which they are too small: random errors that are correlated over
@@ -104,7 +104,8 @@ def response(
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
     like : FrequencyFit, optional
-        A fit to other data of the craft, whose structure is taken for granted and whose values are a start: faster.
+        A fit to other data of the craft, whose structure and band are taken for granted and whose values are a start:
+        faster.
 
     Raises
     ------
@@ -128,7 +129,8 @@ def response(
             )
         )
     findings += limits_of(records, logs)
-    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
+    upto = np.inf if like is None else coherent_up_to(like.responses[0])
+    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like, upto=upto)
     if source.endswith(BURSTS):
         with suppress(FrequencyError):  # what is slower than bursts last, from gyros that are slow
             slower = records_of(data, which, within=within, bursts=False)
@@ -327,6 +329,7 @@ def response_of_records(
     gyro_filter_hz: float | None = None,
     refined: bool = True,
     like: FrequencyFit | None = None,
+    upto: float = np.inf,
 ) -> FrequencyResponse:
     """Estimate the response of the first input of uniform records.
 
@@ -339,6 +342,8 @@ def response_of_records(
         Whether what windows bend is taken out by a model.
     like : FrequencyFit, optional
         Where the search for this model starts.
+    upto : float, optional
+        Highest frequency that is asked for, Hz.
 
     Raises
     ------
@@ -367,14 +372,28 @@ def response_of_records(
     thin = [thinned(record, high) for record in records]
     if axis.attitude:  # a rate axis integrates
         thin = [record.difference() for record in thin]
-    found = _found(thin, axis, hz, _windows(thin, hz, longest), gyro_filter_hz, like, refined=refined)
+    asked = _Asked.of(hz, upto)
+    windows = _windows(thin, hz, longest, float(asked.hz[-1]))
+    found = _found(thin, axis, asked, windows, gyro_filter_hz, like, refined=refined)
     return replace(found, step=step, duration=float(sum(record.duration for record in records)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """Frequencies that are asked for."""
+
+    hz: Floats  #: Those and some above, with which the noise and coherence of the highest are averaged, Hz.
+    upto: float  #: Highest, Hz.
+
+    @classmethod
+    def of(cls, hz: Floats, upto: float) -> _Asked:
+        return cls(hz[: np.count_nonzero(hz <= upto) + 2 * _BESIDE], upto)
 
 
 def _found(
     records: Sequence[AxisRecord],
     axis: Axis,
-    hz: Floats,
+    asked: _Asked,
     windows: Sequence[_Windows],
     gyro_filter_hz: float | None,
     like: FrequencyFit | None,
@@ -382,25 +401,31 @@ def _found(
     refined: bool,
 ) -> FrequencyResponse:
     """Estimate the response from windows of records, and without what windows bend where it is to be refined."""
-    first = _composite(records, windows, axis, hz, gyro_filter_hz, None)
+    first = _composite(records, windows, axis, asked, gyro_filter_hz, None)
     if not refined:
         return first
     try:
         model = fit(first) if like is None else refit(like, first)
     except FrequencyError:
         return first
-    top = _BEYOND * float(hz[first.coherence >= _HINTED][-1])
-    below, above = first.between(0.0, top), first.between(np.nextafter(top, np.inf), np.inf)
-    count = len(below.hz)
+    known = _Asked.of(asked.hz, min(coherent_up_to(first), asked.upto))
+    count = len(known.hz)
     windows = [each.below(count) for each in windows if each.mask[:count].any()]
-    found = _without_bends(records, windows, axis, below, model)
-    return replace(found, **_rows_of(found, above))
+    found = _without_bends(records, windows, axis, known, first, model)
+    return replace(found, **_rows_of(found, first.between(np.nextafter(known.upto, np.inf), np.inf)))
+
+
+def coherent_up_to(frf: FrequencyResponse) -> float:
+    """Return the frequency [Hz] above which neither better models nor other parts of the data show anything."""
+    hinted = frf.hz[frf.coherence >= _HINTED]
+    return _BEYOND * float(hinted[-1] if len(hinted) else frf.hz[-1])
 
 
 def _without_bends(
     records: Sequence[AxisRecord],
     windows: Sequence[_Windows],
     axis: Axis,
+    asked: _Asked,
     first: FrequencyResponse,
     model: FrequencyFit,
 ) -> FrequencyResponse:
@@ -409,10 +434,10 @@ def _without_bends(
     What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.
     A resonance that windows have flattened is found sharper each time.
     """
-    hz, gyro_filter_hz = first.hz, first.gyro_filter_hz
+    first, gyro_filter_hz = first.between(0.0, asked.upto), first.gyro_filter_hz
     remainders = [record.remainders() for record in records]
     left = [without(model.response) for without in remainders]
-    found = _composite(left, windows, axis, hz, gyro_filter_hz, model)
+    found = _composite(left, windows, axis, asked, gyro_filter_hz, model)
     for _ in range(_PASSES):
         if np.max(np.abs(np.log(found.response / first.response)) / found.sigma, where=found.usable, initial=0.0) < 0.3:
             break
@@ -421,7 +446,7 @@ def _without_bends(
         except FrequencyError:
             break
         left = [without(model.response) for without in remainders]
-        first, found = found, _composite(left, windows, axis, hz, gyro_filter_hz, model)
+        first, found = found, _composite(left, windows, axis, asked, gyro_filter_hz, model)
     return found
 
 
@@ -467,24 +492,26 @@ class _Windows:
         return _Windows(self.length, mask, tuple(None if cut is None else cut.below(served) for cut in self.of_records))
 
 
-def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[_Windows]:
+def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float, upto: float) -> list[_Windows]:
     lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
+    asked = hz <= upto
     masks = [(float(length), band_of_window(float(length), lengths, hz)) for length in lengths]
-    masks = [(length, mask) for length, mask in masks if mask.any()]
+    masks = [(length, mask) for length, mask in masks if (mask & asked).any()]
     served, lengths_used = [hz[mask] for _, mask in masks], [length for length, _ in masks]
-    cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
-    return [_Windows(length, mask, cut) for (length, mask), cut in zip(masks, cuts, strict=True)]
+    cuts = zip(*(windows_of(record, served, lengths_used, upto) for record in records), strict=True)
+    return [_Windows(length, mask[asked], cut) for (length, mask), cut in zip(masks, cuts, strict=True)]
 
 
 def _composite(
     records: Sequence[AxisRecord],
     windows: Sequence[_Windows],
     axis: Axis,
-    hz: Floats,
+    asked: _Asked,
     gyro_filter_hz: float | None,
     model: FrequencyFit | None,
 ) -> FrequencyResponse:
     """Merge windows of several lengths, of the records as they are or of what a first `model` has left of them."""
+    hz = asked.hz
     known = None if model is None else model.response(hz)
     outputs = [ThinnedSignals(record.output[:, None]) for record in records]
     parts = []
@@ -511,7 +538,7 @@ def _composite(
     instruments = sorted({record.instrument for record in records} - {""})
     covered = np.any([_covered(record, hz) for record in records], axis=0)
     coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
-    return FrequencyResponse(
+    found = FrequencyResponse(
         axis=axis.name,
         input=axis.input,
         output=axis.output,
@@ -534,3 +561,4 @@ def _composite(
         source=records[0].source,
         trim=float(np.mean(trims)) if (trims := [r.trim for r in records if r.trim is not None]) else None,
     )
+    return found.between(0.0, asked.upto)

@@ -7,18 +7,18 @@ import numpy as np
 from logparse import FlightLog
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
+from sysid.frequency.even_signals import rows_within
 from sysid.frequency.excitation import Within
 from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
-    Logged,
     lost_one_by_one,
-    on_uniform_clock,
     refuse_scattered,
 )
 from sysid.frequency.response import Floats
+from sysid.frequency.sources import evenly
 
 #: Variance of what a kick counts for, per part of the rows that is lost one by one: 1 for its own row, twice 0.6
 #: squared for its neighbours.
@@ -96,7 +96,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         Without a flight, or without the signals of the axis in it.
     """
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
-    rows = slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
+    rows = rows_within(signals, start, stop)
     t = signals.t[rows]
     wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
     known = {name: signals.columns[name][rows] for name in wanted}
@@ -104,15 +104,15 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
     target = _outside_target(log, axis, float(t[0]), float(t[-1]))
-    beside: list[Logged] = []
+    beside: list[str] = []
     name = ""
     if target is not None:
         name = target[2]
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
-        beside, name = [known[axis.reference]], "rate target"
+        beside, name = [axis.reference], "rate target"
     refuse_scattered(log, t)
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
-    clock, values, usable = on_uniform_clock(t, [known[axis.input], known[axis.output], *others, *beside])
+    clock, values, usable = evenly(signals, [axis.input, axis.output, *others, *beside], start, stop)
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
     if target is not None:
         # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
@@ -155,8 +155,8 @@ def _of_lost_rows(t: Floats, command: Floats) -> float:
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))
 
 
-def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Logged]:
-    """Return the outputs of the other axes of rotation that move, so that what they do does not count as the axis's."""
+def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[str]:
+    """Return which outputs of the other axes of rotation move, so that what they do does not count as the axis's."""
     if not axis.attitude:
         return []
     found = []
@@ -165,7 +165,7 @@ def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[Logged
         if other.name == axis.name or not other.attitude or values is None:
             continue
         if np.isfinite(values[rows]).all() and np.std(values[rows]) > _STILL:
-            found.append(values[rows])
+            found.append(other.input)
     return found
 
 

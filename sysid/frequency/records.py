@@ -114,10 +114,51 @@ class AxisRecord:
         return np.asarray(1j * np.sin(2.0 * np.pi * hz * self.dt) / self.dt)
 
 
-def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Bring samples that are nearly even in time onto an even clock by cubic splines.
+@dataclass(frozen=True, slots=True, eq=False)
+class EvenClock:
+    """An even clock for rows that are nearly even in time."""
 
-    All columns pass through the same interpolation, which therefore cancels in their ratio.
+    rows: Floats  #: shape (n,): Times of the rows, s.
+    t: Floats  #: shape (N,): s.
+    step: float  #: s.
+    usable: NDArray[np.bool_]  #: shape (N,): False in holes.
+
+    @classmethod
+    def of(cls, rows: Floats) -> EvenClock:
+        """Lay the clock from the first row with the usual step between them.
+
+        Raises
+        ------
+        FrequencyError
+            When nearly all of it would be holes.
+        """
+        step = float(np.median(np.diff(rows)))
+        if rows[-1] - rows[0] > _EMPTY * step * len(rows):
+            raise FrequencyError(
+                f"{len(rows)} samples over {rows[-1] - rows[0]:.0f} s are no record: it is nearly all holes"
+            )
+        t = rows[0] + step * np.arange(int((rows[-1] - rows[0]) / step + 1e-6) + 1)
+        hole = np.diff(rows) > _HOLE * step
+        right = np.clip(np.searchsorted(rows, t), 1, len(rows) - 1)
+        return cls(rows, t, step, ~hole[right - 1])
+
+    def bring(self, values: Floats) -> Floats:
+        """Bring values of the rows, shape (n, k), to the clock, shape (N, k).
+
+        By cubic splines, which all pass through alike and which therefore cancel in their ratio; holes are bridged by
+        straight lines.
+        """
+        if self.usable.all():
+            return cubic_spline(self.rows, values, self.t)
+        between = [np.interp(self.t, self.rows, column) for column in values.T]
+        bridged_t = np.union1d(self.rows, self.t[~self.usable])
+        bridged = np.column_stack([np.interp(bridged_t, self.rows, column) for column in values.T])
+        smooth = cubic_spline(bridged_t, bridged, self.t)
+        return np.where(self.usable[:, None], smooth, np.column_stack(between))
+
+
+def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Bring samples that are nearly even in time onto an even clock, rows in which all of them are numbers.
 
     Returns
     -------
@@ -125,6 +166,11 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
     values : ndarray, shape (N, len(columns))
     usable : ndarray of bool, shape (N,)
         False in holes, which are bridged by straight lines.
+
+    Raises
+    ------
+    FrequencyError
+        When too few samples are numbers, or nearly all of the record would be holes.
     """
     values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
@@ -132,22 +178,8 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
         t, values = t[known], values[known]
     if len(t) < 8:
         raise FrequencyError(f"only {len(t)} of {len(columns[0])} samples are numbers: fly and log it again")
-    step = float(np.median(np.diff(t)))
-    if t[-1] - t[0] > _EMPTY * step * len(t):
-        raise FrequencyError(f"{len(t)} samples over {t[-1] - t[0]:.0f} s are no record: it is nearly all holes")
-    clock = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
-    holes = np.diff(t) > _HOLE * step
-    right = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
-    usable = ~holes[right - 1]
-    if holes.any():
-        between = [np.interp(clock, t, column) for column in values.T]
-        bridged_t = np.union1d(t, clock[~usable])
-        bridged = np.column_stack([np.interp(bridged_t, t, column) for column in values.T])
-        smooth = cubic_spline(bridged_t, bridged, clock)
-        result = np.where(usable[:, None], smooth, np.column_stack(between))
-    else:
-        result = cubic_spline(t, values, clock)
-    return clock, np.asarray(result, dtype=np.float64), usable
+    clock = EvenClock.of(t)
+    return clock.t, clock.bring(values), clock.usable
 
 
 def lost_one_by_one(t: Floats) -> float:

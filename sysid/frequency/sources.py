@@ -8,7 +8,7 @@ The faster of the two is brought to the times of the slower below half of its ra
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import replace
@@ -22,6 +22,7 @@ from logparse.numerics.cubic_spline import cubic_spline
 from logparse.numerics.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
+from sysid.frequency.even_signals import EvenSignals, OnClock, brought_evenly
 from sysid.frequency.excitation import Within
 from sysid.frequency.rate_signals import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
@@ -47,9 +48,19 @@ _FEWEST = 16
 #: and speeds that vary together; powers of the speed with which thrust may rise.
 _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 
-#: Signals of the rate controller while `kept_signals` lasts: of one log, with and without the vertical axis; and the
-#: stretch of time that is needed of them.
-_kept: ContextVar[tuple[Recent[RateSignals], Within | None] | None] = ContextVar("kept", default=None)
+
+class _Kept:
+    """What is kept of a log while it is surveyed."""
+
+    def __init__(self, within: Within | None) -> None:
+        self.within = within  #: Stretch of time that is needed, s.
+        #: Of one log, with and without the vertical axis.
+        self.signals = Recent[RateSignals](2)
+        self.even = Recent[EvenSignals](2)
+
+
+#: Signals of the rate controller while `kept_signals` lasts.
+_kept: ContextVar[_Kept | None] = ContextVar("kept", default=None)
 
 
 @contextmanager
@@ -61,7 +72,7 @@ def kept_signals(within: Within | None = None) -> Iterator[None]:
     within : (float, float), optional
         Stretch of time that is surveyed, s.
     """
-    token = _kept.set((Recent(2), within))
+    token = _kept.set(_Kept(within))
     try:
         yield
     finally:
@@ -69,9 +80,33 @@ def kept_signals(within: Within | None = None) -> Iterator[None]:
 
 
 def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
-    recent, within = _kept.get() or (Recent[RateSignals](2), None)
-    signals = recent.of(log, make=lambda: as_motors_got(log, rate_signals(log, within)))
-    return recent.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
+    kept = _kept.get() or _Kept(None)
+    signals = kept.signals.of(log, make=lambda: as_motors_got(log, rate_signals(log, kept.within)))
+    return kept.signals.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
+
+
+def evenly(signals: RateSignals, names: Sequence[str], start: float, stop: float) -> OnClock:
+    """Return signals of a stretch of time on an even clock, while `kept_signals` lasts a common one.
+
+    Parameters
+    ----------
+    signals : RateSignals
+    names : sequence of str
+    start, stop : float
+        s.
+
+    Returns
+    -------
+    clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+        As `on_uniform_clock` returns them.
+    """
+    kept = _kept.get()
+    if kept is not None:
+        even = kept.even.of(signals, make=lambda: EvenSignals(signals, start, stop))
+        found = even.between(names, start, stop)
+        if found is not None:
+            return found
+    return brought_evenly(signals, names, start, stop)
 
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:

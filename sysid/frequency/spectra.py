@@ -207,7 +207,9 @@ class RecordWindows:
         )
 
 
-def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float]) -> Iterator[RecordWindows | None]:
+def windows_of(
+    record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float], upto: float = np.inf
+) -> Iterator[RecordWindows | None]:
     """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it.
 
     Parameters
@@ -216,11 +218,13 @@ def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float
     hz : sequence of ndarray
         Frequencies that windows of each length serve.
     lengths : sequence of float
+    upto : float, optional
+        Highest frequency that is asked for, Hz. Windows are the same whatever it is.
     """
     driving, instruments = _driving(record)
     signals = ThinnedSignals(driving)
     for length, served in zip(lengths, hz, strict=True):
-        yield _windows_of(record, signals, instruments, served, length)
+        yield _windows_of(record, signals, instruments, served, length, upto)
 
 
 def _driving(record: AxisRecord) -> tuple[Floats, list[int]]:
@@ -233,12 +237,12 @@ def _driving(record: AxisRecord) -> tuple[Floats, list[int]]:
 
 
 def _windows_of(
-    record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], hz: Floats, length: float
+    record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], served: Floats, length: float, upto: float
 ) -> RecordWindows | None:
-    m = record.inputs.shape[1]
-    halvings = _halvings(record, float(hz[-1]))
+    m, hz = record.inputs.shape[1], served[served <= upto]
+    halvings = _halvings(record, float(served[-1]))
     signals, dt = every_rate.at(halvings), record.dt * 2**halvings
-    usable = _bridged(record.usable, _GAP / (record.dt * float(hz[-1])))[:: 2**halvings]
+    usable = _bridged(record.usable, _GAP / (record.dt * float(served[-1])))[:: 2**halvings]
     size = round(length / dt)
     if size < 16 or size > len(signals):
         return None

@@ -1,0 +1,90 @@
+"""Signals of the rate controllers on an even clock, to which each is brought once for all axes and their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.frequency.rate_signals import RateSignals
+from sysid.frequency.records import EvenClock, on_uniform_clock
+from sysid.frequency.response import Floats
+
+#: Times, signals and which of them count, as `on_uniform_clock` returns them.
+OnClock = tuple[Floats, Floats, NDArray[np.bool_]]
+
+
+class EvenSignals:
+    """Signals over one stretch of a log on an even clock, brought there when they are first asked for.
+
+    Parameters
+    ----------
+    signals : RateSignals
+    start, stop : float
+        s.
+    """
+
+    def __init__(self, signals: RateSignals, start: float, stop: float) -> None:
+        self._signals = signals
+        self._rows = rows_within(signals, start, stop)
+        self._clock = EvenClock.of(signals.t[self._rows])
+        self._columns: dict[str, Floats] = {}
+
+    def between(self, names: Sequence[str], start: float, stop: float) -> OnClock | None:
+        """Return signals of a part of the stretch.
+
+        Parameters
+        ----------
+        names : sequence of str
+        start, stop : float
+            s.
+
+        Returns
+        -------
+        clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+            As `on_uniform_clock` returns them; None beyond the stretch, and where a row of them is no number.
+        """
+        t, rounded = self._clock.t, 1e-3 * self._clock.step
+        if start < self._clock.rows[0] - self._clock.step or stop > self._clock.rows[-1] + self._clock.step:
+            return None
+        known = {name: self._signals.columns[name][self._rows] for name in names if name not in self._columns}
+        if not all(np.isfinite(column).all() for column in known.values()):
+            return None
+        if known:
+            brought = self._clock.bring(np.column_stack(list(known.values())).astype(np.float64, copy=False))
+            self._columns |= {name: np.ascontiguousarray(brought[:, k]) for k, name in enumerate(known)}
+        part = slice(*np.searchsorted(t, (start - rounded, stop + rounded)))
+        values = np.column_stack([self._columns[name][part] for name in names])
+        return t[part], values, self._clock.usable[part]
+
+
+def rows_within(signals: RateSignals, start: float, stop: float) -> slice:
+    """Return which rows of signals lie within a stretch of time.
+
+    Parameters
+    ----------
+    signals : RateSignals
+    start, stop : float
+        s.
+    """
+    return slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
+
+
+def brought_evenly(signals: RateSignals, names: Sequence[str], start: float, stop: float) -> OnClock:
+    """Bring signals of a stretch of time to an even clock of its own.
+
+    Parameters
+    ----------
+    signals : RateSignals
+    names : sequence of str
+    start, stop : float
+        s.
+
+    Returns
+    -------
+    clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+        As `on_uniform_clock` returns them.
+    """
+    rows = rows_within(signals, start, stop)
+    return on_uniform_clock(signals.t[rows], [signals.columns[name][rows] for name in names])
