@@ -416,7 +416,9 @@ def _parameters(
         determined = np.isfinite(error) and error < limit and not held
         reason = ""
         if not determined:
-            reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {limit:.2g}"
+            absolute = 0.0 < limit == _absolute(unknown.family)
+            asked = f"{limit:.2g}" if absolute else f"a fifth of the {abs(value):.2g} found"
+            reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {asked}"
         name = unknown.name
         if unknown.family == "delay":
             name, value, lead = timing_of(name, value, error, kinds, dt)
