@@ -41,7 +41,6 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     resampling.filtered_at,
     transfer_functions.recur,
     transfer_functions.recur_few,
-    gusts.integrated,
     gusts.whiten,
     filters.filtered,
     dataflash.locate,

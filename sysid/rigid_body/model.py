@@ -192,7 +192,9 @@ class RigidBodyModel(Summarised):
         sigma[start:] = drift_sigma(free, run, mean, self.law, errors, told.wander, highest)
         return sigma
 
-    def predict(self, experiment: Experiment, horizon: float = 1.0, every: int = 1) -> Floats:
+    def predict(
+        self, experiment: Experiment, horizon: float = 1.0, every: int = 1, simulated: Floats | None = None
+    ) -> Floats:
         """Predict every sample from the state `horizon` seconds before it.
 
         Wind and thrust scale are states that a filter carries forward (`conditions.carried`): every prediction
@@ -206,6 +208,8 @@ class RigidBodyModel(Summarised):
             s.
         every : int
             Restart at every so many-th sample only: long horizons at 50 Hz are the same motion over and over.
+        simulated : ndarray, shape (N, 3), optional
+            What `simulate` returns for the record, where it is there already.
 
         Returns
         -------
@@ -224,9 +228,9 @@ class RigidBodyModel(Summarised):
         shapes = np.column_stack([np.ones(steps + 1), np.exp(-since / GUST_SECONDS)])
         out = np.full((len(flight.t), 3), np.nan)
         signals, states = flight.signals(shared[LAG]), np.hstack([flight.position, flight.velocity])
-        ahead(thetas, signals, shapes, flight.dt, flight.ground, self.law, states, steps, every, out)
+        ahead(thetas, *signals, shapes, flight.dt, flight.ground, self.law, states, steps, every, out)
         found = self._outputs(experiment, out)
-        found[: steps + 1] = self.simulate(experiment)[: steps + 1]
+        found[: steps + 1] = (self.simulate(experiment) if simulated is None else simulated)[: steps + 1]
         return found
 
     def continued(self, before: Experiment, after: Experiment) -> RigidBodyModel:

@@ -279,8 +279,9 @@ def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, sim
         nothing is left out.
     """
     every = max(round(1.0 / (RESTARTS * record.dt)), len(record.t) * steps // MOST_STEPS, 1)
-    if every > 1 and steps > 1 and isinstance(model, RigidBodyModel):
-        return model.predict(record, horizon, every), every
+    if isinstance(model, RigidBodyModel):
+        every = every if steps > 1 else 1
+        return model.predict(record, horizon, every, simulated), every
     if isinstance(model, TransferFunctionModel | ClosedLoopModel):
         return model.predict(record, horizon, simulated), 1
     return model.predict(record, horizon), 1

@@ -49,7 +49,7 @@ def test_linear_drag_stops_exponentially_and_wind_carries_along():
     theta = parameters(lx=0.4, ly=0.4, n=2.0, e=-1.0)
     out = np.empty((501, 6))
     initial = np.array([0.0, 0.0, 0.0, 5.0, 3.0, 0.0])
-    path(theta, flight.signals(0.0), np.ones((501, 1)), 0.02, 10.0, 0, 0, initial, out)
+    path(theta, *flight.signals(0.0), np.ones((501, 1)), 0.02, 10.0, 0, 0, initial, out)
     decay = np.exp(-0.4 * flight.t)
     np.testing.assert_allclose(out[:, 3], 2.0 + 3.0 * decay, atol=1e-8)
     np.testing.assert_allclose(out[:, 4], -1.0 + 4.0 * decay, atol=1e-8)
@@ -61,7 +61,7 @@ def test_sinking_reaches_terminal_velocity_of_quadratic_drag():
     """With three quarters of the weight carried the craft sinks at sqrt(g / 4 q)."""
     out = np.empty((2001, 6))
     flight = level(2001, thrust_over_weight=0.75)
-    path(parameters(qz=0.1), flight.signals(0.0), np.ones((2001, 1)), 0.02, 10.0, 0, 0, np.zeros(6), out)
+    path(parameters(qz=0.1), *flight.signals(0.0), np.ones((2001, 1)), 0.02, 10.0, 0, 0, np.zeros(6), out)
     assert out[-1, 5] == pytest.approx(np.sqrt(0.25 * STANDARD_GRAVITY / 0.1), rel=1e-6)
 
 
@@ -85,7 +85,9 @@ def test_sensitivities_are_the_derivatives_of_the_path(law):
     theta = np.concatenate([base[:14], [2.0, -1.0, 0.5, 0.3]])
     initial = np.array([0.0, 0.0, -20.0, 4.0, -2.0, -1.0])
     out, jacobian = np.empty((samples, 3)), np.empty((samples, 3, len(theta) + 6))
-    path_sensitivities(theta, flight.signals(0.05), shapes, 0.04, 0.0, law, 0, initial, 1, out, jacobian)
+    path_sensitivities(
+        theta, *flight.signals(0.05), shapes, 0.04, 0.0, law, 0, initial, 1, np.arange(len(theta)), out, jacobian
+    )
 
     def moved(column, step):
         values, state = theta.copy(), initial.copy()
@@ -94,7 +96,7 @@ def test_sensitivities_are_the_derivatives_of_the_path(law):
         else:
             state[column - len(theta)] += step
         result = np.empty((samples, 6))
-        path(values, flight.signals(values[LAG]), shapes, 0.04, 0.0, law, 0, state, result)
+        path(values, *flight.signals(values[LAG]), shapes, 0.04, 0.0, law, 0, state, result)
         return result[:, :3]
 
     np.testing.assert_allclose(out, moved(0, 0.0), atol=1e-12)
@@ -110,8 +112,8 @@ def test_accelerations_agree_with_the_path():
     flight = level(11)
     theta = parameters(lx=0.3, qx=0.05, n=1.0)
     velocity = np.tile([3.0, 0.0, 0.0], (11, 1))
-    out, jacobian = np.empty((11, 3)), np.empty((11, 3, 16))
-    accelerations(theta, flight.signals(0.0), np.ones((11, 1)), np.full(11, 10.0), velocity, 0, out, jacobian)
+    out, jacobian = np.empty((10, 3)), np.empty((10, 3, 16))
+    accelerations(theta, *flight.signals(0.0), np.ones((11, 1)), np.full(11, 10.0), velocity, 0, 1, out, jacobian)
     np.testing.assert_allclose(out[:, 0], -0.3 * 2.0 - 0.05 * 4.0, rtol=1e-12)
     np.testing.assert_allclose(out[:, 2], 0.0, atol=1e-12)
 

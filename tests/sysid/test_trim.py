@@ -70,7 +70,7 @@ def sheared(exponent, seed, speed=5.0):
     initial = np.concatenate([flight.position[0], flight.velocity[0]])
     ground = flight.ground
     for _ in range(4):  # where the ground is follows from the path
-        path(theta, flight.signals(theta[LAG]), shapes, flight.dt, ground, model.law, 0, initial, states)
+        path(theta, *flight.signals(theta[LAG]), shapes, flight.dt, ground, model.law, 0, initial, states)
         ground = max(states[0, 2], states[-1, 2])
     context = seen.context.assign(
         **{f"v_{axis}": states[:, 3 + k] + 0.01 * rng.standard_normal(len(states)) for k, axis in enumerate("ned")},

@@ -89,15 +89,18 @@ def drift_sigma(
 
 def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
-    signals = np.ascontiguousarray(flight.signals(theta[LAG])[edges])
-    heights = np.ascontiguousarray(flight.ground - run[edges, 2])
-    shapes, room = np.ones((len(edges), 1)), np.empty((len(edges), 3, len(theta)))
+    # The kernel takes means between neighbours: here of a sample and itself.
+    twice = np.repeat(edges, 2)
+    rotation, density, late = (np.ascontiguousarray(each[twice]) for each in flight.signals(theta[LAG]))
+    heights = np.ascontiguousarray(flight.ground - run[twice, 2])
+    shapes, room = np.ones((len(twice), 1)), np.empty((len(twice) - 1, 3, len(theta)))
 
-    def at(velocity: Floats) -> Floats:
-        found = np.empty((len(edges), 3))
-        accelerations(theta, signals, shapes, heights, np.ascontiguousarray(velocity), law, found, room)
-        return found
+    def at(move: Floats) -> Floats:
+        found = np.empty((len(twice) - 1, 3))
+        velocities = run[twice, 3:] + move
+        accelerations(theta, rotation, density, late, shapes, heights, velocities, law, 1, found, room)
+        return found[::2]
 
-    moved = [at(run[edges, 3:] + _STEP * unit) - at(run[edges, 3:] - _STEP * unit) for unit in np.eye(3)]
-    at(run[edges, 3:])
-    return room, np.stack(moved, axis=2) / (2.0 * _STEP)
+    moved = [at(_STEP * unit) - at(-_STEP * unit) for unit in np.eye(3)]
+    at(np.zeros(3))
+    return room[::2], np.stack(moved, axis=2) / (2.0 * _STEP)

@@ -74,29 +74,3 @@ def whiten(columns: Matrix, dt: float, gust: float, tau: float, jolt: float, noi
         p_aa = phi * phi * p_aa + q_aa
         p_vv, p_va = n_vv, n_va
     return total
-
-
-@njit(cache=True, nogil=True)
-def integrated(rates: Matrix, dt: float, stride: int, sums: Matrix) -> None:
-    """Integrate columns from their first sample on by trapezoids, and keep every `stride`-th sum.
-
-    Sums in between and steps are not kept: of the derivatives of a long flight they would take four times its memory.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (n, m)
-    dt : float
-        s.
-    stride : int
-    sums : ndarray, shape (ceil(n / stride), m)
-        Receives the sums.
-    """
-    rows, m = sums.shape
-    for c in range(m):
-        sums[0, c] = 0.0
-    for row in range(1, rows):
-        for c in range(m):
-            sums[row, c] = sums[row - 1, c]
-        for k in range((row - 1) * stride, row * stride):
-            for c in range(m):
-                sums[row, c] += 0.5 * dt * (rates[k + 1, c] + rates[k, c])

@@ -50,8 +50,9 @@ def fit_best_law(
         report("gusts, another law of drag", 0.1 + 0.5 * number / len(rough.laws))
         if time.monotonic() > deadline:
             return replace(first, converged=False), rough.laws[0]
+        rival = min(fit.cost for fit in fits.values())
         fits[other] = fit_filter_error(
-            motions, first.values, prior, other, disturbances=first.disturbances, deadline=deadline
+            motions, first.values, prior, other, disturbances=first.disturbances, rival=rival, deadline=deadline
         )
     law = min(fits, key=lambda each: fits[each].cost)
     best = fits[law]

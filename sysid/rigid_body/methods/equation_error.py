@@ -15,8 +15,9 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body.methods.output_error import HUBER, Prior, flight_slice
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations
-from sysid.rigid_body.motion.body_motion import LAG, SHARED, Motion
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.motion.body_motion import SHARED, Motion
+from sysid.rigid_body.motion.increments import mean_accelerations
 
 #: Means are taken over this time, s: longer than the motor outputs' sampling, shorter than a manoeuvre.
 BLOCK_SECONDS = 0.5
@@ -48,7 +49,7 @@ def fit_equation_error(
     start : ndarray, shape (n,)
     prior : Prior
     """
-    measured = [_means(_acceleration(motion), motion.dt) for motion in motions]
+    measured = [_means(_acceleration(motion), _block(motion)) for motion in motions]
     values, sigma = _fit(motions, shapes, start, prior, LAWS[0], measured, None)
     fits = {LAWS[0]: values}
     fits |= {law: _fit(motions, shapes, values, prior, law, measured, sigma)[0] for law in LAWS[1:]}
@@ -68,20 +69,21 @@ def _acceleration(motion: Motion) -> Floats:
     return np.asarray(np.gradient(motion.velocity, motion.dt, axis=0))
 
 
-def _means(values: Floats, dt: float) -> Floats:
-    size = max(round(BLOCK_SECONDS / dt), 1)
-    count = max(len(values) // size, 1)
-    kept = values[: count * size]
-    return np.asarray(kept.reshape(count, -1, *values.shape[1:]).mean(axis=1))
+def _block(motion: Motion) -> int:
+    """Return the samples from one edge of a block to the next."""
+    return min(max(round(BLOCK_SECONDS / motion.dt), 1), len(motion.t) - 1)
+
+
+def _means(values: Floats, size: int) -> Floats:
+    """Means by trapezoids from every `size`-th sample to the next."""
+    count = (len(values) - 1) // size
+    between = 0.5 * (values[1:] + values[:-1])[: count * size]
+    return np.asarray(between.reshape(count, size, -1).mean(axis=1))
 
 
 def _model(motion: Motion, shapes: Floats, values: Floats, flight: int, law: int) -> tuple[Floats, Floats]:
     own = flight_slice(flight, shapes.shape[1])
-    theta = np.concatenate([values[:SHARED], values[own]])
-    out, jacobian = np.empty((len(motion.t), 3)), np.empty((len(motion.t), 3, len(theta)))
-    heights = motion.ground - motion.position[:, 2]
-    accelerations(theta, motion.signals(values[LAG]), shapes, heights, motion.velocity, law, out, jacobian)
-    return _means(out, motion.dt), _means(jacobian, motion.dt)
+    return mean_accelerations(motion, np.concatenate([values[:SHARED], values[own]]), shapes, law, _block(motion))
 
 
 def _residuals(

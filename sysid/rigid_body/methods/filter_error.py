@@ -26,10 +26,10 @@ import scipy
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods._gust_kernels import integrated, whiten
+from sysid.rigid_body.methods._gust_kernels import whiten
 from sysid.rigid_body.methods.output_error import HUBER, Prior, flight_slice, step_within
-from sysid.rigid_body.motion._rigid_kernels import accelerations
-from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
+from sysid.rigid_body.motion.increments import mean_accelerations
 
 #: Shortest and longest time between innovations, s, twice that of the motor outputs where the log has them so often. An
 #: autopilot that answers to a gust within a step ties its inputs to what they are taken to be independent of; steps as
@@ -40,9 +40,12 @@ SHORTEST_STEP, LONGEST_STEP = 0.1, 0.2
 CLUSTER_SECONDS = 10.0
 
 #: Most rounds of parameters and disturbances in turn, and the change of the log-likelihood that ends them; most steps
-#: in a round, and the gain of the last.
+#: in a round, and a gain that is not worth one: the noise in a single parameter is worth a half.
 _ROUNDS, _SETTLED = 6, 0.2
-_STEPS, _CONVERGED = 10, 1e-3
+_STEPS, _CONVERGED = 10, 0.01
+
+#: A fit whose cost is farther from a rival's than so many times its last gain will not reach it.
+_HOPELESS = 100.0
 
 #: Limits of gust [m/s^2], its correlation time [s], white part [m/s^2 sqrt(s)] and noise of velocity [m/s]; where the
 #: search starts, and its first steps, as logarithms.
@@ -122,6 +125,7 @@ def fit_filter_error(
     law: int,
     *,
     disturbances: Sequence[Disturbances] | None = None,
+    rival: float = np.inf,
     deadline: float = np.inf,
 ) -> FilterErrorFit:
     """Estimate the parameters of one craft from several flights in gusts.
@@ -137,6 +141,8 @@ def fit_filter_error(
         Of drag (`_rigid_kernels`).
     disturbances : sequence of Disturbances, optional
         To hold, such as for another law of drag under the same weights; default: the likeliest.
+    rival : float
+        Cost of another law's fit: steps end where this one will not come near it.
     deadline : float
         On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
@@ -161,6 +167,9 @@ def fit_filter_error(
             while not accepted and damping < 1e6:
                 trial = values.copy()
                 trial[free] = step_within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
+                step = trial[free] - values[free]
+                if step @ (uphill - 0.5 * hessian @ step) < _CONVERGED:
+                    break
                 then_parts = _explained(motions, trial, law)
                 then = _linearise(then_parts, len(trial), found)
                 cost = spent(then, trial)
@@ -171,7 +180,7 @@ def fit_filter_error(
             if not accepted or time.monotonic() > deadline:
                 break
             gain, values, now, total, parts = total - cost, trial, then, cost, then_parts
-            if gain < _CONVERGED:
+            if gain < max(_CONVERGED, (total - rival) / _HOPELESS):
                 break
         if time.monotonic() > deadline:
             break
@@ -228,18 +237,15 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
 def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Velocities:
     """Hold the velocity of a flight against the integral of its modelled accelerations."""
     theta = np.concatenate([values[:SHARED], values[flight_slice(flight, 1)]])
-    count = len(motion.t)
-    push, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta)))
-    heights = motion.ground - motion.position[:, 2]
-    signals, steady = motion.signals(values[LAG]), np.ones((count, 1))
-    accelerations(theta, signals, steady, heights, motion.velocity, law, push, jacobian)
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
     stride = max(round(step / motion.dt), 1)
-    velocity = motion.velocity[::stride]
-    gained, slopes = np.empty_like(velocity), np.empty((len(velocity), *jacobian.shape[1:]))
-    integrated(push, motion.dt, stride, gained)
-    integrated(jacobian.reshape(count, -1), motion.dt, stride, slopes.reshape(len(velocity), -1))
-    return velocity - gained, slopes, stride * motion.dt
+    push, slopes = mean_accelerations(motion, theta, np.ones((len(motion.t), 1)), law, stride)
+    seconds = stride * motion.dt
+
+    def integrated(rates: Floats) -> Floats:
+        return np.concatenate([np.zeros((1, *rates.shape[1:])), np.cumsum(seconds * rates, axis=0)])
+
+    return motion.velocity[::stride] - integrated(push), integrated(slopes), seconds
 
 
 def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:

@@ -100,7 +100,7 @@ class _Window:
     #: which of them are estimated, and where these stand among the estimated ones.
     shapes: Floats
     places: NDArray[np.int64]
-    moves: NDArray[np.bool_]
+    moves: NDArray[np.int64]
     free: NDArray[np.int64]
 
 
@@ -276,7 +276,8 @@ def _windows(
             winds = (first + len(OWN) + 2 * active[:, None] + np.arange(2)).ravel()
             places = np.concatenate([np.arange(SHARED), np.arange(first, first + len(OWN)), winds])
             own = np.ascontiguousarray(shapes[flight][start:stop, active])
-            moves = np.isin(places, free)
+            # What is held need not be carried along.
+            moves = np.flatnonzero(np.isin(places, free))
             among = np.searchsorted(free, places[moves])
             windows.append(_Window(flight, int(start), int(stop), stride, initial, own, places, moves, among))
     return windows
@@ -289,17 +290,18 @@ def _run_windows(motions: Sequence[Motion], windows: Sequence[_Window], values: 
     for window in windows:
         motion, theta = motions[window.flight], values[window.places]
         count = 1 + (window.stop - window.start - 1) // window.stride
-        out, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta) + 6))
+        out, jacobian = np.empty((count, 3)), np.empty((count, 3, len(window.moves) + 6))
         path_sensitivities(
             theta,
-            signals[window.flight][window.start : window.stop],
+            *signals[window.flight],
             window.shapes,
             motion.dt,
             motion.ground,
             law,
-            0,
+            window.start,
             window.initial,
             window.stride,
+            window.moves,
             out,
             jacobian,
         )
@@ -337,9 +339,8 @@ def _weighed(paths: _Paths, windows: Sequence[_Window], sigma: Floats, size: int
         root = np.sqrt(robust)
         flat = (jacobian * (root / noise)[:, :, None]).reshape(-1, jacobian.shape[2])
         target = (scaled * root).ravel()
-        # What is held need not be carried along.
-        moves, places = window.moves, window.free
-        of_theta, of_state = flat[:, : len(moves)][:, moves], flat[:, len(moves) :]
+        places = window.free
+        of_theta, of_state = flat[:, : len(places)], flat[:, len(places) :]
         if estimate_states:
             q, r = np.linalg.qr(of_state)
             onto = q.T @ of_theta

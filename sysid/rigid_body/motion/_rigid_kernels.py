@@ -10,13 +10,13 @@ Arrays are copied element by element: numba takes seconds to compile the error t
 
 from __future__ import annotations
 
-from math import log, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from logparse.numerics.compiled import inner, njit
-from logparse.numerics.kernel_types import Matrix, Stack, Vector
+from logparse.numerics.kernel_types import Int64s, Matrix, Stack, Vector
 from logparse.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
@@ -30,43 +30,60 @@ AXIS_DRAG = 2
 
 #: Below this height the wind's profile is level, m.
 _LOWEST = 0.5
+_LEVEL = log(_LOWEST / 10.0)
 
-#: Columns of the signals array: rotation matrix by rows, relative density, sum of c and of c^2 times the square of the
-#: relative voltage, and the derivatives of these two by the motors' lag.
-SIGNALS = 14
+#: Signals of a sample: rotation matrix by rows, relative density, sum of c and of c^2 times the square of the relative
+#: voltage, and the derivatives of these two by the motors' lag.
+_SIGNALS = 14
+
+#: Products and sums may be one instruction.
+_FAST = {"contract"}
 
 
-@inner(nogil=True)
-def _blend(signals: Floats, k: int, part: float, out: Floats) -> None:
+@inner(nogil=True, fastmath=_FAST)
+def _blend(rotation: Floats, density: Floats, late: Floats, k: int, part: float, out: Floats) -> None:
     """Signals between samples k and k + 1."""
-    if part == 0.0:
-        for i in range(out.shape[0]):
-            out[i] = signals[k, i]
-    else:
-        for i in range(out.shape[0]):
-            out[i] = (1.0 - part) * signals[k, i] + part * signals[k + 1, i]
+    following = k if part == 0.0 else k + 1
+    for i in range(9):
+        out[i] = rotation[k, i] + part * (rotation[following, i] - rotation[k, i])
+    out[9] = density[k] + part * (density[following] - density[k])
+    for i in range(4):
+        out[10 + i] = late[k, i] + part * (late[following, i] - late[k, i])
 
 
-@inner(nogil=True)
+@inner(nogil=True, fastmath=_FAST)
 def _wind(theta: Floats, shapes: Floats, k: int, part: float) -> tuple[float, float]:
     """Wind at the reference height, between samples k and k + 1."""
     north = east = 0.0
+    following = k if part == 0.0 else k + 1
     for i in range(shapes.shape[1]):
-        b = shapes[k, i] if part == 0.0 else (1.0 - part) * shapes[k, i] + part * shapes[k + 1, i]
+        b = shapes[k, i] + part * (shapes[following, i] - shapes[k, i])
         north += theta[14 + 2 * i] * b
         east += theta[15 + 2 * i] * b
     return north, east
 
 
-@inner(nogil=True)
-def _acceleration(
-    theta: Floats, s: Floats, north: float, east: float, height: float, v: Floats, law: int, out: Floats
-) -> None:
-    profile = (max(height, _LOWEST) / 10.0) ** theta[12]
-    rn, re, rd = v[0] - profile * north, v[1] - profile * east, v[2]
-    ux = s[0] * rn + s[3] * re + s[6] * rd
-    uy = s[1] * rn + s[4] * re + s[7] * rd
-    uz = s[2] * rn + s[5] * re + s[8] * rd
+@inner(nogil=True, fastmath=_FAST)
+def _above(height: float) -> float:
+    """Logarithm of the height over the reference's."""
+    return log(max(height, _LOWEST) / 10.0)
+
+
+@inner(nogil=True, fastmath=_FAST)
+def _relative(s: Floats, north: float, east: float, v: Floats) -> tuple[float, float, float]:
+    """Velocity through the air along body axes."""
+    rn, re, rd = v[0] - north, v[1] - east, v[2]
+    return (
+        s[0] * rn + s[3] * re + s[6] * rd,
+        s[1] * rn + s[4] * re + s[7] * rd,
+        s[2] * rn + s[5] * re + s[8] * rd,
+    )
+
+
+@inner(nogil=True, fastmath=_FAST)
+def _acceleration(theta: Floats, s: Floats, u: tuple[float, float, float], law: int, out: Floats) -> None:
+    """Acceleration in world axes at a velocity u through the air."""
+    ux, uy, uz = u
     density = s[9]
     thrust = theta[0] * theta[13] * density * ((1.0 - theta[1]) * s[10] + theta[1] * s[11])
     linear = sqrt(max(density * thrust, 0.0) / STANDARD_GRAVITY) if law & ROTOR_DRAG else density
@@ -83,15 +100,16 @@ def _acceleration(
     out[2] = s[6] * ax + s[7] * ay + s[8] * az + STANDARD_GRAVITY
 
 
-@inner(nogil=True)
+@inner(nogil=True, fastmath=_FAST)
 def _derivatives(
     theta: Floats,
     s: Floats,
     shapes: Floats,
     k: int,
     part: float,
-    height: float,
-    v: Floats,
+    wind: tuple[float, float],
+    above: float,
+    u: tuple[float, float, float],
     law: int,
     body: Floats,
     by_velocity: Floats,
@@ -100,18 +118,9 @@ def _derivatives(
 ) -> None:
     """Differentiate the acceleration (world axes) by velocity (3, 3), height (3,) and parameters (3, q).
 
-    `body` (3, 3) is scratch.
+    `wind` is that at the reference height, `above` the logarithm of the height over it; `body` (3, 3) is scratch.
     """
-    north, east = _wind(theta, shapes, k, part)
-    clear = height > _LOWEST
-    ratio = max(height, _LOWEST) / 10.0
-    profile = ratio ** theta[12]
-    rn, re, rd = v[0] - profile * north, v[1] - profile * east, v[2]
-    u = (
-        s[0] * rn + s[3] * re + s[6] * rd,
-        s[1] * rn + s[4] * re + s[7] * rd,
-        s[2] * rn + s[5] * re + s[8] * rd,
-    )
+    profile = exp(theta[12] * above)
     density = s[9]
     curve = (1.0 - theta[1]) * s[10] + theta[1] * s[11]
     gain = theta[0] * theta[13] * density
@@ -119,48 +128,49 @@ def _derivatives(
     linear = sqrt(max(density * thrust, 0.0) / STANDARD_GRAVITY) if law & ROTOR_DRAG else density
     by_thrust = 0.5 * linear / thrust if law & ROTOR_DRAG and thrust > 0.0 else 0.0
     speed = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    slower = density / speed if speed > 1e-9 else 0.0
     climb = max(-u[2], 0.0)
     # In body axes first: d a_b / d u and d a_b / d thrust.
     for i in range(3):
-        axis = abs(u[i]) if law & AXIS_DRAG else speed
-        for j in range(3):
-            if law & AXIS_DRAG:
-                body[i, j] = -density * theta[5 + i] * axis if i == j else 0.0
-            else:
-                body[i, j] = -density * theta[5 + i] * u[i] * u[j] / speed if speed > 1e-9 else 0.0
-        body[i, i] -= linear * theta[2 + i] + density * theta[5 + i] * axis
+        if law & AXIS_DRAG:
+            for j in range(3):
+                body[i, j] = 0.0
+            body[i, i] = -linear * theta[2 + i] - 2.0 * density * theta[5 + i] * abs(u[i])
+        else:
+            for j in range(3):
+                body[i, j] = -slower * theta[5 + i] * u[i] * u[j]
+            body[i, i] -= linear * theta[2 + i] + density * theta[5 + i] * speed
     body[2, 2] -= 2.0 * density * theta[8] * climb
     lean = (
         theta[9] - by_thrust * theta[2] * u[0],
         theta[10] - by_thrust * theta[3] * u[1],
         -1.0 - by_thrust * theta[4] * u[2],
     )
-    rotation = s[:9].reshape(3, 3)
-    for a in range(3):
-        for b in range(3):
-            total = 0.0
-            for i in range(3):
-                for j in range(3):
-                    total += rotation[a, i] * body[i, j] * rotation[b, j]
-            by_velocity[a, b] = total
-    by_log = profile * log(ratio)
-    by_rise = theta[12] * profile / (10.0 * ratio) if clear else 0.0
+    by_log = profile * above
+    by_rise = 0.1 * theta[12] * exp((theta[12] - 1.0) * above) if above > _LEVEL else 0.0
     lag = gain * ((1.0 - theta[1]) * s[12] + theta[1] * s[13])
+    bend, per_thrust, per_scale = gain * (s[11] - s[10]), theta[13] * density * curve, theta[0] * density * curve
     for a in range(3):
-        r = rotation[a]
-        pull = r[0] * lean[0] + r[1] * lean[1] + r[2] * lean[2]
-        by_theta[a, 0] = pull * thrust / theta[0]
-        by_theta[a, 1] = pull * gain * (s[11] - s[10])
+        r0, r1, r2 = s[3 * a], s[3 * a + 1], s[3 * a + 2]
+        x = r0 * body[0, 0] + r1 * body[1, 0] + r2 * body[2, 0]
+        y = r0 * body[0, 1] + r1 * body[1, 1] + r2 * body[2, 1]
+        z = r0 * body[0, 2] + r1 * body[1, 2] + r2 * body[2, 2]
+        for b in range(3):
+            by_velocity[a, b] = x * s[3 * b] + y * s[3 * b + 1] + z * s[3 * b + 2]
+        pull = r0 * lean[0] + r1 * lean[1] + r2 * lean[2]
+        by_theta[a, 0] = pull * per_thrust
+        by_theta[a, 1] = pull * bend
         for i in range(3):
-            by_theta[a, 2 + i] = -r[i] * linear * u[i]
-            by_theta[a, 5 + i] = -r[i] * density * (abs(u[i]) if law & AXIS_DRAG else speed) * u[i]
-        by_theta[a, 8] = r[2] * density * climb * climb
-        by_theta[a, 9] = r[0] * thrust
-        by_theta[a, 10] = r[1] * thrust
-        blown = by_velocity[a, 0] * north + by_velocity[a, 1] * east
+            along = -s[3 * a + i] * u[i]
+            by_theta[a, 2 + i] = linear * along
+            by_theta[a, 5 + i] = density * (abs(u[i]) if law & AXIS_DRAG else speed) * along
+        by_theta[a, 8] = r2 * density * climb * climb
+        by_theta[a, 9] = r0 * thrust
+        by_theta[a, 10] = r1 * thrust
+        blown = by_velocity[a, 0] * wind[0] + by_velocity[a, 1] * wind[1]
         by_theta[a, 11] = pull * lag
         by_theta[a, 12] = -blown * by_log
-        by_theta[a, 13] = pull * thrust / theta[13]
+        by_theta[a, 13] = pull * per_scale
         by_height[a] = -blown * by_rise
         for i in range(shapes.shape[1]):
             shape = shapes[k, i] if part == 0.0 else (1.0 - part) * shapes[k, i] + part * shapes[k + 1, i]
@@ -168,23 +178,30 @@ def _derivatives(
             by_theta[a, 15 + 2 * i] = -by_velocity[a, 1] * profile * shape
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def accelerations(
     theta: Vector,
-    signals: Matrix,
+    rotation: Matrix,
+    density: Vector,
+    late: Matrix,
     shapes: Matrix,
     heights: Vector,
     velocities: Matrix,
     law: int,
+    stride: int,
     out: Matrix,
     jacobian: Stack,
 ) -> None:
-    """Accelerations at measured velocities and heights, and their derivatives by the parameters.
+    """Mean accelerations at measured velocities and heights, and their derivatives by the parameters.
+
+    Means are by trapezoids from every `stride`-th sample to the next. Accelerations of all samples are not kept: with
+    their derivatives those of a long flight would be larger than all that is known of it.
 
     Parameters
     ----------
     theta : ndarray, shape (q,)
-    signals : ndarray, shape (N, 14)
+    rotation, density, late : ndarray, shape (N, 9), (N,) and (N, 4)
+        As `sysid.rigid_body.motion.body_motion.Motion.signals` arranges them.
     shapes : ndarray, shape (N, w)
         Of the wind over time; q = 14 + 2 w.
     heights : ndarray, shape (N,)
@@ -193,53 +210,91 @@ def accelerations(
         NED, m/s.
     law : int
         Sum of `ROTOR_DRAG` and `AXIS_DRAG` as they hold.
-    out : ndarray, shape (N, 3)
-        Receives accelerations, NED, m/s^2.
-    jacobian : ndarray, shape (N, 3, q)
+    stride : int
+    out : ndarray, shape (n, 3)
+        Receives accelerations, NED, m/s^2; n stride < N.
+    jacobian : ndarray, shape (n, 3, q)
         Receives their derivatives.
     """
-    body, by_velocity, by_height = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for k in range(len(signals)):
-        north, east = _wind(theta, shapes, k, 0.0)
-        _acceleration(theta, signals[k], north, east, heights[k], velocities[k], law, out[k])
-        _derivatives(
-            theta, signals[k], shapes, k, 0.0, heights[k], velocities[k], law, body, by_velocity,
-            by_height, jacobian[k],
-        )  # fmt: skip
+    s, push, q = np.empty(_SIGNALS), np.empty(3), len(theta)
+    body, by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, q))
+    flat, total, sums = by_theta.reshape(3 * q), np.empty(3), np.empty(3 * q)
+    for row in range(len(out)):
+        for a in range(3):
+            total[a] = 0.0
+        for c in range(3 * q):
+            sums[c] = 0.0
+        for n in range(stride + 1):
+            k = row * stride + n
+            # What is between two means belongs to both by half.
+            weight = (0.5 if n == 0 or n == stride else 1.0) / stride
+            if row == 0 or n > 0:
+                _blend(rotation, density, late, k, 0.0, s)
+                wind = _wind(theta, shapes, k, 0.0)
+                above = _above(heights[k])
+                profile = exp(theta[12] * above)
+                u = _relative(s, profile * wind[0], profile * wind[1], velocities[k])
+                _acceleration(theta, s, u, law, push)
+                _derivatives(theta, s, shapes, k, 0.0, wind, above, u, law, body, by_velocity, by_height, by_theta)
+            for a in range(3):
+                total[a] += weight * push[a]
+            for c in range(3 * q):
+                sums[c] += weight * flat[c]
+        for a in range(3):
+            out[row, a] = total[a]
+            for c in range(q):
+                jacobian[row, a, c] = sums[a * q + c]
 
 
-@inner(nogil=True)
+@inner(nogil=True, fastmath=_FAST)
 def _step(
-    theta: Floats, signals: Floats, shapes: Floats, k: int, dt: float, ground: float, law: int, x: Floats, work: Floats
+    theta: Floats,
+    rotation: Floats,
+    density: Floats,
+    late: Floats,
+    shapes: Floats,
+    k: int,
+    j: int,
+    dt: float,
+    ground: float,
+    law: int,
+    x: Floats,
+    work: Floats,
 ) -> None:
-    """Advance positions and velocities from sample k to k + 1 (Runge-Kutta, fourth order); work is (6, 14)."""
+    """Advance positions and velocities from sample k to k + 1 (Runge-Kutta, fourth order); work is (6, 14).
+
+    The wind's shapes begin where j is 0.
+    """
     s, stage = work[0], work[1, :6]
     for i in range(4):
         part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
         if i != 2:
-            _blend(signals, k, part, s)
-        north, east = _wind(theta, shapes, k, part)
+            _blend(rotation, density, late, k, part, s)
+        north, east = _wind(theta, shapes, j, part)
         for a in range(6):
             stage[a] = x[a] + (part * dt * work[1 + i, a] if i > 0 else 0.0)
         rate = work[2 + i]
         for a in range(3):
             rate[a] = stage[3 + a]
-        _acceleration(theta, s, north, east, ground - stage[2], stage[3:], law, rate[3:])
+        profile = exp(theta[12] * _above(ground - stage[2]))
+        _acceleration(theta, s, _relative(s, profile * north, profile * east, stage[3:]), law, rate[3:])
     for a in range(6):
         x[a] += dt / 6.0 * (work[2, a] + 2.0 * work[3, a] + 2.0 * work[4, a] + work[5, a])
 
 
-@inner(nogil=True)
+@inner(nogil=True, fastmath=_FAST)
 def _keep(x: Floats, out: Floats, row: int) -> None:
     """Copy as much of a state as a row of the output has room for."""
     for a in range(out.shape[1]):
         out[row, a] = x[a]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def path(
     theta: Vector,
-    signals: Matrix,
+    rotation: Matrix,
+    density: Vector,
+    late: Matrix,
     shapes: Matrix,
     dt: float,
     ground: float,
@@ -252,7 +307,7 @@ def path(
 
     Parameters
     ----------
-    theta, signals, shapes, law
+    theta, rotation, density, late, shapes, law
         As for `accelerations`.
     dt : float
         s.
@@ -264,17 +319,20 @@ def path(
     out : ndarray, shape (n, 6)
         Receives samples `start` to `start + n - 1`.
     """
-    x, work = initial.copy(), np.empty((6, SIGNALS))
+    x, work = initial.copy(), np.empty((6, _SIGNALS))
     _keep(x, out, 0)
     for n in range(1, len(out)):
-        _step(theta, signals, shapes, start + n - 1, dt, ground, law, x, work)
+        k = start + n - 1
+        _step(theta, rotation, density, late, shapes, k, k, dt, ground, law, x, work)
         _keep(x, out, n)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def ahead(
     thetas: Matrix,
-    signals: Matrix,
+    rotation: Matrix,
+    density: Vector,
+    late: Matrix,
     shapes: Matrix,
     dt: float,
     ground: float,
@@ -290,7 +348,7 @@ def ahead(
     ----------
     thetas : ndarray, shape (R, q)
         Parameters as they are known at each restart, at samples 0, `every`, 2 `every`, ...
-    signals, dt, ground, law
+    rotation, density, late, dt, ground, law
         As for `path`.
     shapes : ndarray, shape (steps + 1, w)
         Of the wind over the time since a restart.
@@ -302,27 +360,30 @@ def ahead(
     out : ndarray, shape (N, 3)
         Receives positions, NED; samples that no restart leads to are left alone.
     """
-    x, work = np.empty(6), np.empty((6, SIGNALS))
+    x, work = np.empty(6), np.empty((6, _SIGNALS))
     for restart in range((len(states) - steps - 1) // every + 1):
         first = restart * every
         for a in range(6):
             x[a] = states[first, a]
         for k in range(steps):
-            _step(thetas[restart], signals[first:], shapes, k, dt, ground, law, x, work)
+            _step(thetas[restart], rotation, density, late, shapes, first + k, k, dt, ground, law, x, work)
         _keep(x, out, first + steps)
 
 
-@inner(nogil=True)
+@inner(nogil=True, fastmath=_FAST)
 def _keep_sensitivities(z: Floats, out: Floats, row: int) -> None:
+    columns = out.shape[2]
     for a in range(3):
-        for c in range(z.shape[1]):
-            out[row, a, c] = z[a, c]
+        for c in range(columns):
+            out[row, a, c] = z[a * columns + c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def path_sensitivities(
     theta: Vector,
-    signals: Matrix,
+    rotation: Matrix,
+    density: Vector,
+    late: Matrix,
     shapes: Matrix,
     dt: float,
     ground: float,
@@ -330,60 +391,66 @@ def path_sensitivities(
     start: int,
     initial: Vector,
     stride: int,
+    moving: Int64s,
     out: Matrix,
     sensitivities: Stack,
 ) -> None:
-    """Positions as `path` and their derivatives by parameters and initial state: (n, 3) and (n, 3, q + 6).
+    """Positions as `path` and their derivatives by m `moving` parameters and the initial state: (n, 3), (n, 3, m + 6).
 
-    Of every `stride`-th sample only, from `start` on.
+    Of every `stride`-th sample only, from `start` on; the wind's shapes begin there.
     """
     x = initial.copy()
-    q = len(theta)
+    q = len(moving)
     columns = q + 6
-    z = np.zeros((6, columns))
+    # By rows of the state, one behind the other: one long loop takes less time than six short ones.
+    half, whole = 3 * columns, 6 * columns
+    z, stage_z, rate_z = np.zeros(whole), np.empty(whole), np.zeros((4, whole))
     for i in range(6):
-        z[i, q + i] = 1.0
+        z[i * columns + q + i] = 1.0
     stage, rate = np.empty(6), np.zeros((4, 6))
-    stage_z, rate_z = np.empty((6, columns)), np.zeros((4, 6, columns))
-    s = np.empty(SIGNALS)
+    s = np.empty(_SIGNALS)
+    body, by_velocity, by_height = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     # The columns of the initial state stay zero here.
-    body, by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.zeros((3, columns))
+    by_theta, by_column = np.empty((3, len(theta))), np.zeros(columns)
     _keep(x, out, 0)
     _keep_sensitivities(z, sensitivities, 0)
     for n in range(1, (len(out) - 1) * stride + 1):
-        k = start + n - 1
+        k = n - 1
         for i in range(4):
             part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
             if i != 2:
-                _blend(signals, k, part, s)
-                north, east = _wind(theta, shapes, k, part)
-            step, before = part * dt, max(i - 1, 0)
+                _blend(rotation, density, late, start + k, part, s)
+                wind = _wind(theta, shapes, k, part)
+            step, before, now = part * dt, max(i - 1, 0), rate_z[i]
             for a in range(6):
                 stage[a] = x[a] + step * rate[before, a]
-                for c in range(columns):
-                    stage_z[a, c] = z[a, c] + step * rate_z[before, a, c]
-            height = ground - stage[2]
+            for c in range(whole):
+                stage_z[c] = z[c] + step * rate_z[before, c]
             for a in range(3):
                 rate[i, a] = stage[3 + a]
-            _acceleration(theta, s, north, east, height, stage[3:], law, rate[i, 3:])
-            _derivatives(theta, s, shapes, k, part, height, stage[3:], law, body, by_velocity, by_height, by_theta)
+            above = _above(ground - stage[2])
+            profile = exp(theta[12] * above)
+            u = _relative(s, profile * wind[0], profile * wind[1], stage[3:])
+            _acceleration(theta, s, u, law, rate[i, 3:])
+            _derivatives(theta, s, shapes, k, part, wind, above, u, law, body, by_velocity, by_height, by_theta)
+            for c in range(half):
+                now[c] = stage_z[half + c]
             for a in range(3):
+                for c in range(q):
+                    by_column[c] = by_theta[a, moving[c]]
                 vn, ve, vd, h = by_velocity[a, 0], by_velocity[a, 1], by_velocity[a, 2], by_height[a]
                 for c in range(columns):
-                    rate_z[i, a, c] = stage_z[3 + a, c]
-                    rate_z[i, 3 + a, c] = (
-                        by_theta[a, c]
-                        + vn * stage_z[3, c]
-                        + ve * stage_z[4, c]
-                        + vd * stage_z[5, c]
-                        - h * stage_z[2, c]
+                    now[half + a * columns + c] = (
+                        by_column[c]
+                        + vn * stage_z[half + c]
+                        + ve * stage_z[half + columns + c]
+                        + vd * stage_z[half + 2 * columns + c]
+                        - h * stage_z[2 * columns + c]
                     )
         for a in range(6):
             x[a] += dt / 6.0 * (rate[0, a] + 2.0 * rate[1, a] + 2.0 * rate[2, a] + rate[3, a])
-            for c in range(columns):
-                z[a, c] += (
-                    dt / 6.0 * (rate_z[0, a, c] + 2.0 * rate_z[1, a, c] + 2.0 * rate_z[2, a, c] + rate_z[3, a, c])
-                )
+        for c in range(whole):
+            z[c] += dt / 6.0 * (rate_z[0, c] + 2.0 * rate_z[1, c] + 2.0 * rate_z[2, c] + rate_z[3, c])
         if n % stride == 0:
             _keep(x, out, n // stride)
             _keep_sensitivities(z, sensitivities, n // stride)

@@ -15,7 +15,7 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.slow_rows import join_rows
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
-from sysid.rigid_body.motion._rigid_kernels import SIGNALS, path
+from sysid.rigid_body.motion._rigid_kernels import path
 
 #: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
 THETA = (
@@ -79,17 +79,21 @@ class Motion:
         """Sampling interval, s."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
-    def signals(self, lag: float) -> Floats:
-        """Arrange the inputs for the kernels, thrust delayed by a first-order lag [s]; shape (N, 14)."""
-        columns = np.empty((len(self.t), SIGNALS))
-        columns[:, :9] = self.rotation
-        columns[:, 9] = self.density
+    def signals(self, lag: float) -> tuple[Floats, Floats, Floats]:
+        """Arrange the inputs for the kernels, thrust delayed by a first-order lag [s].
+
+        Returns
+        -------
+        rotation : ndarray, shape (N, 9)
+        density : ndarray, shape (N,)
+        late : ndarray, shape (N, 4)
+            `linear` and `square`, delayed, and their derivatives by the lag.
+        """
         lag = max(lag, 0.0)
-        for place, values in ((10, self.linear), (11, self.square)):
-            columns[:, place] = lagged(values, lag, self.dt)
-            later = lagged(values, lag + _LAG_STEP, self.dt)
-            columns[:, place + 2] = (later - columns[:, place]) / _LAG_STEP
-        return columns
+        thrust = np.column_stack([self.linear, self.square])
+        now = lagged(thrust, lag, self.dt)
+        later = lagged(thrust, lag + _LAG_STEP, self.dt)
+        return self.rotation, self.density, np.hstack([now, (later - now) / _LAG_STEP])
 
     def cut(self, start: int, stop: int) -> Motion:
         """Return the samples from `start` to before `stop`."""
@@ -128,7 +132,7 @@ class Motion:
         stop = len(self.t) if stop is None else stop
         out = np.empty((stop - start, 6))
         initial = np.concatenate([self.position[start], self.velocity[start]])
-        path(theta, self.signals(theta[LAG]), shapes, self.dt, self.ground, law, start, initial, out)
+        path(theta, *self.signals(theta[LAG]), shapes, self.dt, self.ground, law, start, initial, out)
         return out
 
 

@@ -42,16 +42,40 @@ def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
         Of drag.
     """
     count = len(flight.t)
-    model, jacobian = np.empty((count, 3)), np.empty((count, 3, len(theta)))
-    heights = flight.ground - flight.position[:, 2]
-    still = np.ones((count, 1))
-    accelerations(theta, flight.signals(theta[LAG]), still, heights, flight.velocity, law, model, jacobian)
     size = min(max(round(BLOCK_SECONDS / flight.dt), 1), count - 1)
+    seconds = size * flight.dt
+    model, jacobian = mean_accelerations(flight, theta, np.ones((count, 1)), law, size)
     edges = np.arange(0, count, size)
+    missed = np.diff(flight.velocity[edges], axis=0) - seconds * model
+    return Increments(edges=edges, seconds=seconds, missed=missed, jacobian=seconds * jacobian)
 
-    def over_blocks(rates: Floats) -> Floats:
-        sums = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * flight.dt, axis=0)
-        return np.asarray(np.diff(np.concatenate([np.zeros((1, *rates.shape[1:])), sums])[edges], axis=0))
 
-    missed = np.diff(flight.velocity[edges], axis=0) - over_blocks(model)
-    return Increments(edges=edges, seconds=size * flight.dt, missed=missed, jacobian=over_blocks(jacobian))
+def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, stride: int) -> tuple[Floats, Floats]:
+    """Compute the model's accelerations along a flight as it was measured.
+
+    Parameters
+    ----------
+    flight : Motion
+        N samples.
+    theta : ndarray, shape (q,)
+        Parameters in the order of `_rigid_kernels`.
+    shapes : ndarray, shape (N, w)
+        Of the wind over time; q = 14 + 2 w.
+    law : int
+        Of drag.
+    stride : int
+        Samples over which means are taken, from each edge to the next (trapezoids).
+
+    Returns
+    -------
+    ndarray, shape (K, 3)
+        NED, m/s^2.
+    ndarray, shape (K, 3, q)
+        Derivatives by the parameters.
+    """
+    means = (len(flight.t) - 1) // stride
+    model, jacobian = np.empty((means, 3)), np.empty((means, 3, len(theta)))
+    heights = flight.ground - flight.position[:, 2]
+    signals = flight.signals(theta[LAG])
+    accelerations(theta, *signals, shapes, heights, flight.velocity, law, stride, model, jacobian)
+    return model, jacobian
