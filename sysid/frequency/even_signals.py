@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.frequency.rate_signals import RateSignals
-from sysid.frequency.records import EvenClock, on_uniform_clock
+from sysid.frequency.records import EvenClock, Logged, on_uniform_clock
 from sysid.frequency.response import Floats
 
 #: Times, signals and which of them count, as `on_uniform_clock` returns them.
-OnClock = tuple[Floats, Floats, NDArray[np.bool_]]
+OnClock = tuple[Floats, Logged, NDArray[np.bool_]]
 
 
 class EvenSignals:
     """Signals over one stretch of a log on an even clock, brought there when they are first asked for.
+
+    They are kept in the precision in which they are logged.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ class EvenSignals:
         self._signals = signals
         self._rows = rows_within(signals, start, stop)
         self._clock = EvenClock.of(signals.t[self._rows])
-        self._columns: dict[str, Floats] = {}
+        self._columns: dict[str, Logged] = {}
 
     def between(self, names: Sequence[str], start: float, stop: float) -> OnClock | None:
         """Return signals of a part of the stretch.
@@ -53,7 +55,8 @@ class EvenSignals:
             return None
         if known:
             brought = self._clock.bring(np.column_stack(list(known.values())).astype(np.float64, copy=False))
-            self._columns |= {name: np.ascontiguousarray(brought[:, k]) for k, name in enumerate(known)}
+            columns = zip(known.items(), brought.T, strict=True)
+            self._columns |= {name: values.astype(logged.dtype) for (name, logged), values in columns}
         part = slice(*np.searchsorted(t, (start - rounded, stop + rounded)))
         values = np.column_stack([self._columns[name][part] for name in names])
         return t[part], values, self._clock.usable[part]

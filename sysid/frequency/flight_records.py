@@ -14,6 +14,7 @@ from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
+    Logged,
     lost_one_by_one,
     refuse_scattered,
 )
@@ -116,7 +117,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
     if target is not None:
         # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
-        asked = _at_rows(*target[:2], clock)
+        asked = _at_rows(*target[:2], clock).astype(values.dtype)
         if axis.attitude and np.std(asked) < _ASKED:
             # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
             raise FrequencyError(
@@ -142,14 +143,14 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     )
 
 
-def _of_lost_rows(t: Floats, command: Floats) -> float:
+def _of_lost_rows(t: Floats, command: Logged) -> float:
     """Return the common error of a response whose command comes in kicks, of which some rows are missing.
 
     A kick as short as a row counts for nothing where its row is lost, and for about 1.6 times as much where its
     neighbour is, which the spline makes of it; on an average over all kicks that is nothing, but kicks are few.
     """
     lost = lost_one_by_one(t)
-    moved = command - np.mean(command)
+    moved = command - np.mean(command, dtype=np.float64)
     squared = moved**2
     kicks = float(np.sum(squared) ** 2 / max(np.sum(squared**2), 1e-300))
     return float(np.sqrt(_KICK_VARIANCE * min(lost, 1.0) / max(kicks, 1.0)))

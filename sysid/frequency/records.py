@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment
 
 #: Samples in single or double precision.
-Logged = NDArray[np.float32] | Floats
+Logged = NDArray[np.floating[Any]]
 
 #: Samples farther apart than this many usual steps leave a hole that is bridged, but not counted.
 _HOLE = 2.5
@@ -51,9 +52,9 @@ class AxisRecord:
     #: First sample and step, s.
     start: float
     dt: float
-    inputs: Floats  #: shape (N, m)
-    output: Floats  #: shape (N,)
-    instruments: Floats  #: shape (N, m): One for each input; the inputs themselves where nothing was injected.
+    inputs: Logged  #: shape (N, m)
+    output: Logged  #: shape (N,)
+    instruments: Logged  #: shape (N, m): One for each input; the inputs themselves where nothing was injected.
     usable: NDArray[np.bool_]  #: shape (N,): False in holes of the log.
     band: tuple[float, float]  #: Frequencies that were excited, Hz.
     instrument: str  #: What the instruments are; empty where they are the inputs.

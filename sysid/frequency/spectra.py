@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.frequency._window_kernels import halved, products
-from sysid.frequency.records import AxisRecord
+from sysid.frequency.records import AxisRecord, Logged
 from sysid.frequency.response import Complex, Floats
 from sysid.records.filtering import low_pass_taps
 from sysid.records.periodogram import detrended, hann
@@ -40,6 +40,10 @@ _GAP = 0.3
 
 #: Width of a Hann window's equivalent noise bandwidth in 1/T.
 HANN_BANDWIDTH = 1.5
+
+
+#: In single precision.
+Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,20 +123,24 @@ def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.boo
 class ThinnedSignals:
     """Signals without trend, and what is left of them at half, a quarter, ... of their rate, made when asked for."""
 
-    def __init__(self, signals: Floats) -> None:
-        self._rates = [detrended(signals)]
+    def __init__(self, signals: Logged) -> None:
+        straight = detrended(signals.astype(np.float64, copy=False))
+        self._rates: list[Logged] = [straight.astype(signals.dtype, copy=False)]
 
-    def at(self, halvings: int) -> Floats:
+    def at(self, halvings: int) -> Logged:
         """Return them at a rate that was halved so often, shape (N / 2^halvings, columns)."""
         while len(self._rates) <= halvings:
             self._rates.append(_half_rate(self._rates[-1]))
         return self._rates[halvings]
 
 
-def _half_rate(signals: Floats) -> Floats:
+def _half_rate(signals: Logged) -> Logged:
     """Return every second sample of signals, shape (N, columns), without what would fold; edges are held."""
     reach = len(_HALVING) // 2
-    return halved(np.pad(np.ascontiguousarray(signals.T), ((0, 0), (reach, reach)), "edge"), _HALVING)
+    result = np.empty(((len(signals) + 1) // 2, signals.shape[1]), signals.dtype)
+    for column, values in zip(result.T, signals.T, strict=True):
+        column[:] = halved(np.pad(values.astype(np.float64), reach, "edge")[None], _HALVING)[:, 0]
+    return result
 
 
 def thinned(record: AxisRecord, high: float) -> AxisRecord:
@@ -175,9 +183,9 @@ class RecordWindows:
     """
 
     #: shape (K, q, 2, F): Transforms of the inputs, then of the instruments that are not inputs, in each of K windows.
-    columns: Floats
+    columns: Singles
     instruments: list[int]  #: Column of each instrument.
-    phase: Floats  #: shape (size, 2 F): What a window is multiplied by, real parts before imaginary ones.
+    phase: Logged  #: shape (size, 2 F): What a window is multiplied by, real parts before imaginary ones.
     differenced: Complex  #: shape (F,): What differences have made of the output.
     starts: NDArray[np.intp]  #: shape (K,)
     halvings: int  #: Of the record's rate.
@@ -227,7 +235,7 @@ def windows_of(
         yield _windows_of(record, signals, instruments, served, length, upto)
 
 
-def _driving(record: AxisRecord) -> tuple[Floats, list[int]]:
+def _driving(record: AxisRecord) -> tuple[Logged, list[int]]:
     """Return inputs and those instruments that are none of them, and the column of each instrument."""
     m = record.inputs.shape[1]
     # The outputs of other axes are instruments of themselves.
@@ -255,7 +263,7 @@ def _windows_of(
     taper = hann(size)
     turning = np.exp(-2j * np.pi * np.outer(np.arange(size) * dt, hz)).astype(np.complex128)
     phase = _detrended(np.asarray(taper[:, None] * turning, dtype=np.complex128)) * np.sqrt(dt / np.sum(taper**2))
-    both = np.hstack([phase.real, phase.imag])
+    both = np.hstack([phase.real, phase.imag]).astype(signals.dtype)
     columns = _transforms(signals, starts, both)
     count = float(len(starts))
     own = _products(columns, columns, starts)
@@ -287,7 +295,7 @@ def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     return counted
 
 
-def _products(left: Floats, right: Floats, places: NDArray[np.intp], turns: Complex | None = None) -> Complex:
+def _products(left: Singles, right: Singles, places: NDArray[np.intp], turns: Complex | None = None) -> Complex:
     """Sum products of transforms over windows, shape (F, q, r); between windows with `turns`, shape (M, F)."""
     count = left.shape[-1]
     parts = np.empty((0, 2, count)) if turns is None else np.stack([turns.real, turns.imag], axis=1)
@@ -299,7 +307,7 @@ def _products(left: Floats, right: Floats, places: NDArray[np.intp], turns: Comp
 _PIECE = 1 << 17
 
 
-def _transforms(signals: Floats, starts: NDArray[np.intp], phase: Floats) -> Floats:
+def _transforms(signals: Logged, starts: NDArray[np.intp], phase: Logged) -> Singles:
     """Transform every window of every signal, shape (K, columns, 2, F)."""
     size, numbers = phase.shape
     columns = signals.shape[1]
@@ -323,7 +331,7 @@ def _detrended(transform: Complex) -> Complex:
 
 
 def _overlapped(
-    columns: Floats, own: Complex, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
+    columns: Singles, own: Complex, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
 ) -> tuple[Complex, float]:
     """Weigh products between windows by the correlation that noise has in them, of the part in which they overlap.
 

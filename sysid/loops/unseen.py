@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.frequency.records import AxisRecord
+from sysid.frequency.records import AxisRecord, Logged
 from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
@@ -240,7 +240,7 @@ def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> F
         return np.empty((0, len(above)))
     taper = hann(size)
 
-    def power(signal: Floats) -> Floats:
+    def power(signal: Logged) -> Floats:
         windows = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size // 2]
         spectra = np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, axis=1)
         return np.asarray(np.abs(spectra) ** 2)
