@@ -27,9 +27,9 @@ from sysid.frequency.smoothness import roughness
 from sysid.frequency.sources import BURSTS, filtered, signals_of
 from sysid.frequency.spectra import (
     RecordWindows,
+    Regression,
     ThinnedSignals,
     band_of_window,
-    estimate,
     thinned,
     window_lengths,
     windows_of,
@@ -484,12 +484,14 @@ class _Windows:
     length: float
     mask: NDArray[np.bool_]
     of_records: tuple[RecordWindows | None, ...]
+    regression: Regression
 
     def below(self, count: int) -> _Windows:
         """Return the part of the lowest `count` of all frequencies."""
         mask = self.mask[:count]
         served = int(np.count_nonzero(mask))
-        return _Windows(self.length, mask, tuple(None if cut is None else cut.below(served) for cut in self.of_records))
+        cuts = tuple(None if cut is None else cut.below(served) for cut in self.of_records)
+        return _Windows(self.length, mask, cuts, self.regression.below(served))
 
 
 def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float, upto: float) -> list[_Windows]:
@@ -499,7 +501,13 @@ def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float, upto: fl
     masks = [(length, mask) for length, mask in masks if (mask & asked).any()]
     served, lengths_used = [hz[mask] for _, mask in masks], [length for length, _ in masks]
     cuts = zip(*(windows_of(record, served, lengths_used, upto) for record in records), strict=True)
-    return [_Windows(length, mask[asked], cut) for (length, mask), cut in zip(masks, cuts, strict=True)]
+    found = []
+    for (length, mask), cut in zip(masks, cuts, strict=True):
+        sums = [each.driving for each in cut if each is not None]
+        regression = Regression.of(reduce(add, sums)) if sums else None
+        if regression is not None:
+            found.append(_Windows(length, mask[asked], cut, regression))
+    return found
 
 
 def _composite(
@@ -516,13 +524,10 @@ def _composite(
     outputs = [ThinnedSignals(record.output[:, None]) for record in records]
     parts = []
     for each in windows:
-        sums = [cut.sums(output) for cut, output in zip(each.of_records, outputs, strict=True) if cut is not None]
-        part = None
-        if sums:
-            total = reduce(add, sums)
-            part = estimate(total, each.length, None if known is None else known[each.mask])
-        if part is not None:
-            parts.append((each.mask, part))
+        cuts = zip(each.of_records, outputs, strict=True)
+        sums = reduce(add, [cut.sums(output) for cut, output in cuts if cut is not None])
+        part = each.regression.responses(sums, each.length, None if known is None else known[each.mask])
+        parts.append((each.mask, part))
     if not parts:
         longest = max(record.duration for record in records)
         lost = 1.0 - float(np.mean(np.concatenate([record.usable for record in records])))

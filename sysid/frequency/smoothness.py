@@ -6,8 +6,8 @@ import numpy as np
 
 from sysid.frequency.response import COHERENT, Complex, Floats
 
-#: Reach of the local parabolas in ln f to both sides.
-_REACH = 0.35
+#: Reach of the local parabolas in ln f to both sides, and the fewest frequencies that one is laid through.
+_REACH, _FEWEST = 0.35, 8
 
 
 def roughness(hz: Floats, response: Complex, sigma: Floats, coherence: Floats) -> float:
@@ -31,14 +31,15 @@ def roughness(hz: Floats, response: Complex, sigma: Floats, coherence: Floats) -
         return 0.0
     x, weight = np.log(hz[good]), 1.0 / sigma[good]
     log_g = np.log(np.abs(response[good])) + 1j * np.unwrap(np.angle(response[good]))
-    scatter = []
-    for at in x:
-        near = np.abs(x - at) < _REACH
-        if np.count_nonzero(near) < 8:
-            continue
-        dx = x[near] - at
-        regressors = np.column_stack([np.ones_like(dx), dx, dx**2]) * weight[near, None]
-        wanted = log_g[near] * weight[near]
-        rest = wanted - regressors @ np.linalg.lstsq(regressors, wanted, rcond=None)[0]
-        scatter.append(np.mean(np.abs(rest) ** 2) / 2.0)
-    return float(np.sqrt(np.median(scatter))) if scatter else 0.0
+    apart = x - x[:, None]
+    near = np.where(np.abs(apart) < _REACH, weight, 0.0)
+    enough = np.count_nonzero(near, axis=1) >= _FEWEST
+    if not enough.any():
+        return 0.0
+    apart, near = apart[enough] / _REACH, near[enough]
+    regressors = np.stack([near, near * apart, near * apart**2], axis=2)
+    wanted = near * log_g
+    normal = np.swapaxes(regressors, 1, 2)
+    rest = wanted - (regressors @ np.linalg.solve(normal @ regressors, normal @ wanted[..., None]))[..., 0]
+    scatter = np.sum(np.abs(rest) ** 2, axis=1) / np.count_nonzero(near, axis=1) / 2.0
+    return float(np.sqrt(np.median(scatter)))

@@ -47,28 +47,32 @@ Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpectralSums:
-    """Sums over windows of products of transforms; those of several records add up."""
+class DrivingSums:
+    """Sums over windows of products of transforms of what drives an axis; those of several records add up."""
 
     #: shape (F, m, m): Instruments by instruments, instruments by inputs, inputs by inputs.
     zz: Complex
     zx: Complex
     xx: Complex
-    #: shape (F, m)
-    zy: Complex
-    xy: Complex
-    yy: Floats  #: shape (F,)
     noise_gain: Complex  #: shape (F, m, m): ``Z^H C Z`` with the correlation C that overlapping windows give to noise.
     windows: float
     independent: float  #: Number of independent windows that the overlapping ones are worth.
 
-    def __add__(self, other: SpectralSums) -> SpectralSums:
-        return SpectralSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
+    def __add__(self, other: DrivingSums) -> DrivingSums:
+        return DrivingSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
 
-    def below(self, count: int) -> SpectralSums:
-        """Return the part of the lowest `count` frequencies."""
-        over = ("zz", "zx", "xx", "zy", "xy", "yy", "noise_gain")
-        return replace(self, **{name: getattr(self, name)[:count] for name in over})
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnswerSums:
+    """Sums over windows of products of transforms with those of an output; those of several records add up."""
+
+    #: shape (F, m): With instruments, with inputs.
+    zy: Complex
+    xy: Complex
+    yy: Floats  #: shape (F,)
+
+    def __add__(self, other: AnswerSums) -> AnswerSums:
+        return AnswerSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +193,7 @@ class RecordWindows:
     differenced: Complex  #: shape (F,): What differences have made of the output.
     starts: NDArray[np.intp]  #: shape (K,)
     halvings: int  #: Of the record's rate.
-    without_output: SpectralSums  #: Its products with the output are zero.
+    driving: DrivingSums
 
     def below(self, count: int) -> RecordWindows:
         """Return the part of the lowest `count` frequencies."""
@@ -199,16 +203,14 @@ class RecordWindows:
             columns=np.ascontiguousarray(self.columns[..., :count]),
             phase=phase.reshape(len(phase), -1),
             differenced=self.differenced[:count],
-            without_output=self.without_output.below(count),
         )
 
-    def sums(self, output: ThinnedSignals) -> SpectralSums:
-        """Complete the sums with an output."""
+    def sums(self, output: ThinnedSignals) -> AnswerSums:
+        """Sum the products with an output."""
         y = _transforms(output.at(self.halvings), self.starts, self.phase)
         found = _products(self.columns, y, self.starts)[..., 0] / self.differenced[:, None]
-        inputs = self.without_output.xy.shape[1]
-        return replace(
-            self.without_output,
+        inputs = self.driving.xx.shape[1]
+        return AnswerSums(
             zy=found[:, self.instruments],
             xy=found[:, :inputs],
             yy=np.einsum("kcpf,kcpf->f", y, y, dtype=np.float64) / np.abs(self.differenced) ** 2,
@@ -268,14 +270,10 @@ def _windows_of(
     count = float(len(starts))
     own = _products(columns, columns, starts)
     gain, squares = _overlapped(columns, own, taper, starts // hop, hop, dt * hz)
-    nothing = np.zeros((len(hz), m), dtype=np.complex128)
-    sums = SpectralSums(
+    sums = DrivingSums(
         zz=own[:, instruments][:, :, instruments],
         zx=own[:, instruments, :m],
         xx=own[:, :m, :m],
-        zy=nothing,
-        xy=nothing,
-        yy=np.zeros(len(hz)),
         noise_gain=gain[:, instruments][:, :, instruments],
         windows=count,
         independent=count**2 / squares,
@@ -373,49 +371,83 @@ def _overlapped(
     return own + between + np.swapaxes(between, 1, 2).conj(), squares
 
 
-def estimate(sums: SpectralSums, length: float, known: Complex | None = None) -> WindowEstimate | None:
-    """Estimate responses from summed spectra; None where there are too few windows to know their error.
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """How responses follow from products with an output.
 
     With instruments Z, inputs X and output Y the response is ``G = (Z^H X)^-1 Z^H Y``, which is regression where Z is
     X; its covariance ``(Z^H X)^-1 Z^H C Z (Z^H X)^-H S_ee`` with the spectrum S_ee of the remainder ``Y - X G``
     (Söderström and Stoica 1989, section 8.2; for joint input-output spectra Tischler and Remple 2012, section 8.2).
-
-    Parameters
-    ----------
-    sums : SpectralSums
-    length : float
-        Of the windows, s.
-    known : ndarray of complex, shape (F,), optional
-        Response to the first input that was taken out of the output beforehand.
     """
-    m = sums.zx.shape[1]
-    spare = sums.independent - m
-    if spare < 0.5:
-        return None
-    inverse = np.linalg.pinv(sums.zx)
-    response = (inverse @ sums.zy[..., None])[..., 0]
-    direct = (np.linalg.pinv(sums.xx) @ sums.xy[..., None])[..., 0]
-    explained = np.einsum("fi,fij,fj->f", response.conj(), sums.xx, response).real
-    rest = sums.yy - 2.0 * np.einsum("fi,fi->f", response.conj(), sums.xy).real + explained
-    rest = np.maximum(rest, 1e-14 * sums.yy)
-    noise = _smooth(rest / sums.windows) * sums.independent / spare
-    covariance = inverse @ sums.noise_gain @ np.conj(np.swapaxes(inverse, 1, 2))
-    if known is not None:
-        response[:, 0] += known
-        direct[:, 0] += known
-        explained = np.einsum("fi,fij,fj->f", response.conj(), sums.xx, response).real
-    spread = np.einsum("fii->fi", covariance).real * noise[:, None]
-    power = np.abs(response) ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sigma = np.sqrt(0.5 * spread / power)
-        own = np.einsum("fii->fi", inverse @ sums.zz @ np.conj(np.swapaxes(inverse, 1, 2))).real
-        coherent = power / own
-        coherence = coherent / (coherent + noise[:, None] * sums.windows)
-        multiple = 1.0 - rest / (rest + explained)
-    sigma = np.where(np.isfinite(sigma), sigma, np.inf)
-    return WindowEstimate(
-        response, direct, sigma, np.nan_to_num(np.clip(coherence, 0.0, 1.0)), np.nan_to_num(multiple), length
-    )
+
+    #: shape (F, m, m): Inverse of instruments by inputs, of inputs by inputs, and the latter.
+    inverse: Complex
+    direct: Complex
+    xx: Complex
+    #: shape (F, m): Variances of the responses, of noise of which all windows together have one, and of instruments.
+    noise_gain: Floats
+    own: Floats
+    windows: float
+    independent: float
+
+    @classmethod
+    def of(cls, sums: DrivingSums) -> Regression | None:
+        """Invert the sums; None where there are too few windows to know the error of a response."""
+        if sums.independent - sums.zx.shape[1] < 0.5:
+            return None
+        inverse = np.asarray(np.linalg.pinv(sums.zx), dtype=np.complex128)
+
+        def through(products: Complex) -> Floats:
+            return np.asarray(np.einsum("fij,fjk,fik->fi", inverse, products, inverse.conj()).real)
+
+        return cls(
+            inverse=inverse,
+            direct=np.asarray(np.linalg.pinv(sums.xx), dtype=np.complex128),
+            xx=sums.xx,
+            noise_gain=through(sums.noise_gain),
+            own=through(sums.zz),
+            windows=sums.windows,
+            independent=sums.independent,
+        )
+
+    def below(self, count: int) -> Regression:
+        """Return the part of the lowest `count` frequencies."""
+        over = ("inverse", "direct", "xx", "noise_gain", "own")
+        return replace(self, **{name: getattr(self, name)[:count] for name in over})
+
+    def responses(self, sums: AnswerSums, length: float, known: Complex | None = None) -> WindowEstimate:
+        """Estimate responses from products with an output.
+
+        Parameters
+        ----------
+        sums : AnswerSums
+        length : float
+            Of the windows, s.
+        known : ndarray of complex, shape (F,), optional
+            Response to the first input that was taken out of the output beforehand.
+        """
+        response = (self.inverse @ sums.zy[..., None])[..., 0]
+        direct = (self.direct @ sums.xy[..., None])[..., 0]
+
+        def explained() -> Floats:
+            return np.asarray(np.einsum("fi,fij,fj->f", response.conj(), self.xx, response).real)
+
+        rest = sums.yy - 2.0 * np.einsum("fi,fi->f", response.conj(), sums.xy).real + explained()
+        rest = np.maximum(rest, 1e-14 * sums.yy)
+        noise = _smooth(rest / self.windows) * self.independent / (self.independent - self.xx.shape[1])
+        if known is not None:
+            response[:, 0] += known
+            direct[:, 0] += known
+        power = np.abs(response) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sigma = np.sqrt(0.5 * self.noise_gain * noise[:, None] / power)
+            coherent = power / self.own
+            coherence = coherent / (coherent + noise[:, None] * self.windows)
+            multiple = 1.0 - rest / (rest + explained())
+        sigma = np.where(np.isfinite(sigma), sigma, np.inf)
+        return WindowEstimate(
+            response, direct, sigma, np.nan_to_num(np.clip(coherence, 0.0, 1.0)), np.nan_to_num(multiple), length
+        )
 
 
 def _smooth(power: Floats) -> Floats:
