@@ -9,12 +9,16 @@ sub-steps of the IMU; covariance moves from node to node only. With ``S`` the ve
 and identity elsewhere: only these entries are ever multiplied. Measurements are scalar with at most seven entries in
 their row of H, so no matrix is inverted. The smoother is the modified Bryson-Frazier form (Bierman 1973), which runs on
 the adjoint ``lam``, ``Lam`` and needs the covariance only where a result is wanted.
+
+Kernels work on matrices that they make themselves: only of these does the compiler know how far apart rows lie, without
+which it works on single numbers. Loops over their rows end at a number that it does not know (``states`` is `N`), since
+written out they take longer to compile and to run. Those over columns end at `N`.
 """
 
 import numpy as np
 
 from logparse.numerics.compiled import inner, njit
-from logparse.numerics.kernel_types import Flags, Int64Rows, Int64s, Matrix, Stack, Vector
+from logparse.numerics.kernel_types import Blocks, Flags, Int64Rows, Int64s, Matrix, Stack, Vector
 
 Array = np.ndarray
 
@@ -58,6 +62,14 @@ def _rotation(state: Array, R: Array) -> None:
 
 
 @inner(nogil=True)
+def _copy(one: Array, other: Array) -> None:
+    """Copy a matrix of N x N; as an assignment of arrays it takes seconds to compile."""
+    for i in range(N):
+        for j in range(N):
+            other[i, j] = one[i, j]
+
+
+@inner(nogil=True)
 def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
     """Turn a nominal state by a rotation vector in body axes (right product) or NED axes (left product)."""
     angle2 = rx * rx + ry * ry + rz * rz
@@ -81,8 +93,8 @@ def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
 
 
 @inner(nogil=True, fastmath=_FLAGS)
-def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> None:
-    """P <- F P F' in place; the first nine rows and columns and those of the GPS error change."""
+def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float, fast: int) -> None:
+    """P <- F P F' in place; the first nine rows and columns (`fast` of them) and those of the GPS error change."""
     # Numbers, not entries of arrays that P might overlap: so the loops work on several columns at once.
     s0, s1, s2 = S[0], S[1], S[2]
     c00, c01, c02 = C[0, 0], C[0, 1], C[0, 2]
@@ -98,7 +110,10 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
         P[6, k] -= c00 * P[9, k] + c01 * P[10, k] + c02 * P[11, k]
         P[7, k] -= c10 * P[9, k] + c11 * P[10, k] + c12 * P[11, k]
         P[8, k] -= c20 * P[9, k] + c21 * P[10, k] + c22 * P[11, k]
-    for i in range(9):
+        P[19, k] *= a
+        P[20, k] *= a
+        P[21, k] *= a
+    for i in range(fast):
         r = P[i]
         r[0] += T * r[3]
         r[1] += T * r[4]
@@ -112,71 +127,60 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float) -> N
         r[19] *= a
         r[20] *= a
         r[21] *= a
-    for i in range(9, N):
+    for i in range(fast, N):
+        for k in range(9):
+            P[i, k] = P[k, i]
         P[i, 19] *= a
         P[i, 20] *= a
         P[i, 21] *= a
-    for i in range(19, 22):
-        for k in range(9, N):
-            P[i, k] *= a
-    for i in range(9, N):
-        for k in range(9):
-            P[i, k] = P[k, i]
 
 
 @inner(nogil=True, fastmath=_FLAGS)
-def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float) -> None:
+def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float, states: int) -> None:
     """Compute lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
     s0, s1, s2 = S[0], S[1], S[2]
-    for j in range(3):
-        c0, c1, c2 = C[0, j], C[1, j], C[2, j]
-        lam[9 + j] -= c0 * lam[6] + c1 * lam[7] + c2 * lam[8]
-        lam[12 + j] -= c0 * lam[3] + c1 * lam[4] + c2 * lam[5]
-        lam[19 + j] *= a
-        for k in range(N):
-            Lam[9 + j, k] -= c0 * Lam[6, k] + c1 * Lam[7, k] + c2 * Lam[8, k]
-            Lam[12 + j, k] -= c0 * Lam[3, k] + c1 * Lam[4, k] + c2 * Lam[5, k]
-    lam[6] += s1 * lam[5] - s2 * lam[4]
-    lam[7] += s2 * lam[3] - s0 * lam[5]
-    lam[8] += s0 * lam[4] - s1 * lam[3]
-    for j in range(3):
-        lam[3 + j] += T * lam[j]
+    c00, c01, c02 = C[0, 0], C[0, 1], C[0, 2]
+    c10, c11, c12 = C[1, 0], C[1, 1], C[1, 2]
+    c20, c21, c22 = C[2, 0], C[2, 1], C[2, 2]
     for k in range(N):
+        Lam[9, k] -= c00 * Lam[6, k] + c10 * Lam[7, k] + c20 * Lam[8, k]
+        Lam[10, k] -= c01 * Lam[6, k] + c11 * Lam[7, k] + c21 * Lam[8, k]
+        Lam[11, k] -= c02 * Lam[6, k] + c12 * Lam[7, k] + c22 * Lam[8, k]
+        Lam[12, k] -= c00 * Lam[3, k] + c10 * Lam[4, k] + c20 * Lam[5, k]
+        Lam[13, k] -= c01 * Lam[3, k] + c11 * Lam[4, k] + c21 * Lam[5, k]
+        Lam[14, k] -= c02 * Lam[3, k] + c12 * Lam[4, k] + c22 * Lam[5, k]
         Lam[6, k] += s1 * Lam[5, k] - s2 * Lam[4, k]
         Lam[7, k] += s2 * Lam[3, k] - s0 * Lam[5, k]
         Lam[8, k] += s0 * Lam[4, k] - s1 * Lam[3, k]
         Lam[3, k] += T * Lam[0, k]
         Lam[4, k] += T * Lam[1, k]
         Lam[5, k] += T * Lam[2, k]
-    for i in range(3, 15):
-        r = Lam[i]
-        for j in range(3):
-            r[9 + j] -= C[0, j] * r[6] + C[1, j] * r[7] + C[2, j] * r[8]
-            r[12 + j] -= C[0, j] * r[3] + C[1, j] * r[4] + C[2, j] * r[5]
+        Lam[19, k] *= a
+        Lam[20, k] *= a
+        Lam[21, k] *= a
+    # From both sides in these rows only, since Lam stays symmetric; behind them once for lam.
+    for i in range(3, states - 10):
+        r = Lam[i] if i < 15 else lam
+        r[9] -= c00 * r[6] + c10 * r[7] + c20 * r[8]
+        r[10] -= c01 * r[6] + c11 * r[7] + c21 * r[8]
+        r[11] -= c02 * r[6] + c12 * r[7] + c22 * r[8]
+        r[12] -= c00 * r[3] + c10 * r[4] + c20 * r[5]
+        r[13] -= c01 * r[3] + c11 * r[4] + c21 * r[5]
+        r[14] -= c02 * r[3] + c12 * r[4] + c22 * r[5]
         r[6] += s1 * r[5] - s2 * r[4]
         r[7] += s2 * r[3] - s0 * r[5]
         r[8] += s0 * r[4] - s1 * r[3]
         r[3] += T * r[0]
         r[4] += T * r[1]
         r[5] += T * r[2]
-        r[19] *= a
-        r[20] *= a
-        r[21] *= a
-    for i in range(15, N):
-        Lam[i, 19] *= a
-        Lam[i, 20] *= a
-        Lam[i, 21] *= a
-    for i in range(19, 22):
-        for k in range(15, N):
+    for i in range(states):
+        if i < 3 or i >= 15:
+            for k in range(3, 15):
+                Lam[i, k] = Lam[k, i]
+        for k in range(19, 22):
             Lam[i, k] *= a
-        for k in range(3):
-            Lam[i, k] *= a
-            Lam[k, i] = Lam[i, k]
-    for k in range(3, 15):
-        for i in range(3):
-            Lam[i, k] = Lam[k, i]
-        for i in range(15, N):
-            Lam[i, k] = Lam[k, i]
+    for k in range(19, 22):
+        lam[k] *= a
 
 
 @inner(nogil=True)
@@ -321,9 +325,9 @@ def _row_times_covariance(P: Array, index: Array, value: Array, count: int, PH: 
 
 
 @inner(nogil=True, fastmath=_FLAGS)
-def _take_outer_product(P: Array, left: Array, right: Array) -> None:
+def _take_outer_product(P: Array, left: Array, right: Array, states: int) -> None:
     """P <- P - left right' in place, two rows at a time: of single rows the compiler makes single numbers."""
-    for i in range(0, N, 2):
+    for i in range(0, states, 2):
         first, second = left[i], left[i + 1]
         for j in range(N):
             factor = right[j]
@@ -333,7 +337,16 @@ def _take_outer_product(P: Array, left: Array, right: Array) -> None:
 
 @inner(nogil=True, fastmath=_FLAGS)
 def _fuse(
-    x: Array, P: Array, nu: float, variance: float, index: Array, value: Array, count: int, gain: Array, PH: Array
+    x: Array,
+    P: Array,
+    nu: float,
+    variance: float,
+    index: Array,
+    value: Array,
+    count: int,
+    gain: Array,
+    PH: Array,
+    states: int,
 ) -> tuple[float, float]:
     """Fuse one scalar innovation in place and fill the gain; PH (26,) is scratch.
 
@@ -346,7 +359,7 @@ def _fuse(
     inv = 1.0 / max(variance, nu * nu / (BOUND * BOUND))
     for i in range(N):
         gain[i] = PH[i] * inv
-    _take_outer_product(P, gain, PH)
+    _take_outer_product(P, gain, PH, states)
     for i in range(N):
         PH[i] = gain[i] * nu
     _inject(x, PH)
@@ -438,7 +451,7 @@ def _write_row(x: Array, P: Array, out: int, out_x: Array, out_P: Array, slow_P:
 @njit(cache=True, nogil=True)
 def forward(
     x: Vector,
-    P: Matrix,
+    covariance: Matrix,
     sub_dt: Vector,
     sub_angle: Matrix,
     sub_velocity: Matrix,
@@ -478,7 +491,7 @@ def forward(
     out_P: Stack,
     slow_P: Stack,
 ) -> float:
-    """Run the filter over all nodes; x (27,) and P (26, 26) are the start and are left at the end.
+    """Run the filter over all nodes; x (27,) and covariance (26, 26) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
     velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (24,) is
@@ -494,6 +507,8 @@ def forward(
     log_likelihood : float
         Of the measurements, without the constant; what is refused counts too (`_log_density`).
     """
+    P = np.empty((N, N))
+    _copy(covariance, P)
     R = np.empty((3, 3))
     S = np.empty(3)
     C = np.empty((3, 3))
@@ -524,7 +539,7 @@ def forward(
             _advance(x, R, sub_dt[k], sub_angle[k], sub_velocity[k], gravity, earth_rate, S, C, rate, acceleration)
         if T > 0.0:
             a = np.exp(-T / gps_error[0])
-            _propagate_covariance(P, T, S, C, a)
+            _propagate_covariance(P, T, S, C, a, out_P.shape[1])
             for i in range(3):
                 P[3 + i, 3 + i] += v_var
                 P[6 + i, 6 + i] += phi_var
@@ -589,7 +604,7 @@ def forward(
                     continue
                 nu = scalar_z[m] - z
                 s = scale[kind] * scalar_var[m] + (jitter[kind] * speed) ** 2
-                inv, s = _fuse(x, P, nu, s, index, value, count, gain, scratch)
+                inv, s = _fuse(x, P, nu, s, index, value, count, gain, scratch, walk.size)
                 heading += gain[8] * nu
                 if moves or abs(heading) > FARTHEST:
                     heading = 0.0
@@ -606,12 +621,35 @@ def forward(
         if out >= 0:
             _write_row(x, P, out, out_x, out_P, slow_P)
     memory[HEADING] = heading
+    _copy(P, covariance)
     return likelihood
 
 
 @inner(nogil=True, fastmath=_FLAGS)
+def _row_times_adjoint(row: Array, Lam: Array, product: Array, states: int) -> None:
+    """Fill the product of a row with Lam, eight rows at a time, so that it is not read and written for each."""
+    a, b = row[0], row[1]
+    for j in range(N):
+        product[j] = a * Lam[0, j] + b * Lam[1, j]
+    for i in range(2, states, 8):
+        a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
+        e, f, g, h = row[i + 4], row[i + 5], row[i + 6], row[i + 7]
+        for j in range(N):
+            product[j] += (
+                a * Lam[i, j]
+                + b * Lam[i + 1, j]
+                + c * Lam[i + 2, j]
+                + d * Lam[i + 3, j]
+                + e * Lam[i + 4, j]
+                + f * Lam[i + 5, j]
+                + g * Lam[i + 6, j]
+                + h * Lam[i + 7, j]
+            )
+
+
+@inner(nogil=True, fastmath=_FLAGS)
 def _unfuse(
-    lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array
+    lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array, states: int
 ) -> tuple[float, float]:
     """Propagate the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch.
 
@@ -621,13 +659,7 @@ def _unfuse(
     used = inv > 0.0
     c = nu * (inv if used else 1.0 / S)
     s = inv
-    for i in range(N):
-        u[i] = 0.0
-    # Two rows at a time, as in `_take_outer_product`: Lam is symmetric.
-    for i in range(0, N, 2):
-        first, second = K[i], K[i + 1]
-        for j in range(N):
-            u[j] += first * Lam[i, j] + second * Lam[i + 1, j]
+    _row_times_adjoint(K, Lam, u, states)
     for i in range(N):
         c += K[i] * lam[i]
         s += K[i] * u[i]
@@ -641,10 +673,57 @@ def _unfuse(
         lam[i] -= h * c
         for j in range(N):
             Lam[i, j] -= h * u[j]
+        for j in range(states):
             Lam[j, i] -= h * u[j]
         for b in range(ENTRIES):
             Lam[i, index[b]] += h * value[b] * s
     return c / s, 1.0 / s - (1.0 / inv - S)
+
+
+@inner(nogil=True, fastmath=_FLAGS)
+def _smooth_three(
+    P: Array, state: int, lam: Array, Lam: Array, states: int, product: Array, dx: Array, covariance: Array
+) -> None:
+    """Fill the corrections of three states from `state` on, and their smoothed covariance P - P Lam P'.
+
+    The first three rows of P are those of the filter's; product (3, 26) is scratch.
+    """
+    a0, a1, a2 = P[0, 0], P[1, 0], P[2, 0]
+    b0, b1, b2 = P[0, 1], P[1, 1], P[2, 1]
+    for j in range(N):
+        product[0, j] = a0 * Lam[0, j] + b0 * Lam[1, j]
+        product[1, j] = a1 * Lam[0, j] + b1 * Lam[1, j]
+        product[2, j] = a2 * Lam[0, j] + b2 * Lam[1, j]
+    for i in range(2, states, 4):
+        a0, a1, a2 = P[0, i], P[1, i], P[2, i]
+        b0, b1, b2 = P[0, i + 1], P[1, i + 1], P[2, i + 1]
+        c0, c1, c2 = P[0, i + 2], P[1, i + 2], P[2, i + 2]
+        d0, d1, d2 = P[0, i + 3], P[1, i + 3], P[2, i + 3]
+        for j in range(N):
+            a, b, c, d = Lam[i, j], Lam[i + 1, j], Lam[i + 2, j], Lam[i + 3, j]
+            product[0, j] += a0 * a + b0 * b + c0 * c + d0 * d
+            product[1, j] += a1 * a + b1 * b + c1 * c + d1 * d
+            product[2, j] += a2 * a + b2 * b + c2 * c + d2 * d
+    x0, x1, x2 = 0.0, 0.0, 0.0
+    c00, c01, c02, c11, c12, c22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(N):
+        p0, p1, p2 = P[0, j], P[1, j], P[2, j]
+        x0 += p0 * lam[j]
+        x1 += p1 * lam[j]
+        x2 += p2 * lam[j]
+        c00 += p0 * product[0, j]
+        c01 += p1 * product[0, j]
+        c02 += p2 * product[0, j]
+        c11 += p1 * product[1, j]
+        c12 += p2 * product[1, j]
+        c22 += p2 * product[2, j]
+    dx[state], dx[state + 1], dx[state + 2] = -x0, -x1, -x2
+    covariance[0, 0] = P[0, state] - c00
+    covariance[1, 1] = P[1, state + 1] - c11
+    covariance[2, 2] = P[2, state + 2] - c22
+    covariance[0, 1] = covariance[1, 0] = P[0, state + 1] - c01
+    covariance[0, 2] = covariance[2, 0] = P[0, state + 2] - c02
+    covariance[1, 2] = covariance[2, 1] = P[1, state + 2] - c12
 
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
@@ -664,17 +743,17 @@ def backward(
     scalar_value: Matrix,
     gps_error_time: float,
     lam: Vector,
-    Lam: Matrix,
+    adjoint: Matrix,
     out_x: Matrix,
     out_P: Stack,
     slow_P: Stack,
-    out_covariance: Stack,
+    out_covariance: Blocks,
     slow_variance: Matrix,
     deletion: Vector,
     shock: Matrix,
     shock_size: Matrix,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariance of p, v, phi (n, 9, 9), slow variances (m, 17).
+    """Smooth what `forward` kept: ``out_x`` in place, covariances of p, v, phi (n, 3, 3, 3), slow variances (m, 17).
 
     ``deletion`` (s,) becomes how far each scalar lies from what all the others say, squared and over its variance;
     the variance of the sensor's class counts in it. ``shock`` (n, 2) becomes the largest step of attitude and of
@@ -682,37 +761,33 @@ def backward(
     ``shock_size`` (n, 2)
     how large such a step would be.
 
-    ``lam`` (26,) and ``Lam`` (26, 26) are the adjoint behind the last node, zero at the end of a segment, and are left
-    as that before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
+    ``lam`` (26,) and ``adjoint`` (26, 26) are lam and Lam behind the last node, zero at the end of a segment, and are
+    left as those before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
     `SLOW_EVERY`.
     """
+    Lam = np.empty((N, N))
+    _copy(adjoint, Lam)
+    states = lam.size
     u = np.empty(N)
     dx = np.empty(N)
-    W = np.empty((SLOW, N))
-    PLP = np.empty((SLOW, SLOW))
-    slow_W = np.empty((N - SLOW, N))
+    product = np.empty((3, N))
+    smoothed = np.empty((3, 3))
     for node in range(node_out.shape[0] - 1, -1, -1):
         out = node_out[node]
         if out >= 0:
             for i in range(N):
                 dx[i] = 0.0
-            P = out_P[out]
-            np.dot(P, Lam, W)
-            np.dot(W, P.T, PLP)
-            for i in range(SLOW):
-                for j in range(N):
-                    dx[i] -= P[i, j] * lam[j]
-                for j in range(SLOW):
-                    out_covariance[out, i, j] = P[i, j] - 0.5 * (PLP[i, j] + PLP[j, i])
-            if out % SLOW_EVERY == 0:
-                P = slow_P[out // SLOW_EVERY]
-                np.dot(P, Lam, slow_W)
-                for i in range(SLOW, N):
-                    total = P[i - SLOW, i]
-                    for j in range(N):
-                        dx[i] -= P[i - SLOW, j] * lam[j]
-                        total -= slow_W[i - SLOW, j] * P[i - SLOW, j]
-                    slow_variance[out // SLOW_EVERY, i - SLOW] = total
+            for block in range(SLOW // 3 if out % SLOW_EVERY else -(-N // 3)):
+                # The last three begin with one of those before.
+                state = min(3 * block, N - 3)
+                P = out_P[out, state:] if state < SLOW else slow_P[out // SLOW_EVERY, state - SLOW :]
+                _smooth_three(P, state, lam, Lam, states, product, dx, smoothed)
+                for i in range(3):
+                    if state >= SLOW:
+                        slow_variance[out // SLOW_EVERY, state - SLOW + i] = smoothed[i, i]
+                    else:
+                        for j in range(3):
+                            out_covariance[out, block, i, j] = smoothed[i, j]
             _inject(out_x[out], dx)
         for group in range(node_group[node + 1] - 1, node_group[node] - 1, -1):
             for m in range(group_start[group + 1] - 1, group_start[group] - 1, -1):
@@ -726,6 +801,7 @@ def backward(
                     scalar_index[m],
                     scalar_value[m],
                     u,
+                    states,
                 )
                 deletion[m] = residual * residual / (max(variance, 0.0) + scalar_var[m])
         T = node_T[node]
@@ -737,4 +813,5 @@ def backward(
                     shock[node, block] = lam[i] * lam[i] / Lam[i, i]
                     shock_size[node, block] = abs(lam[i]) / Lam[i, i]
         if T > 0.0:
-            _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time))
+            _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time), states)
+    _copy(Lam, adjoint)

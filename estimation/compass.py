@@ -17,7 +17,7 @@ from estimation.attitude import euler_from_quat, matrix_from_quat
 from estimation.filter import COARSE, Problem, World, assemble, run
 from estimation.observations import Observations
 from estimation.smoother import smooth
-from estimation.states import ATTITUDE, FIELD, HARD_IRON, SensorNoise
+from estimation.states import FIELD, HARD_IRON, SensorNoise
 from estimation.timing import InertialSignal
 from estimation.trust import inconsistent
 from estimation.tuning import DECISIVE, Tuned, relinearised, settled, window
@@ -135,7 +135,7 @@ def compass_turn(
             problem = replace(problem, x=x)
         smoothed = smooth(problem, result)
         attitude = matrix_from_quat(smoothed.x[1:, 6:10])
-        yaw_sigma = float(np.sqrt(np.median(smoothed.covariance[1:, ATTITUDE + 2, ATTITUDE + 2])))
+        yaw_sigma = float(np.sqrt(np.median(smoothed.covariance[1:, 2, 2, 2])))
         turn = _fitted(measured, np.einsum("nji,j->ni", attitude, field), noise, rate)
         yaw = float(euler_from_quat(smoothed.x[0, 6:10])[2])
         return replace(turn, sigma=float(np.hypot(turn.sigma, yaw_sigma))), result.log_likelihood, yaw

@@ -8,6 +8,8 @@ from estimation import _kernels
 from estimation.filter import ForwardPass, Problem, symmetrise
 from estimation.states import SIZE
 
+#: Rows that are filled in at a time, a multiple of `_kernels.SLOW_EVERY`: few enough to stay in the cache.
+FILLED = 1024
 #: lam and Lam of the modified Bryson-Frazier smoother, shapes (26,), (26, 26).
 Adjoint = tuple[np.ndarray, np.ndarray]
 
@@ -17,7 +19,7 @@ class Estimates:
     """What a segment gives at its outputs."""
 
     x: np.ndarray  #: shape (m, 27): Nominal states at the outputs.
-    covariance: np.ndarray  #: shape (m, 9, 9): Covariance of position, velocity and attitude errors.
+    covariance: np.ndarray  #: shape (m, 3, 3, 3): Covariances of position, of velocity and of attitude errors.
     slow_variance: np.ndarray  #: shape (ceil(m / 8), 17), or (m, 17) of `smooth`: Variance of each sensor error.
     #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
     #: Jong & Penzer 1998); NaN where nothing was smoothed.
@@ -41,8 +43,7 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
     """
     found = smooth_piece(problem, result, new_adjoint())
     fill_in(found.x)
-    every = [between_rows(column, len(found.x)) for column in found.slow_variance.T]
-    return replace(found, slow_variance=np.column_stack(every))
+    return replace(found, slow_variance=between_rows(found.slow_variance, len(found.x)))
 
 
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
@@ -62,7 +63,7 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
     """
     rows = problem.outputs
     x = result.x.copy()
-    covariance = np.empty((rows, _kernels.SLOW, _kernels.SLOW))
+    covariance = np.empty((rows, 3, 3, 3))
     variance = np.empty(result.sensor_rows.shape[:2])
     deletion = np.empty(len(result.innovation))
     shock, shock_size = np.empty((len(problem.t), 2)), np.empty((len(problem.t), 2))
@@ -97,8 +98,10 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
 
 def fill_in(x: np.ndarray) -> None:
     """Fill in the sensor errors of smoothed states, shape (m, 27), of which every eighth row is known."""
-    for column in range(10, x.shape[1]):
-        x[:, column] = between_rows(x[:: _kernels.SLOW_EVERY, column].copy(), len(x))
+    for first in range(0, len(x), FILLED):
+        rows = min(FILLED, len(x) - first)
+        known = x[first : first + FILLED + 1 : _kernels.SLOW_EVERY, 10:]
+        x[first : first + rows, 10:] = between_rows(known, rows)
 
 
 def filtered(result: ForwardPass) -> Estimates:
@@ -106,10 +109,12 @@ def filtered(result: ForwardPass) -> Estimates:
     slow = np.diagonal(result.sensor_rows[:, :, _kernels.SLOW :], axis1=1, axis2=2)
     nothing = np.empty((0, 2))
     unknown = np.full(len(result.innovation), np.nan)
-    return Estimates(result.x, result.rows[:, :, : _kernels.SLOW], slow, unknown, np.empty(0), nothing, nothing)
+    blocks = np.stack([result.rows[:, k : k + 3, k : k + 3] for k in range(0, _kernels.SLOW, 3)], axis=1)
+    return Estimates(result.x, blocks, slow, unknown, np.empty(0), nothing, nothing)
 
 
 def between_rows(known: np.ndarray, rows: int) -> np.ndarray:
-    """Interpolate what is known in every eighth row, shape (ceil(rows / 8),), to all of them."""
-    row = np.arange(rows)
-    return np.interp(row, row[:: _kernels.SLOW_EVERY], known) if rows else np.empty(0)
+    """Interpolate what is known in every eighth row, shape (ceil(rows / 8), c) or (ceil(rows / 8),), to all of them."""
+    steps = np.diff(known, axis=0, append=known[-1:])
+    parts = np.arange(_kernels.SLOW_EVERY).reshape(-1, *[1] * (known.ndim - 1)) / _kernels.SLOW_EVERY
+    return np.asarray((known[:, None] + parts * steps[:, None]).reshape(-1, *known.shape[1:])[:rows])

@@ -427,11 +427,10 @@ class _Plan:
 
 
 def _place(piece: Estimates, whole: Estimates, number: int) -> None:
-    """Put what a piece gave in its place; of the covariances the blocks of position, velocity and attitude."""
+    """Put what a piece gave in its place."""
     rows = slice(number * PIECE, number * PIECE + len(piece.x))
     whole.x[rows] = piece.x
-    for k in range(3):
-        whole.covariance[rows, k] = piece.covariance[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+    whole.covariance[rows] = piece.covariance
     first = number * PIECE // _kernels.SLOW_EVERY
     whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 

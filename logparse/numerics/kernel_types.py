@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Vector = Annotated[NDArray[np.float64], np.empty(0)]
 Matrix = Annotated[NDArray[np.float64], np.empty((0, 0))]
 Stack = Annotated[NDArray[np.float64], np.empty((0, 0, 0))]  #: Matrices, one behind the other.
+Blocks = Annotated[NDArray[np.float64], np.empty((0, 0, 0, 0))]  #: Several matrices of each row.
 
 Flags = Annotated[NDArray[np.bool_], np.empty(0, np.bool_)]
 Bytes = Annotated[NDArray[np.uint8], np.empty(0, np.uint8)]
