@@ -191,7 +191,9 @@ def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tu
 
 
 def _at_rows(times: Floats, wanted: Floats, t: Floats) -> Floats:
-    """Interpolate a target at the times of rows."""
-    smooth = below(times, wanted[:, None], t, float(np.median(np.diff(t))))[:, 0]
+    """Interpolate a target at the times of evenly spaced rows."""
     # What the target has above half of the rows' rate would fold onto what of the outputs folds.
-    return np.asarray(np.where(np.isfinite(smooth), smooth, np.interp(t, times, wanted)))
+    smooth = below(times, wanted[:, None], t, float(t[1] - t[0]))[:, 0]
+    beyond = ~np.isfinite(smooth)
+    smooth[beyond] = np.interp(t[beyond], times, wanted)
+    return smooth

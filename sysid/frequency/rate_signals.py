@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from sysid.frequency.response import Floats
 _AROUND = 30.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RateSignals:
     """What the rate controllers of a log said: their outputs, what they measured and what they wanted."""
 
@@ -28,7 +29,7 @@ class RateSignals:
     with_chirp: bool  #: Whether the outputs contain a chirp added at the mixer; RATE's do, sums of PID terms do not.
     source: str = ""  #: What they are, where they are not the controllers' own.
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Return the usual step, s."""
         return float(np.median(np.diff(self.t)))

@@ -32,6 +32,9 @@ _MOST_LOST = 0.2
 #: A record of more than this many times the length of its samples is no record; damaged times may span years.
 _EMPTY = 20.0
 
+#: Time [s] after which a craft has forgotten what it was told.
+_MEMORY = 200.0
+
 #: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
 ORDINARY_BAND = (0.15, 60.0)
 
@@ -96,7 +99,9 @@ class AxisRecord:
 
         Models map frequencies above zero, Hz, to the response of what was measured, before any difference.
         """
-        size = scipy.fft.next_fast_len(2 * len(self.output))
+        # What is beyond the end comes back at the beginning, after the time over which a craft remembers at most.
+        beyond = min(len(self.output), round(_MEMORY / self.dt))
+        size = scipy.fft.next_fast_len(len(self.output) + beyond)
         hz = np.fft.rfftfreq(size, self.dt).astype(np.float64)
         spectrum = np.fft.rfft(self.inputs[:, 0] - np.mean(self.inputs[:, 0]), size)
         if self.differenced:
