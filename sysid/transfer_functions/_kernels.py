@@ -12,21 +12,25 @@ from logparse.numerics.kernel_types import Matrix, Stack
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def recur(transition: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix, leading: int) -> Stack:
-    """Run ``x[k+1] = F x[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
+def recur(
+    transition: Stack, across: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix, driving: Stack
+) -> Stack:
+    """Run ``x[k+1] = F x[k] + H w[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
 
     Lanes (channels) are the last axis, so that the inner loops are vector instructions.
 
     Parameters
     ----------
     transition : ndarray, shape (q, q, lanes)
+    across : ndarray, shape (q, d, lanes)
+        H; d is 0 where nothing but inputs drives the states.
     from_now, from_next : ndarray, shape (q, lanes)
         g0 and g1; g1 is zero for held inputs.
     start : ndarray, shape (q, lanes)
         State at the first sample.
     inputs : ndarray, shape (N, lanes)
-    leading : int
-        The first `leading` rows of F have nonzeros in the first `leading` columns only.
+    driving : ndarray, shape (N, d, lanes)
+        States w of other systems.
 
     Returns
     -------
@@ -42,22 +46,30 @@ def recur(transition: Stack, from_now: Matrix, from_next: Matrix, start: Matrix,
         for i in range(order):
             for lane in range(lanes):
                 states[k + 1, i, lane] = from_now[i, lane] * inputs[k, lane] + from_next[i, lane] * inputs[k + 1, lane]
-            for j in range(leading if i < leading else order):
+            for j in range(across.shape[1]):
+                for lane in range(lanes):
+                    states[k + 1, i, lane] += across[i, j, lane] * driving[k, j, lane]
+            for j in range(order):
                 for lane in range(lanes):
                     states[k + 1, i, lane] += transition[i, j, lane] * states[k, j, lane]
     return states
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def recur_few(transposed: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix) -> Stack:
+def recur_few(
+    transposed: Stack, across: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix, driving: Stack
+) -> Stack:
     """Do the same as `recur` for few lanes, one after the other, with the states as vector lanes.
 
     Parameters
     ----------
     transposed : ndarray, shape (lanes, q, q)
         F with rows and columns exchanged.
+    across : ndarray, shape (lanes, d, q)
+        H, likewise.
     from_now, from_next, start : ndarray, shape (lanes, q)
     inputs : ndarray, shape (N, lanes)
+    driving : ndarray, shape (N, d, lanes)
 
     Returns
     -------
@@ -75,6 +87,10 @@ def recur_few(transposed: Stack, from_now: Matrix, from_next: Matrix, start: Mat
             here, there = inputs[k, lane], inputs[k + 1, lane]
             for i in range(order):
                 after[i] = from_now[lane, i] * here + from_next[lane, i] * there
+            for j in range(across.shape[1]):
+                value = driving[k, j, lane]
+                for i in range(order):
+                    after[i] += across[lane, j, i] * value
             for j in range(order):
                 value = now[j]
                 for i in range(order):
@@ -161,7 +177,8 @@ def multiply_out(theta: Matrix) -> tuple[Matrix, Stack]:
 def compile_kernels() -> None:
     """Compile what is not yet compiled, so that a time limit is not spent on it."""
     lane, pair, cube = np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((1, 1, 1))
-    recur(cube, lane, lane, lane, pair, 1)
-    recur_few(cube, lane, lane, lane, pair)
+    drive = np.zeros((2, 1, 1))
+    recur(cube, cube, lane, lane, lane, pair, drive)
+    recur_few(cube, cube, lane, lane, lane, pair, drive)
     combine(cube, cube, lane)
     multiply_out(lane)

@@ -301,10 +301,12 @@ def _respond(function: TransferFunction, reference: Floats, dt: float) -> Floats
     inputs = np.ascontiguousarray((reference - steady)[:, None])
     states = recur_few(
         np.ascontiguousarray(step[None, :n, :n].transpose(0, 2, 1)),
+        np.empty((1, 0, n)),
         np.ascontiguousarray((step[:n, n] - ramp)[None]),
         np.ascontiguousarray(ramp[None]),
         np.zeros((1, n)),
         inputs,
+        np.empty((len(t), 0, 1)),
     )
     return np.asarray(reference + states[:, :, 0] @ c[0])
 

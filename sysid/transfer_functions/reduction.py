@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
@@ -31,16 +32,21 @@ class Basis:
     #: shape (groups, lags, lags): Of the coefficients by the parameters; see
     #: `sysid.transfer_functions.sections.denominators`.
     slope: Floats
-    free: Floats  #: shape (N, 2 n, groups): Responses to initial states, as long as the longest record.
+    free: Floats  #: shape (N, n, groups): Responses to initial states, as long as the longest record.
     #: shape (local, local): Precision of what each record has of its own, times the variance of the residual.
     prior: Floats
+
+    @cached_property
+    def free_squares(self) -> Floats:
+        """The same through another ``1 / A``, which derivatives need."""
+        return self.system.free_through_another(self.free)
 
 
 @dataclass(slots=True)
 class Part:
     """One record at given poles."""
 
-    states: Floats  #: shape (N, 2 n, m): Responses to the inputs.
+    states: Floats  #: shape (N, n, m): Responses to the inputs.
     #: shape (N, 2 + integrators): Polynomials of time (`sysid.transfer_functions.response.trends`), and the output.
     trends: Floats
     free: Floats  #: shape (N, lags groups): Initial responses, a view of those of the basis.
@@ -51,6 +57,7 @@ class Part:
     factor: Floats
     coupling: Floats
     information: Floats  #: shape (numerators m + 1, numerators m + 1): What the record contributes.
+    squares: Floats | None = None  #: shape (N, n, m): Responses through another ``1 / A``, once they are asked for.
     #: shape (1 + integrators + lags groups,): The polynomial in time (`sysid.transfer_functions.response.trends`) and
     #: the coefficients of the initial responses, once numerators are known.
     local: Floats = field(default_factory=lambda: np.zeros(0))
@@ -94,6 +101,25 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
     return Basis(theta, delays, system, slope, system.free(max(problem.lengths)), initial_prior(problem, system))
 
 
+def squares_of(problem: Problem, basis: Basis, u: Floats, part: Part) -> Floats:
+    """Pass a record's responses through another ``1 / A``; shape (N, n, m).
+
+    Parameters
+    ----------
+    problem : Problem
+        What the records share.
+    basis : Basis
+        Responses at the poles.
+    u : ndarray, shape (N, m)
+        Inputs of the record.
+    part : Part
+        The record, which keeps them.
+    """
+    if part.squares is None:
+        part.squares = basis.system.through_another(u, problem.group, part.states, basis.delays)
+    return part.squares
+
+
 def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
     """Form a record's normal equations and eliminate what is its own.
 
@@ -109,7 +135,7 @@ def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
         Its output.
     """
     k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
-    states = basis.system.forced(u, problem.group, delays=basis.delays if basis.delays.any() else None)
+    states = basis.system.forced(u, problem.group, sensitivities=False, delays=basis.delays)
     # Views and small products: one array of all regressors would take as long to fill as to multiply.
     forced = states.reshape(samples, -1)[:, : problem.numerators * lanes]
     free = basis.free[:samples].reshape(samples, -1)[:, k * groups : problem.order * groups]
@@ -181,20 +207,23 @@ def jacobian(
     forced, weights = slopes
     initial = part.local[1 + k :].reshape(lags, groups)
     free = np.einsum("pg,gpqi->qig", initial, weights[:, k:], order="C")
-    samples = len(part.states)
+    samples, squares = len(part.states), squares_of(problem, basis, u, part)
     result = np.zeros((samples, lags * groups + problem.delay_parameters))
     poles = result[:, : lags * groups]
     if groups == len(problem.group) and groups > 1:
-        combine(part.states, forced, result)
+        combine(part.states, forced[:n], result)
+        combine(squares, forced[n:], result)
     else:
         spread = np.zeros((2 * n, len(problem.group), lags, groups))
         for j, g in enumerate(problem.group):
             spread[:, j, :, g] = forced[:, :, j]
-        poles += part.states.reshape(samples, -1) @ spread.reshape(2 * n * len(problem.group), lags * groups)
+        for states, weights_of in ((part.states, spread[:n]), (squares, spread[n:])):
+            poles += states.reshape(samples, -1) @ weights_of.reshape(n * len(problem.group), lags * groups)
     if groups > 1:
-        combine(basis.free[:samples], free, result)
+        combine(basis.free[:samples], free[:n], result)
+        combine(basis.free_squares[:samples], free[n:], result)
     else:
-        poles += basis.free[:samples, :, 0] @ free[:, :, 0]
+        poles += basis.free[:samples, :, 0] @ free[:n, :, 0] + basis.free_squares[:samples, :, 0] @ free[n:, :, 0]
     if problem.delay_parameters:
         result[:, lags * groups :] = _by_delay(problem, basis, numerators, u, part.states)
     return result

@@ -106,51 +106,104 @@ class Discretised:
         -------
         ndarray, shape (N, 2 n, lanes), or (N, n, lanes) without sensitivities
         """
-        lanes, states = list(group), (2 if sensitivities else 1) * self.order
-        inputs, rest = np.ascontiguousarray(inputs), np.zeros((states, len(lanes)))
-        step, ramp = self.step[lanes, :states], self.ramp[lanes, :states]
+        first = self._respond(inputs, group, delays)
+        if not sensitivities:
+            return first
+        return np.concatenate([first, self.through_another(inputs, group, first, delays)], axis=1)
+
+    def through_another(
+        self, inputs: Floats, group: Sequence[int], first: Floats, delays: Floats | None = None
+    ) -> Floats:
+        """Return the states over A^2, given those over A: twice the work, which only derivatives need.
+
+        Parameters
+        ----------
+        inputs, group, delays
+            As `forced` takes them.
+        first : ndarray, shape (N, n, lanes)
+            States over A.
+
+        Returns
+        -------
+        ndarray, shape (N, n, lanes)
+        """
+        return self._respond(inputs, group, delays, first)
+
+    def _respond(
+        self, inputs: Floats, group: Sequence[int], delays: Floats | None, first: Floats | None = None
+    ) -> Floats:
+        """Return the states over A, or those over A^2 that the former drive."""
+        lanes, inputs = list(group), np.ascontiguousarray(inputs)
+        rest, rows = np.zeros((self.order, len(lanes))), self._rows(first)
+        step, ramp = self.step[lanes, rows], self.ramp[lanes, rows]
         if delays is None or not np.any(delays):
             held = self.hold == "zoh"
-            return self._run(inputs, lanes, step if held else step - ramp, np.zeros_like(ramp) if held else ramp, rest)
+            now, following = step if held else step - ramp, np.zeros_like(ramp) if held else ramp
+            return self._run(inputs, lanes, now, following, rest, first)
         # The newer sample is in force for the last part of the step only.
         _, part = whole_and_part(delays, self.dt)
         late = np.asarray(expm(self.generator[lanes] * (1.0 - part)[:, None, None]))
-        late_step, late_ramp, part = late[:, :states, -2], late[:, :states, -1], part[:, None]
+        late_step, late_ramp, part = late[:, rows, -2], late[:, rows, -1], part[:, None]
         before, after = delayed(inputs, self.dt, delays, 1), delayed(inputs, self.dt, delays, -1)
         if self.hold == "zoh":
-            return self._run(before, lanes, step - late_step, late_step, rest)
+            return self._run(before, lanes, step - late_step, late_step, rest, first)
         old, new = part * step - ramp + late_ramp, (1.0 - part) * step + ramp - 2.0 * late_ramp
-        result = self._run(before, lanes, old, new, rest)
-        return result + self._run(after, lanes, late_ramp, np.zeros_like(ramp), rest)
+        result = self._run(before, lanes, old, new, rest, first)
+        undriven = None if first is None else np.zeros_like(first)
+        return result + self._run(after, lanes, late_ramp, np.zeros_like(ramp), rest, undriven)
 
-    def free(self, samples: int, sensitivities: bool = True) -> Floats:
+    def free(self, samples: int) -> Floats:
         """Respond to a unit impulse just before the first sample: the shapes that initial states can give.
 
         Returns
         -------
-        ndarray, shape (samples, 2 n, groups), or (samples, n, groups)
+        ndarray, shape (samples, n, groups)
         """
-        groups, states = len(self.unit), (2 if sensitivities else 1) * self.order
-        start = np.zeros((states, groups))
+        groups = len(self.unit)
+        start = np.zeros((self.order, groups))
         start[np.array(self.orders) - 1, np.arange(groups)] = 1.0
-        nothing = np.zeros((groups, states))
-        return self._run(np.zeros((samples, groups)), list(range(groups)), nothing, nothing, start)
+        return self._freely(samples, start, None)
 
-    def _run(self, inputs: Floats, lanes: list[int], from_now: Floats, from_next: Floats, start: Floats) -> Floats:
-        states = from_now.shape[1]
-        transition = self.transition[lanes, :states, :states]
+    def free_through_another(self, first: Floats) -> Floats:
+        """Return the states over A^2 that those of `free` drive from rest; shape (samples, n, groups)."""
+        return self._freely(len(first), np.zeros((self.order, len(self.unit))), first)
+
+    def _freely(self, samples: int, start: Floats, first: Floats | None) -> Floats:
+        groups = len(self.unit)
+        nothing = np.zeros((groups, self.order))
+        return self._run(np.zeros((samples, groups)), list(range(groups)), nothing, nothing, start, first)
+
+    def _rows(self, first: Floats | None) -> slice:
+        """Return where states over A, or over A^2 where the former drive them, stand among all."""
+        return slice(0, self.order) if first is None else slice(self.order, 2 * self.order)
+
+    def _run(
+        self,
+        inputs: Floats,
+        lanes: list[int],
+        from_now: Floats,
+        from_next: Floats,
+        start: Floats,
+        first: Floats | None,
+    ) -> Floats:
+        rows = self._rows(first)
+        transition, across = self.transition[lanes, rows, rows], self.transition[lanes, rows, : rows.start]
+        driving = np.empty((len(inputs), 0, len(lanes))) if first is None else first
         if len(lanes) < FEW:
             transposed = np.ascontiguousarray(transition.transpose(0, 2, 1))
+            across = np.ascontiguousarray(across.transpose(0, 2, 1))
             now, following = np.ascontiguousarray(from_now), np.ascontiguousarray(from_next)
-            return np.asarray(recur_few(transposed, now, following, np.ascontiguousarray(start.T), inputs))
+            begin = np.ascontiguousarray(start.T)
+            return np.asarray(recur_few(transposed, across, now, following, begin, inputs, driving))
         return np.asarray(
             recur(
                 np.ascontiguousarray(transition.transpose(1, 2, 0)),
+                np.ascontiguousarray(across.transpose(1, 2, 0)),
                 np.ascontiguousarray(from_now.T),
                 np.ascontiguousarray(from_next.T),
                 start,
                 inputs,
-                self.order,
+                driving,
             )
         )
 
@@ -397,7 +450,7 @@ def free_run(
         return forced
     if shared:
         system = system.first()
-    free = system.free(samples, sensitivities=False)[:, system.integrators :]
+    free = system.free(samples)[:, system.integrators :]
     shapes = np.hstack([trends(samples, system.integrators), free.reshape(samples, -1)])
     if initial is None:
         # Maximum a posteriori: offset and integrators are free, the initial responses as small as those of the training

@@ -30,6 +30,7 @@ from sysid.transfer_functions.reduction import (
     missing_powers,
     powers_over_square,
     slopes_at,
+    squares_of,
     sum_of,
 )
 from sysid.transfer_functions.response import Discretised, gramian_slopes, gramians
@@ -163,8 +164,12 @@ def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
     for j in range(m):
         for power, value in enumerate(point.numerators[:, j]):
             weights[:, j] += value * table[power + k : power + k + lags].T
-    flat = weights.reshape(-1, lags)
-    return tuple(part.states.reshape(len(part.states), -1) @ flat for part in point.parts)
+    once, twice = weights[: problem.order].reshape(-1, lags), weights[problem.order :].reshape(-1, lags)
+    return tuple(
+        part.states.reshape(len(part.states), -1) @ once
+        + squares_of(problem, point.basis, u, part).reshape(len(part.states), -1) @ twice
+        for u, part in zip(problem.inputs, point.parts, strict=True)
+    )
 
 
 def reduced_information(
