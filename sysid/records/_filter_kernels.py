@@ -24,6 +24,18 @@ def filtered(b: Vector, a: Vector, signals: Matrix, state: Matrix) -> Matrix:
     """
     samples, columns = signals.shape
     result = np.empty((samples, columns))
+    if b.size == 3:
+        # Most are of this order: two numbers of state stay in registers.
+        for c in range(columns):
+            first, second = state[0, c], state[1, c]
+            for t in range(samples):
+                x = signals[t, c]
+                y = first + b[0] * x
+                first = second + b[1] * x - a[1] * y
+                second = b[2] * x - a[2] * y
+                result[t, c] = y
+            state[0, c], state[1, c] = first, second
+        return result
     for t in range(samples):
         for c in range(columns):
             x = signals[t, c]

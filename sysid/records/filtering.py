@@ -27,14 +27,15 @@ def lfilter(
     zi : ndarray, shape (n,) or (n, k), optional
         State of the direct form II transposed before the first sample, n the order; at rest by default.
     """
-    size = max(len(b), len(a))
+    order = max(len(b), len(a)) - 1
+    size = max(order + 1, 3)
     coefficients = np.zeros((2, size))
     coefficients[0, : len(b)], coefficients[1, : len(a)] = b, a
     coefficients /= coefficients[1, 0]
     columns = np.ascontiguousarray(signals if signals.ndim == 2 else signals[:, None], np.float64)
     state = np.zeros((size, columns.shape[1]))
-    if zi is not None and size > 1:
-        state[: size - 1] = zi.reshape(size - 1, -1)
+    if zi is not None and order > 0:
+        state[:order] = zi.reshape(order, -1)
     return np.asarray(filtered(coefficients[0], coefficients[1], columns, state)).reshape(np.shape(signals))
 
 

@@ -55,11 +55,17 @@ class Disturbance:
         ndarray, shape (N,)
             Zero for the first `steps` samples, before which nothing was measured.
         """
-        level, slope = self.track(residual, dt)
-        reach = FADE * (1.0 - np.exp(-steps * dt / FADE))
+        # Level and slope are filtered by one denominator, and so is their sum.
+        slopes = FADE * (1.0 - np.exp(-steps * dt / FADE)) * self.beta / dt
+        start = residual[0]
+        ahead = lfilter([self.alpha + slopes, self.beta - self.alpha - slopes], self._denominator, residual - start)
         result = np.zeros_like(residual)
-        result[steps:] = float(np.exp(-steps * dt / self.memory)) * (level + reach * slope)[:-steps]
+        result[steps:] = float(np.exp(-steps * dt / self.memory)) * (start + ahead)[:-steps]
         return result
+
+    @property
+    def _denominator(self) -> list[float]:
+        return [1.0, self.alpha + self.beta - 2.0, 1.0 - self.alpha]
 
     def track(self, residual: Floats, dt: float) -> tuple[Floats, Floats]:
         """Filter the residual into level and slope, starting from its first sample at rest.
@@ -71,8 +77,7 @@ class Disturbance:
         """
         # Transfer functions of the alpha-beta filter from measurement to level and to slope; the start at the first
         # sample at rest makes the filter work on the difference to it.
-        a = [1.0, self.alpha + self.beta - 2.0, 1.0 - self.alpha]
-        start = residual[0]
+        a, start = self._denominator, residual[0]
         level = start + lfilter([self.alpha, self.beta - self.alpha, 0.0], a, residual - start)
         slope = lfilter([self.beta / dt, -self.beta / dt], a, residual - start)
         return np.asarray(level, dtype=np.float64), np.asarray(slope, dtype=np.float64)

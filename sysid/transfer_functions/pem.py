@@ -10,10 +10,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from sysid.records.excitation import Excitation, examine
 from sysid.records.experiment import Experiment, Floats, ModelOrderError, require_alike
@@ -132,7 +133,7 @@ def fit_transfer_functions(
         ]
         tasks.append(task)
     # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _blas().limit(limits=1, user_api="blas"):
         for column, (output, task) in enumerate(zip(outputs, tasks, strict=True)):
             report(f"fitting {output}", column / len(outputs))
 
@@ -170,6 +171,12 @@ def fit_transfer_functions(
         },
         findings=tuple(findings),
     )
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Find the libraries that have threads once: looking through all that is loaded takes longer than a small fit."""
+    return ThreadpoolController()
 
 
 @dataclass(frozen=True, slots=True)
