@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy.signal import butter, sosfiltfilt
 
-from sysid import Experiment, SixDofModel, fit_six_dof
-from sysid.rigid_body.six_dof.air import estimate_trim, estimate_wind
+from sysid import Experiment, SixDofModel, estimate_trim, estimate_wind, fit_six_dof
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
 from sysid.rigid_body.six_dof.shooting import state_errors

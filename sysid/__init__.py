@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sysid.rigid_body.model import RigidBodyModel
     from sysid.rigid_body.model_record import BodyParameter
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
+    from sysid.rigid_body.six_dof.air import WindTrack, estimate_trim, estimate_wind
     from sysid.rigid_body.six_dof.fit import fit_six_dof
     from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
     from sysid.rigid_body.six_dof.model import SixDofModel
@@ -74,10 +75,13 @@ __all__ = [
     "TransferFunction",
     "TransferFunctionModel",
     "Validation",
+    "WindTrack",
     "analyse_bench",
     "bifilar",
     "check_thread",
     "choose_observer",
+    "estimate_trim",
+    "estimate_wind",
     "fit_arx",
     "fit_closed_loop",
     "fit_kim2017",

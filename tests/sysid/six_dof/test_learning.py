@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import ExperimentError
+from sysid import ExperimentError, estimate_trim, estimate_wind
 from sysid.rigid_body.six_dof import learning
-from sysid.rigid_body.six_dof.air import estimate_trim, estimate_wind
 from sysid.rigid_body.six_dof.fit import fit_six_dof
 from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
 from tests.sysid.six_dof import flown
