@@ -28,7 +28,7 @@ import pandas as pd
 
 from logparse import Tables
 from sysid.records.arrays import Floats
-from sysid.records.resampling import resample
+from sysid.records.resampling import NewClock
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -94,10 +94,13 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
     if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
         voltage = tables.battery["voltage"].where(tables.battery["voltage"] > 1.0).to_frame()
         columns["voltage"] = resample_frame(voltage, t)[:, 0]
+    clock: NewClock | None = None
     for rate in tables.columns("rates", RATE_COLUMNS):
         if len(rate) < 2:
             break
-        values = resample_frame(rate.to_frame(), t)[:, 0]
+        if clock is None or not np.array_equal(clock.source_t, rate.index):
+            clock = NewClock(rate.index.to_numpy(np.float64), t)
+        values = clock.bring(np.asarray(rate, np.float64))
         if np.isfinite(values).all():
             columns[RATE_COLUMNS[str(rate.name)]] = values
     if tables.esc is not None and len(tables.esc) > 1:
@@ -129,10 +132,10 @@ def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, table
 
 def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:
     """Resample every column of a table indexed by time; shape (N, columns)."""
-    source_t = frame.index.to_numpy(np.float64)
+    clock = NewClock(frame.index.to_numpy(np.float64), t)
     # One by one: the rates of a fast loop are long.
-    columns = [resample(source_t, frame[name].to_numpy(np.float64)[:, None], t) for name in frame.columns]
-    return np.hstack(columns) if columns else np.empty((len(t), 0))
+    columns = [clock.bring(frame[name].to_numpy(np.float64)) for name in frame.columns]
+    return np.column_stack(columns) if columns else np.empty((len(t), 0))
 
 
 def air_density(pressure: Floats) -> Floats:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from sysid.records.arrays import MIN_SAMPLES, Floats
 from sysid.records.context import Clocked, has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import project, rounding
-from sysid.records.mixer_curve import mixer_differs
+from sysid.records.mixer_curve import MIXER_DIFFERS, mixer_differs
 from sysid.records.resampling import resample
 
 if TYPE_CHECKING:
@@ -40,8 +40,27 @@ _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
 #: Finding of a record whose horizontal motion was not measured.
 POSITION_UNKNOWN = "position-unknown"
 
+#: Finding of motor outputs whose rounding hides what was asked.
+BELOW_ROUNDING = "commands-below-rounding"
+
 OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
+
+
+class Recorded(Clocked, Protocol):
+    """Another record of the same flight: an experiment."""
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of inputs and outputs."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found of the record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +86,7 @@ def record_flight(
     outputs: str,
     frame: str,
     name: str | None,
-    beside: Iterable[Clocked] = (),
+    beside: Iterable[Recorded] = (),
     within: tuple[float, float] | None = None,
 ) -> FlightPiece:
     """Cut the piece; errors are those of `Experiment.from_flight`.
@@ -85,14 +104,14 @@ def record_flight(
     name : str or None
         Of the piece; None for the file's name.
     beside : iterable
-        Others of the same log and trajectory, whose context may be shared.
+        Others of the same log and trajectory, whose context may be shared, and what was found of motor outputs.
     within : (float, float), optional
         First and last time to use, s.
     """
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
-    label = name or log.path.name
+    label, beside = name or log.path.name, tuple(beside)
     if log.flight is None:
         raise MissingDataError(f"{label}: the craft never left the ground, so that there is nothing to identify")
     if trajectory.inconsistency:
@@ -140,8 +159,7 @@ def record_flight(
             )
         )
     if inputs in ("motors", "mixer"):
-        more += _rounded(log.tables.motors, log.vehicle, start, stop)
-        more += mixer_differs(log.tables, log.vehicle, start, stop)
+        more += _of_outputs(beside, log, start, stop)
     more += _steps(source, start, stop)
     motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs in ("motors", "rotor_speeds"))
     y = resample_frame(motion, t)
@@ -196,6 +214,19 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
     ]
 
 
+def _of_outputs(beside: Sequence[Recorded], log: FlightLog, start: float, stop: float) -> list[Finding]:
+    """Report what motor outputs do not show; a record of them that spans the same time knows it."""
+    for each in beside:
+        step = (each.t[-1] - each.t[0]) / (len(each.t) - 1)
+        spans = each.t[0] == start and each.t[-1] <= stop < each.t[-1] + step
+        if spans and {each.units.get(name) for name in each.input_names} == {"us"}:
+            return [finding for finding in each.findings if finding.id in (BELOW_ROUNDING, MIXER_DIFFERS)]
+    return [
+        *_rounded(log.tables.motors, log.vehicle, start, stop),
+        *mixer_differs(log.tables, log.vehicle, start, stop),
+    ]
+
+
 def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
     """Report which commands of the mixer drown in the rounding of PWM to whole microseconds."""
     if motors is None or vehicle is None:
@@ -211,7 +242,7 @@ def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float,
         return []
     return [
         Finding(
-            "commands-below-rounding",
+            BELOW_ROUNDING,
             Severity.WARNING,
             f"motor outputs hardly show what was asked in {', '.join(drowned)}: "
             + ", ".join(f"{100.0 * float(moved[name]):.2g}" for name in drowned)

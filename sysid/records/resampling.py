@@ -40,29 +40,40 @@ def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
     -------
     ndarray, shape (N, k)
     """
-    dt = float((t[-1] - t[0]) / (len(t) - 1))
-    step = float(np.median(np.diff(source_t)))
+    clock = NewClock(source_t, t)
     result = np.full((len(t), values.shape[1]), np.nan)
     for column in range(values.shape[1]):
-        known = np.isfinite(values[:, column])
-        if np.count_nonzero(known) < 2:
-            continue
-        # The rates of a fast loop are long: what is whole is not copied.
-        time, signal = (source_t, values[:, column]) if known.all() else (source_t[known], values[known, column])
-        if dt >= FASTER * step:
-            # Only what the new clock asks for is filtered: a damaged time stamp may lie years away.
-            last = math.ceil((time[-1] - time[0]) / step + 0.5) - 1
-            around = np.floor((t[[0, -1]] + [-_REACH * dt, _REACH * dt] - time[0]) / step).astype(np.int64)
-            begin, end = np.clip(around, [0, 1], [last - 1, last])
-            grid = time[0] + step * np.arange(begin, end + 1)
-            between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
-            signal = np.interp(grid, time, signal)
-            del grid
-            extended, taps = _extended(signal, step, PASS / dt)
-            result[:, column] = filtered_at(extended, taps, between)
-        else:
-            result[:, column] = np.interp(t, time, signal)
+        result[:, column] = clock.bring(values[:, column])
     return result
+
+
+class NewClock:
+    """Brings signals of one clock to another, as `resample` does."""
+
+    def __init__(self, source_t: Floats, t: Floats) -> None:
+        self.source_t, self.t = source_t, t
+        self._dt = float((t[-1] - t[0]) / (len(t) - 1))
+        self._step = float(np.median(np.diff(source_t)))
+
+    def bring(self, signal: Floats) -> Floats:
+        """Return a signal, shape (M,), on the new clock, shape (N,); NaN where fewer than two values are known."""
+        t, dt, step, known = self.t, self._dt, self._step, np.isfinite(signal)
+        if np.count_nonzero(known) < 2:
+            return np.full(len(t), np.nan)
+        # The rates of a fast loop are long: what is whole is not copied.
+        time, signal = (self.source_t, signal) if known.all() else (self.source_t[known], signal[known])
+        if dt < FASTER * step:
+            return np.interp(t, time, signal)
+        # Only what the new clock asks for is filtered: a damaged time stamp may lie years away.
+        last = math.ceil((time[-1] - time[0]) / step + 0.5) - 1
+        around = np.floor((t[[0, -1]] + [-_REACH * dt, _REACH * dt] - time[0]) / step).astype(np.int64)
+        begin, end = np.clip(around, [0, 1], [last - 1, last])
+        grid = time[0] + step * np.arange(begin, end + 1)
+        between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
+        signal = np.interp(grid, time, signal)
+        del grid
+        extended, taps = _extended(signal, step, PASS / dt)
+        return np.asarray(filtered_at(extended, taps, between))
 
 
 def logged_rate(values: Floats, dt: float) -> float:

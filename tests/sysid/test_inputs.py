@@ -234,6 +234,12 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
     for kind in ("motors", "mixer"):
         told = {each.id: each for each in Experiment.from_flight(log, trajectory, inputs=kind).findings}
         assert "what was asked in roll" in told["commands-below-rounding"].reason
+    # A record of the same outputs over the same time knows it; one of a part of it does not.
+    motors = Experiment.from_flight(log, trajectory)
+    assert Experiment.from_flight(log, trajectory, rate=50.0, beside=[motors]).findings == motors.findings
+    part = Experiment.from_flight(log, trajectory, within=(T[0], T[0] + 0.7 * (T[-1] - T[0])), beside=[motors])
+    alone = Experiment.from_flight(log, trajectory, within=(T[0], T[0] + 0.7 * (T[-1] - T[0])))
+    assert part.findings == alone.findings != motors.findings
 
 
 @pytest.mark.slow
