@@ -1,8 +1,10 @@
 """Whether the craft held the attitude that was asked of it: deviations, loss of control, loss of yaw, oscillation."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from logparse.events.event import FlightEvent
@@ -192,10 +194,10 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
     chirps = _chirps(tables)
     for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
         # One axis at a time: all columns of a fast loop together are nearly as large as the log.
-        flown, logged = (_known_column(tables, table, column) for column in (f"w_{axis}", f"w_{axis}_ref"))
+        flown = _known_column(tables, table, f"w_{axis}")
         if flown is None:
             continue
-        asked = _turned(tables, name) if logged is None else logged
+        asked = cache(partial(_asked, tables, table, f"w_{axis}_ref", name))
         rows = []
         for flight in flights:
             rows += _lines(flown, asked, flight.start + 1.0, flight.stop - 0.5)
@@ -204,7 +206,7 @@ def _oscillations(tables: Tables, flights: tuple[Flight, ...]) -> Iterator[Fligh
             continue
         t, hz, amplitude, purity = lines.T
         chirped = within(t, chirps)
-        on = (amplitude > _AMPLITUDE) & (purity > _PURITY) & ~chirped
+        on = _stands_out(amplitude, purity) & ~chirped
         for first, last in stretches(t, on, join=1.1 * _WINDOW, shortest=_LASTING):
             inside = on & (t >= first) & (t <= last)
             strength, frequency = float(np.median(amplitude[inside])), float(np.median(hz[inside]))
@@ -256,6 +258,12 @@ def _known_column(tables: Tables, table: str, name: str) -> "pd.Series[float] | 
     return known if known is not None and len(known) > 10 else None
 
 
+def _asked(tables: Tables, table: str, column: str, name: str) -> "pd.Series[float] | None":
+    """Return the rate that was asked for, of logs without it that of the target of an angle."""
+    logged = _known_column(tables, table, column)
+    return _turned(tables, name) if logged is None else logged
+
+
 def _turned(tables: Tables, name: str) -> "pd.Series[float] | None":
     """Rate at which the target of an angle turned, for logs without targets of rates: sticks thrown about are asked."""
     if tables.setpoints is None or name not in tables.setpoints or name == "yaw":
@@ -267,11 +275,11 @@ def _turned(tables: Tables, name: str) -> "pd.Series[float] | None":
 
 
 def _lines(
-    flown: "pd.Series[float]", asked: "pd.Series[float] | None", start: float, stop: float
+    flown: "pd.Series[float]", asked: Callable[[], "pd.Series[float] | None"], start: float, stop: float
 ) -> list[tuple[float, float, float, float]]:
     """Strongest line of each window: (middle [s], frequency [Hz], amplitude [rad/s], part of the power in it).
 
-    The amplitude is zero where the line was asked for.
+    The amplitude is zero where the line was asked for; what was is looked at where a line stands out.
     """
     inside = flown.loc[start:stop]
     t = inside.index.to_numpy(np.float64)
@@ -285,24 +293,27 @@ def _lines(
     count = 1 + (len(grid) - size) // (size // 2) if len(grid) >= size else 0
     if count < 1:
         return []
-    spectra = [_spectra(np.interp(grid, t, inside.to_numpy(np.float64)), size, count)]
-    if asked is not None:
-        spectra.append(_spectra(np.interp(grid, asked.index, asked.to_numpy(np.float64)), size, count))
+    spectra = _spectra(np.interp(grid, t, inside.to_numpy(np.float64)), size, count)
     hz = np.fft.rfftfreq(size, dt)
     band = (hz >= _LOWEST) & (hz <= 0.8 * hz[-1])
     if np.count_nonzero(band) < 4:
         return []
-    power = np.where(band, spectra[0], 0.0)
+    power = np.where(band, spectra, 0.0)
     peak = np.argmax(power, axis=1)
     near = np.abs(hz[None, :] - hz[peak][:, None]) <= np.maximum(1.6 / _WINDOW, 0.15 * hz[peak])[:, None]
     line = np.sum(np.where(near, power, 0.0), axis=1)
     total = np.maximum(np.sum(power, axis=1), 1e-30)
-    amplitude = np.sqrt(2.0 * line)
-    if len(spectra) > 1:
-        wanted = np.sum(np.where(near & band, spectra[1], 0.0), axis=1)
-        amplitude[line < _UNASKED**2 * wanted] = 0.0
+    amplitude, purity = np.sqrt(2.0 * line), line / total
+    if _stands_out(amplitude, purity).any() and (target := asked()) is not None:
+        wanted = _spectra(np.interp(grid, target.index, target.to_numpy(np.float64)), size, count)
+        amplitude[line < _UNASKED**2 * np.sum(np.where(near & band, wanted, 0.0), axis=1)] = 0.0
     middle = grid[np.arange(count) * (size // 2)] + 0.5 * _WINDOW
-    return list(zip(middle.tolist(), hz[peak].tolist(), amplitude.tolist(), (line / total).tolist(), strict=True))
+    return list(zip(middle.tolist(), hz[peak].tolist(), amplitude.tolist(), purity.tolist(), strict=True))
+
+
+def _stands_out(amplitude: Array, purity: Array) -> npt.NDArray[np.bool_]:
+    """Return where a line is an oscillation by its size and its part of the power."""
+    return np.asarray((amplitude > _AMPLITUDE) & (purity > _PURITY))
 
 
 def _spectra(values: Array, size: int, count: int) -> Array:

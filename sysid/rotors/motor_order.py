@@ -14,7 +14,7 @@ believed when it is far more likely than what any of the n! orders could be by c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import lgamma
 
 import numpy as np
@@ -123,14 +123,36 @@ def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> 
     MissingDataError
         When the frame, a motor's output or everything that tells what was asked is missing, or the flight is too short.
     """
-    names = tuple(f"m{motor.number}" for motor in vehicle.motors)
-    factors = factors_of(vehicle)
+    motors = _outputs(tables, vehicle)
+    return _order(motors.loc[start:stop], _asked(tables, start, stop), vehicle)
+
+
+def _outputs(tables: Tables, vehicle: Vehicle) -> pd.DataFrame:
+    """Return the outputs of all motors.
+
+    Raises
+    ------
+    MissingDataError
+        When the frame or a motor's output is missing.
+    """
+    names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names or tables.motors is None or not set(names) <= set(tables.motors):
         raise MissingDataError("the order of motors needs the frame and the outputs of all its motors")
-    motors = tables.motors.loc[start:stop, list(names)].dropna()
-    asked, source = _asked(tables, start, stop)
-    by_axis = source == "motion"
-    views = [view for one in asked for view in _views(motors, one, vehicle, factors, by_axis=by_axis)]
+    return tables.motors[names].dropna()
+
+
+def _order(motors: pd.DataFrame, asked: _Asked, vehicle: Vehicle) -> MotorOrder:
+    """Compare outputs with what was asked for.
+
+    Raises
+    ------
+    MissingDataError
+        When the flight is too short, or damaged.
+    """
+    names = tuple(map(str, motors))
+    factors = factors_of(vehicle)
+    by_axis = asked.source == "motion"
+    views = [view for one in asked.signals for view in _views(motors, one, vehicle, factors, by_axis=by_axis)]
     fits = [fit for view in views if (fit := _fit(view)) is not None]
     if not fits:
         raise MissingDataError("what was asked of the motors holds numbers that no controller gives: damage")
@@ -151,7 +173,7 @@ def motor_order(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> 
         if share is not None and sigma is not None:
             findings += _uneven_findings(names, share, sigma)
     return MotorOrder(
-        source=source,
+        source=asked.source,
         follows={name: names[k] for name, k in zip(names, best, strict=True)},
         share={} if share is None else dict(zip(names, map(float, share), strict=True)),
         share_sigma={} if sigma is None else dict(zip(names, map(float, sigma), strict=True)),
@@ -186,29 +208,31 @@ def find_order_change(tables: Tables, vehicle: Vehicle, start: float, stop: floa
     count = min(_PARTS, int((stop - start) // _PART_SECONDS))
     edges = np.linspace(start, stop, count + 1)
     before: Mapping[str, str] = {}
+    try:
+        motors, asked = _outputs(tables, vehicle), _asked(tables, start, stop)
+    except MissingDataError:
+        return None
     for k in range(count):
         try:
-            found = motor_order(tables, vehicle, edges[k], edges[k + 1])
+            found = _order(motors.loc[edges[k] : edges[k + 1]], asked.between(edges[k], edges[k + 1]), vehicle)
         except MissingDataError:
             continue
         if before and found.follows != before:
             changed = {name: other for name, other in found.follows.items() if before[name] != other}
-            t = _when(tables, vehicle, edges[k - 1], edges[k + 1], before, found.follows)
+            both = motors.loc[edges[k - 1] : edges[k + 1]], asked.between(edges[k - 1], edges[k + 1])
+            t = _when(*both, vehicle, before, found.follows)
             return OrderChange(t=t, follows=changed)
         before = found.follows
     return None
 
 
 def _when(
-    tables: Tables, vehicle: Vehicle, start: float, stop: float, before: Mapping[str, str], after: Mapping[str, str]
+    motors: pd.DataFrame, asked: _Asked, vehicle: Vehicle, before: Mapping[str, str], after: Mapping[str, str]
 ) -> float:
     """Return the moment between two orders at which they leave least of the outputs' movement unexplained, s."""
-    names = [f"m{motor.number}" for motor in vehicle.motors]
-    factors = factors_of(vehicle)
-    assert tables.motors is not None
-    motors = tables.motors.loc[start:stop, names].dropna()
-    asked, source = _asked(tables, start, stop)
-    view = _views(motors, asked[len(asked) // 2], vehicle, factors, by_axis=source == "motion")[0]
+    names = [str(name) for name in motors]
+    middle = asked.signals[len(asked.signals) // 2]
+    view = _views(motors, middle, vehicle, factors_of(vehicle), by_axis=asked.source == "motion")[0]
     left = [
         np.sum((view.got - view.wanted[:, [names.index(order[name]) for name in names]]) ** 2, axis=1)
         for order in (before, after)
@@ -218,10 +242,26 @@ def _when(
     return float(view.t[int(np.argmin(gain))])
 
 
-def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame], str]:
-    """Return what was asked of the mixer, or what came of it after several delays, and which of the two.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """What was asked of the mixer, or what came of it after several delays."""
 
-    Columns are ``roll pitch yaw``, and ``thrust`` where it is known.
+    #: Columns are ``roll pitch yaw``, and ``thrust`` where it is known.
+    signals: tuple[pd.DataFrame, ...]
+    source: str  #: ``"outputs"`` of the rate controller, or ``"motion"``.
+
+    def between(self, start: float, stop: float) -> _Asked:
+        """Return what there is of it from start to stop [s], with a second more on either side."""
+        return replace(self, signals=tuple(one.loc[start - 1.0 : stop + 1.0] for one in self.signals))
+
+
+def _asked(tables: Tables, start: float, stop: float) -> _Asked:
+    """Read what was asked from start to stop [s].
+
+    Raises
+    ------
+    MissingDataError
+        When nothing tells it.
     """
     if tables.has("rates"):
         columns = tuple(tables.columns("rates", [f"out_{axis}" for axis in _AXES]))
@@ -230,10 +270,10 @@ def _asked(tables: Tables, start: float, stop: float) -> tuple[list[pd.DataFrame
             known = dict(zip(_AXES, columns, strict=True))
             known |= {"thrust": thrust} if thrust.notna().sum() > 1 else {}
             rows = pd.DataFrame(known).loc[start - 1.0 : stop + 1.0]
-            return [rows[(rows.abs() <= _MOST_ASKED).all(axis=1)]], "outputs"
+            return _Asked((rows[(np.abs(rows.to_numpy()) <= _MOST_ASKED).all(axis=1)],), "outputs")
     if tables.imu is None:
         raise MissingDataError("the order of motors needs the rate controller's outputs (RATE)")
-    return _accelerations(tables, start, stop), "motion"
+    return _Asked(tuple(_accelerations(tables, start, stop)), "motion")
 
 
 def _accelerations(tables: Tables, start: float, stop: float) -> list[pd.DataFrame]:
