@@ -96,8 +96,20 @@ def find_motor_dropouts(tables: Tables, vehicle: Vehicle, start: float, stop: fl
         When the frame, the outputs or the angular rates are missing.
     """
     moments = read_moments(tables, vehicle, start, stop)
-    if moments is None:
-        return ()
+    return () if moments is None else dropouts_of(moments, tables, vehicle)
+
+
+def dropouts_of(moments: Moments, tables: Tables, vehicle: Vehicle) -> tuple[MotorDropouts, ...]:
+    """Find motors that give less thrust for moments in the moments of one flight.
+
+    Parameters
+    ----------
+    moments : Moments
+    tables : Tables
+        With what was asked of the attitude, where that is known.
+    vehicle : Vehicle
+        Whose frame is known.
+    """
     residuals = [_left(moments, axis) for axis in range(len(moments.factors))]
     candidates, chance = _candidates(moments, residuals, _steady(tables, moments.t))
     found: dict[int, list[Dropout]] = {}

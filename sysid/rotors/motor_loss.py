@@ -115,8 +115,11 @@ def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: floa
         When the frame, the outputs or the angular rates are missing.
     """
     moments = read_moments(tables, vehicle, start, stop)
-    if moments is None:
-        return ()
+    return () if moments is None else losses_of(moments, vehicle)
+
+
+def losses_of(moments: Moments, vehicle: Vehicle) -> tuple[MotorLoss, ...]:
+    """Find lasting losses of single motors in the moments of one flight, in the order of time."""
     numbers = [motor.number for motor in vehicle.motors]
     found: list[tuple[int, int]] = []
     losses: list[MotorLoss] = []
@@ -182,15 +185,14 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     inside = (t > at[0]) & (t < at[-1])
     t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
     width = 0.5 * float(np.median(np.diff(t)))
-    gyro, force = (
-        np.column_stack([_mean_around(at, motion[name].to_numpy(np.float64), t, width) for name in group])
-        for group in (("gyro_x", "gyro_y", "gyro_z"), ("accel_x", "accel_y"))
-    )
+    ends = _Ends.of(at, t - width), _Ends.of(at, t + width)
+    names = ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]
+    moved, step = [motion[name].to_numpy(np.float64) for name in names], np.diff(at)
+    felt = np.column_stack([_integral(step, column, ends) for column in moved]) / (2.0 * width)
+    gyro, force = felt[:, :3], felt[:, 3:]
     # Change of the rate over the interval around each output.
-    raw = (np.ascontiguousarray(motion[name].to_numpy(np.float64)) for name in ("gyro_x", "gyro_y", "gyro_z"))
-    acceleration = np.column_stack(
-        [(np.interp(t + width, at, column) - np.interp(t - width, at, column)) / (2.0 * width) for column in raw]
-    )
+    acceleration = np.column_stack([ends[1].of_signal(one) - ends[0].of_signal(one) for one in moved[:3]])
+    acceleration /= 2.0 * width
     thrust = curve(np.clip(motor_commands(pwm, vehicle), 0.0, 1.0), vehicle.thrust_expo)
     factors = factors_of(vehicle).T
     axes = [axis for axis in range(3) if np.max(np.abs(factors[axis])) > 1e-6]
@@ -206,11 +208,30 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     return Moments(t=t, thrust=thrust, pwm=pwm, factors=factors[axes], nuisances=nuisances)
 
 
-def _mean_around(at: Floats, values: Floats, t: Floats, width: float) -> Floats:
-    """Mean of a signal over the interval of half `width` around each time."""
-    step = np.diff(at)
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * step)))
-    return np.asarray((np.interp(t + width, at, integral) - np.interp(t - width, at, integral)) / (2.0 * width))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ends:
+    """Where times lie between the rows of a table."""
+
+    before: NDArray[np.intp]  #: shape (n,): Row before each.
+    part: Floats  #: shape (n,): Time since that row in parts of the step to the next.
+
+    @classmethod
+    def of(cls, at: Floats, t: Floats) -> _Ends:
+        """Find times t [s] between those of rows [s]; beyond them the first or last row counts."""
+        before = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
+        return cls(before, np.clip((t - at[before]) / (at[before + 1] - at[before]), 0.0, 1.0))
+
+    def of_signal(self, values: Floats) -> Floats:
+        """Interpolate by straight lines."""
+        first = values[self.before]
+        return first + self.part * (values[self.before + 1] - first)
+
+
+def _integral(step: Floats, values: Floats, ends: tuple[_Ends, _Ends]) -> Floats:
+    """Integrate a signal of rows that lie steps [s] apart from one time to another."""
+    integral = np.zeros(len(values))
+    np.cumsum(0.5 * step * (values[1:] + values[:-1]), out=integral[1:])
+    return np.asarray(ends[1].of_signal(integral) - ends[0].of_signal(integral))
 
 
 def _search(moments: Moments, found: Sequence[tuple[int, int]]) -> tuple[int, int, float, float, list[int]] | None:
