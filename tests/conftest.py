@@ -72,6 +72,7 @@ _LENGTHY = {
         "api/test_crafts",
         "api/test_database",
         "api/test_ends",
+        "api/test_form_tokens",
         "api/test_hooks",
         "api/test_hostile",
         "api/test_openapi",
@@ -89,8 +90,12 @@ _LENGTHY = {
         "logparse/test_compiled",
         "logparse/test_dataflash_damage",
         "logparse/test_dataflash_edges",
+        "logparse/test_dataflash_fidelity",
+        "logparse/test_tables_shared_logs",
         "logparse/test_tlog",
+        "logparse/test_tlog_fidelity",
         "pipeline/test_bad_fields",
+        "pipeline/test_compiling",
         "pipeline/test_executors",
         "pipeline/test_fleet",
         "pipeline/test_identification",
@@ -129,6 +134,11 @@ _LONGEST = {
         "sysid/test_starts",
     ]
 }
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave lengthy modules unread where none of their tests would run: reading all takes every worker seconds."""
+    return (collection_path in _LENGTHY and "not lengthy" in config.option.markexpr) or None
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -18,10 +18,12 @@ NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 OTHER_WORDS = {"mavlink-raw", "n-m", "utf-8-sig"}
 
 
-def sources() -> Iterator[ast.Module]:
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            yield ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def sources() -> list[ast.Module]:
+    """Parse the files that could make a finding: those that name such a class."""
+    paths = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py")))
+    texts = (path.read_text(encoding="utf-8") for path in paths)
+    return [ast.parse(text) for text in texts if any(name in text for name in GIVERS)]
 
 
 def words(module: ast.Module) -> set[str]:

@@ -1,9 +1,12 @@
 """Machine code on the disk: used at once, and never that of another version."""
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 
@@ -28,25 +31,64 @@ print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arrayobj" in sys.modules)
 """
 
 
-def run(folder: Path, dtype: str, factor: int = 2, *, keep: bool = True) -> tuple[str, bool]:
-    """Call the kernel in a process of its own; its result, and whether numba got ready to compile."""
-    script = folder / "kernel.py"
-    source = SOURCE.format(factor=factor)
-    if not script.exists() or script.read_text() != source:
-        script.write_text(source)
-    command = [sys.executable, str(script), dtype]
-    # A home that is no folder: the last place that numba would keep code in.
-    environment = {"PYTHONPATH": str(Path(__file__).parents[2]), "HOME": os.devnull}
-    if keep:
-        environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
-    else:
-        (folder / "__pycache__").write_text("no folder")
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    result, ready = done.stdout.split()
-    return result, ready == "True"
+#: Runs scripts, each in a copy of itself that has loaded numba and called nothing: a start takes half a second.
+STARTER = """
+import json, os, runpy, sys, traceback
+import numpy
+import logparse.numerics.compiled
+from numba.core import config
+
+for line in sys.stdin:
+    script, dtype, environment = json.loads(line)
+    if not os.fork():
+        try:
+            os.environ.update(environment)
+            config.reload_config()
+            sys.argv = [script, dtype]
+            runpy.run_path(script, run_name="__main__")
+            sys.stdout.flush()
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+        os._exit(1)
+    if os.wait()[1]:
+        print("failed", False, flush=True)
+"""
+
+Run = Callable[..., tuple[str, bool]]
 
 
-def test_code_on_the_disk_is_used_without_getting_ready_to_compile(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def run() -> Iterator[Run]:
+    """Return a function that calls the kernel in a new process: its result, and whether numba got ready to compile."""
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[2])
+    command = [sys.executable, "-c", STARTER]
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, text=True, bufsize=1, env=environment) as starter:
+        assert starter.stdin
+        assert starter.stdout
+        asked, answers = starter.stdin, starter.stdout
+
+        def ran(folder: Path, dtype: str, factor: int = 2, *, keep: bool = True) -> tuple[str, bool]:
+            script = folder / "kernel.py"
+            source = SOURCE.format(factor=factor)
+            if not script.exists() or script.read_text() != source:
+                script.write_text(source)
+            # A home that is no folder: the last place that numba would keep code in.
+            place = {"HOME": os.devnull}
+            if keep:
+                place["NUMBA_CACHE_DIR"] = str(folder / "cache")
+            else:
+                (folder / "__pycache__").write_text("no folder")
+            print(json.dumps([str(script), dtype, place]), file=asked)
+            result, ready = answers.readline().split()
+            return result, ready == "True"
+
+        yield ran
+        asked.close()
+
+
+def test_code_on_the_disk_is_used_without_getting_ready_to_compile(tmp_path: Path, run: Run) -> None:
     """That takes as long as the rest of a start; a version that is not kept is compiled all the same."""
     assert run(tmp_path, "float64") == ("6.0", True)
     assert run(tmp_path, "float64") == ("6.0", False)
@@ -55,7 +97,7 @@ def test_code_on_the_disk_is_used_without_getting_ready_to_compile(tmp_path: Pat
     assert run(tmp_path, "int64") == ("6", False)
 
 
-def test_code_of_an_older_source_is_neither_used_nor_kept(tmp_path: Path) -> None:
+def test_code_of_an_older_source_is_neither_used_nor_kept(tmp_path: Path, run: Run) -> None:
     """Files of numbered versions would be found again by an index that was renewed before they were."""
     run(tmp_path, "float64")
     (older,) = tmp_path.rglob("*.nbc")
@@ -64,7 +106,7 @@ def test_code_of_an_older_source_is_neither_used_nor_kept(tmp_path: Path) -> Non
     assert newer.name != older.name
 
 
-def test_versions_compiled_at_the_same_time_have_files_of_their_own(tmp_path: Path) -> None:
+def test_versions_compiled_at_the_same_time_have_files_of_their_own(tmp_path: Path, run: Run) -> None:
     """Two processes that both found no version: whichever writes the index last, each name leads to its own code."""
     run(tmp_path, "float64")
     (index,) = tmp_path.rglob("*.nbi")
@@ -78,7 +120,7 @@ def test_versions_compiled_at_the_same_time_have_files_of_their_own(tmp_path: Pa
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x80\x05garbage"])
-def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, damage: bytes) -> None:
+def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, run: Run, damage: bytes) -> None:
     """A disk that was full, or a machine that was switched off, leaves such files."""
     assert run(tmp_path, "float64")[0] == "6.0"
     (code,) = tmp_path.rglob("*.nbc")
@@ -87,7 +129,7 @@ def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, damage: bytes) 
     assert run(tmp_path, "float64") == ("6.0", False)
 
 
-def test_code_is_compiled_in_every_run_where_no_folder_can_be_written(tmp_path: Path) -> None:
+def test_code_is_compiled_in_every_run_where_no_folder_can_be_written(tmp_path: Path, run: Run) -> None:
     """As in a container that may only read: every command ended in "a bug in rotorid"."""
     assert run(tmp_path, "float64", keep=False) == ("6.0", True)
     assert run(tmp_path, "float64", keep=False)[0] == "6.0"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from logparse import read_log
 from sysid.loops import RateController, read_settings
 
 
@@ -57,8 +56,8 @@ def test_responses_agree_with_running(hz):
 
 
 @pytest.fixture(scope="module")
-def firmware_log(unpacked):
-    return read_log(unpacked("pairs/quad15_id"))
+def firmware_log(flown):
+    return flown("quad15_id")
 
 
 @pytest.mark.slow

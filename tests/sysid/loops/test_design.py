@@ -6,7 +6,6 @@ from copy import copy
 import numpy as np
 import pytest
 
-from logparse import read_log
 from simulation.axis_loop import AxisPlant, LoopGains
 from simulation.axis_loop.truth import settings_of
 from sysid.frequency import fit
@@ -32,8 +31,8 @@ GAINS = LoopGains(P=0.07, I=0.07, D=0.002)
 
 
 @pytest.fixture(scope="module")
-def log(unpacked):
-    return read_log(unpacked("pairs/octa8_id"))
+def log(flown):
+    return flown("octa8_id")
 
 
 def test_a_designed_chirp_keeps_its_limits_and_tells_more_than_the_default():
