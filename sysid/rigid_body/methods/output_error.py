@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from sysid.records.experiment import ExperimentError, Floats
 from sysid.rigid_body.motion._rigid_kernels import path_sensitivities
 from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
+from sysid.transfer_functions.reduction import backward, factorise, forward
 
 #: Length of a window, s: long against the sampling of the motor outputs, short against a flight.
 WINDOW_SECONDS = 10.0
@@ -51,7 +52,7 @@ _NEIGHBOURS = 2
 _FELT = 1e-3
 
 #: A step that gains less than this in log-likelihood is the last.
-_CONVERGED = 1e-3
+_CONVERGED = 5e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,18 +339,18 @@ def _weighed(paths: _Paths, windows: Sequence[_Window], sigma: Floats, size: int
         now.costs[k] = np.sum(np.where(size_of > HUBER, HUBER * (size_of - 0.5 * HUBER), 0.5 * size_of**2))
         root = np.sqrt(robust)
         flat = (jacobian * (root / noise)[:, :, None]).reshape(-1, jacobian.shape[2])
-        target = (scaled * root).ravel()
-        places = window.free
-        of_theta, of_state = flat[:, : len(places)], flat[:, len(places) :]
-        if estimate_states:
-            q, r = np.linalg.qr(of_state)
-            onto = q.T @ of_theta
-            now.back.append((np.linalg.solve(r, q.T @ target), np.linalg.solve(r, onto)))
-            of_theta = of_theta - q @ onto
-            target = target - q @ (q.T @ target)
-        else:
-            now.back.append((np.zeros(6), np.zeros((6, len(places)))))
-        part, score = of_theta.T @ of_theta, of_theta.T @ target
+        places, own = window.free, len(window.free)
+        gram, along = flat.T @ flat, flat.T @ (scaled * root).ravel()
+        part, score, back = gram[:own, :own], along[:own], (np.zeros(6), np.zeros((6, own)))
+        if not np.isfinite(gram).all():
+            now.costs[k] = np.inf
+        elif estimate_states:
+            factor = factorise(gram[own:, own:])
+            onto = forward(factor, np.column_stack([gram[own:, :own], along[own:]]))
+            following = backward(factor, onto)
+            back = following[:, -1], following[:, :-1]
+            part, score = part - onto[:, :-1].T @ onto[:, :-1], score - onto[:, :-1].T @ onto[:, -1]
+        now.back.append(back)
         hessian[np.ix_(places, places)] += part
         gradient[places] += score
         now.parts.append(part)
