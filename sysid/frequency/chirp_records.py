@@ -11,7 +11,7 @@ from logparse import FlightLog
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Chirp
 from sysid.frequency.rate_signals import RateSignals
-from sysid.frequency.records import AxisRecord, Logged, on_uniform_clock, refuse_scattered
+from sysid.frequency.records import AxisRecord, Logged, lost_one_by_one, on_uniform_clock, refuse_scattered
 from sysid.frequency.response import Floats
 
 #: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
@@ -74,8 +74,8 @@ def record_of_chirp(
     added : callable
         Returns what the chirp added at times, s.
     """
-    refuse_scattered(log, t)
     clock, values, usable = on_uniform_clock(t, [command, answer])
+    refuse_scattered(log, lost_one_by_one(t, float(clock[1] - clock[0])))
     table = log.tables.systemid
     assert table is not None
     hz = np.interp(clock, table.index.to_numpy(np.float64), table["frequency"].to_numpy(np.float64) / (2.0 * np.pi))

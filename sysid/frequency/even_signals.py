@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from sysid.frequency.response import Floats
 
 #: Times, signals and which of them count, as `on_uniform_clock` returns them.
 OnClock = tuple[Floats, Logged, NDArray[np.bool_]]
+
+#: Signals that are not among the rows, by name: from times [s] to values at them.
+Further = Mapping[str, Callable[[Floats], Floats]]
 
 
 class EvenSignals:
@@ -33,18 +36,20 @@ class EvenSignals:
         self._clock = EvenClock.of(signals.t[self._rows])
         self._columns: dict[str, Logged] = {}
 
-    def between(self, names: Sequence[str], start: float, stop: float) -> OnClock | None:
+    def between(self, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock | None:
         """Return signals of a part of the stretch.
 
         Parameters
         ----------
         names : sequence of str
+        further : mapping of str to callable
+            Signals beside them.
         start, stop : float
             s.
 
         Returns
         -------
-        clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+        clock, values, usable : ndarray, shape (N,), (N, len(names) + len(further)) and (N,)
             As `on_uniform_clock` returns them; None beyond the stretch, and where a row of them is no number.
         """
         t, rounded = self._clock.t, 1e-3 * self._clock.step
@@ -57,8 +62,9 @@ class EvenSignals:
             brought = self._clock.bring(np.column_stack(list(known.values())).astype(np.float64, copy=False))
             columns = zip(known.items(), brought.T, strict=True)
             self._columns |= {name: values.astype(logged.dtype) for (name, logged), values in columns}
+        self._columns |= {name: at(t).astype(np.float32) for name, at in further.items() if name not in self._columns}
         part = slice(*np.searchsorted(t, (start - rounded, stop + rounded)))
-        values = np.column_stack([self._columns[name][part] for name in names])
+        values = np.column_stack([self._columns[name][part] for name in (*names, *further)])
         return t[part], values, self._clock.usable[part]
 
 
@@ -74,20 +80,23 @@ def rows_within(signals: RateSignals, start: float, stop: float) -> slice:
     return slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
 
 
-def brought_evenly(signals: RateSignals, names: Sequence[str], start: float, stop: float) -> OnClock:
+def brought_evenly(signals: RateSignals, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock:
     """Bring signals of a stretch of time to an even clock of its own.
 
     Parameters
     ----------
     signals : RateSignals
     names : sequence of str
+    further : mapping of str to callable
+        Signals beside them.
     start, stop : float
         s.
 
     Returns
     -------
-    clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+    clock, values, usable : ndarray, shape (N,), (N, len(names) + len(further)) and (N,)
         As `on_uniform_clock` returns them.
     """
     rows = rows_within(signals, start, stop)
-    return on_uniform_clock(signals.t[rows], [signals.columns[name][rows] for name in names])
+    t, values, usable = on_uniform_clock(signals.t[rows], [signals.columns[name][rows] for name in names])
+    return t, np.column_stack([values, *(at(t) for at in further.values())]), usable

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from logparse import FlightLog
@@ -111,21 +113,21 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         name = target[2]
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
         beside, name = [axis.reference], "rate target"
-    refuse_scattered(log, t)
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
-    clock, values, usable = evenly(signals, [axis.input, axis.output, *others, *beside], start, stop)
+    # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
+    # What asks for lift may be another thing in each part of a flight.
+    outside = {} if target is None else {name if axis.attitude else f"{name} from {start}": partial(_at_rows, target)}
+    clock, values, usable = evenly(signals, [axis.input, axis.output, *others, *beside], outside, start, stop)
+    lost = lost_one_by_one(t, float(clock[1] - clock[0]))
+    refuse_scattered(log, lost)
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
-    if target is not None:
-        # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
-        asked = _at_rows(*target[:2], clock).astype(values.dtype)
-        if axis.attitude and np.std(asked) < _ASKED:
-            # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
-            raise FrequencyError(
-                f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, "
-                "or a minute of short stick inputs on it"
-            )
-    else:
-        asked = values[:, -1] if beside else command
+    asked = values[:, -1] if outside or beside else command
+    if outside and axis.attitude and np.std(asked) < _ASKED:
+        # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
+        raise FrequencyError(
+            f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, "
+            "or a minute of short stick inputs on it"
+        )
     if np.std(command) < _STILL or np.std(asked) == 0.0:
         raise FrequencyError(f"{log.path.name}: nothing moved the {axis.name} axis; give it short stick inputs")
     return AxisRecord(
@@ -139,17 +141,16 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         band=ORDINARY_BAND,
         instrument=name,
         source=signals.source,
-        common=_of_lost_rows(t, command),
+        common=_of_lost_rows(lost, command),
     )
 
 
-def _of_lost_rows(t: Floats, command: Logged) -> float:
+def _of_lost_rows(lost: float, command: Logged) -> float:
     """Return the common error of a response whose command comes in kicks, of which some rows are missing.
 
     A kick as short as a row counts for nothing where its row is lost, and for about 1.6 times as much where its
     neighbour is, which the spline makes of it; on an average over all kicks that is nothing, but kicks are few.
     """
-    lost = lost_one_by_one(t)
     moved = command - np.mean(command, dtype=np.float64)
     squared = moved**2
     kicks = float(np.sum(squared) ** 2 / max(np.sum(squared**2), 1e-300))
@@ -190,8 +191,9 @@ def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tu
     return table.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
 
 
-def _at_rows(times: Floats, wanted: Floats, t: Floats) -> Floats:
+def _at_rows(target: tuple[Floats, Floats, str], t: Floats) -> Floats:
     """Interpolate a target at the times of evenly spaced rows."""
+    times, wanted, _ = target
     # What the target has above half of the rows' rate would fold onto what of the outputs folds.
     smooth = below(times, wanted[:, None], t, float(t[1] - t[0]))[:, 0]
     beyond = ~np.isfinite(smooth)

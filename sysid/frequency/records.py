@@ -188,21 +188,34 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
     return clock.t, clock.bring(values), clock.usable
 
 
-def lost_one_by_one(t: Floats) -> float:
-    """Return how many rows are missing one by one for each that is there."""
-    steps = np.diff(t) / float(np.median(np.diff(t)))
+def lost_one_by_one(t: Floats, step: float) -> float:
+    """Return how many rows are missing one by one for each that is there.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times of rows, s.
+    step : float
+        Usual one, s.
+    """
+    steps = np.diff(t) / step
     return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
 
 
-def refuse_scattered(log: FlightLog, t: Floats) -> None:
+def refuse_scattered(log: FlightLog, lost: float) -> None:
     """Refuse rows of which too many are missing one by one.
+
+    Parameters
+    ----------
+    log : FlightLog
+    lost : float
+        How many for each that is there.
 
     Raises
     ------
     FrequencyError
         With the part that is missing.
     """
-    lost = lost_one_by_one(t) if len(t) > 1 else 0.0
     if lost > _MOST_LOST * (1.0 + lost):
         raise FrequencyError(
             f"{log.path.name}: {100.0 * lost / (1.0 + lost):.0f} % of the rows are lost one by one, and what is left "

@@ -22,7 +22,7 @@ from logparse.numerics.cubic_spline import cubic_spline
 from logparse.numerics.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
-from sysid.frequency.even_signals import EvenSignals, OnClock, brought_evenly
+from sysid.frequency.even_signals import EvenSignals, Further, OnClock, brought_evenly
 from sysid.frequency.excitation import Within
 from sysid.frequency.rate_signals import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
@@ -85,28 +85,30 @@ def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
     return kept.signals.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
 
 
-def evenly(signals: RateSignals, names: Sequence[str], start: float, stop: float) -> OnClock:
+def evenly(signals: RateSignals, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock:
     """Return signals of a stretch of time on an even clock, while `kept_signals` lasts a common one.
 
     Parameters
     ----------
     signals : RateSignals
     names : sequence of str
+    further : mapping of str to callable
+        Signals beside them; what has one name is the same for every stretch.
     start, stop : float
         s.
 
     Returns
     -------
-    clock, values, usable : ndarray, shape (N,), (N, len(names)) and (N,)
+    clock, values, usable : ndarray, shape (N,), (N, len(names) + len(further)) and (N,)
         As `on_uniform_clock` returns them.
     """
     kept = _kept.get()
     if kept is not None:
         even = kept.even.of(signals, make=lambda: EvenSignals(signals, start, stop))
-        found = even.between(names, start, stop)
+        found = even.between(names, further, start, stop)
         if found is not None:
             return found
-    return brought_evenly(signals, names, start, stop)
+    return brought_evenly(signals, names, further, start, stop)
 
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
