@@ -95,7 +95,6 @@ _LENGTHY = {
         "logparse/test_tlog",
         "logparse/test_tlog_fidelity",
         "pipeline/test_bad_fields",
-        "pipeline/test_compiling",
         "pipeline/test_executors",
         "pipeline/test_fleet",
         "pipeline/test_identification",

@@ -19,16 +19,16 @@ VALID = timedelta(hours=12)
 
 
 class ReportKeys:
-    """Makes keys for reports and checks them."""
+    """Makes keys for reports and checks them; keys are good for as long as `valid`."""
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    def __init__(self, database: Database, valid: timedelta = VALID) -> None:
+        self._database, self._valid = database, valid
 
     def make(self, secret: str, analysis: str) -> str:
         """Make a key with which the owner of a token can read one analysis."""
         with self._database.read() as session:
             token = session.scalars(select(TokenRecord).where(TokenRecord.digest == digest(secret))).one()
-            until = int((datetime.now(UTC) + VALID).timestamp())
+            until = int((datetime.now(UTC) + self._valid).timestamp())
             return f"{token.id}.{analysis}.{until}.{_code(token, analysis, until)}"
 
     def analysis_of(self, key: str) -> str | None:

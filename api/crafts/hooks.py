@@ -132,7 +132,7 @@ def resolve(host: str, port: int, webhooks: Webhooks) -> str:
     return found[0]
 
 
-def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
+def send(url: str, body: bytes, secret: str, webhooks: Webhooks, timeout: float = TIMEOUT) -> int:
     """Post a body and return the status of the answer.
 
     Parameters
@@ -145,6 +145,8 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
         Key of the HMAC-SHA256 signature that is sent along.
     webhooks : Webhooks
         Which addresses are allowed.
+    timeout : float
+        How long the answer may take, s.
 
     Raises
     ------
@@ -157,17 +159,17 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
     secure = parts.scheme == "https"
     host, port = parts.hostname or "", parts.port or (443 if secure else 80)
     address = resolve(host, port, webhooks)
-    stream = socket.create_connection((address, port), timeout=TIMEOUT)
+    stream = socket.create_connection((address, port), timeout=timeout)
     if secure:
         context = ssl.create_default_context()
         stream = context.wrap_socket(stream, server_hostname=host, do_handshake_on_connect=False)
     late = threading.Event()
-    deadline = threading.Timer(TIMEOUT, _cut_off, (stream, late))
+    deadline = threading.Timer(timeout, _cut_off, (stream, late))
     deadline.start()
     try:
         if isinstance(stream, ssl.SSLSocket):
             stream.do_handshake()
-        connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
+        connection = http.client.HTTPConnection(host, port, timeout=timeout)
         connection.sock = stream
         signature = hmac.new(secret.encode(), body, hashlib.sha256).hexdigest()
         target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
@@ -185,7 +187,7 @@ def send(url: str, body: bytes, secret: str, webhooks: Webhooks) -> int:
         return connection.getresponse().status
     except (OSError, http.client.HTTPException) as error:
         if late.is_set():  # what was cut off may end as it likes: by what came so far, or by a reset
-            raise OSError(f"no HTTP answer within {TIMEOUT:g} s") from error
+            raise OSError(f"no HTTP answer within {timeout:g} s") from error
         if isinstance(error, OSError):
             raise
         raise OSError(f"no HTTP answer: {type(error).__name__}") from error

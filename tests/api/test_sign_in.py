@@ -9,7 +9,6 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from api.access import report_keys
 from api.access.identity import Tokens
 from api.access.report_keys import ReportKeys
 from api.settings import Access
@@ -26,6 +25,7 @@ class Guarded(NamedTuple):
     client: httpx.Client
     tokens: Tokens
     keys: ReportKeys
+    late_keys: ReportKeys
     anna: str
     boris: str
 
@@ -41,8 +41,8 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     app = create_app(settings, standins.analyze, preload=())
     parts = app.state.parts
     with running(app) as client:
-        keys = ReportKeys(parts.database)
-        yield Guarded(client, parts.tokens, keys, parts.tokens.create("anna"), parts.tokens.create("boris"))
+        keys, late = ReportKeys(parts.database), ReportKeys(parts.database, timedelta(seconds=-1))
+        yield Guarded(client, parts.tokens, keys, late, parts.tokens.create("anna"), parts.tokens.create("boris"))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_pages_show_nobody_the_analyses_of_others(guarded: Guarded, analysis: st
     assert guarded.get(f"/analyses/{analysis}", guarded.anna).status_code == 200
 
 
-def test_a_key_opens_one_report_for_a_while(guarded: Guarded, analysis: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_key_opens_one_report_for_a_while(guarded: Guarded, analysis: str) -> None:
     key = guarded.keys.make(guarded.anna, analysis)
     report = guarded.get(f"/reports/{key}/report.html")
     assert "<title>report</title>" in report.text
@@ -125,8 +125,7 @@ def test_a_key_opens_one_report_for_a_while(guarded: Guarded, analysis: str, mon
         "key",
     ):
         assert guarded.get(f"/reports/{forged}/report.html").status_code == 404
-    monkeypatch.setattr(report_keys, "VALID", timedelta(seconds=-1))
-    assert guarded.get(f"/reports/{guarded.keys.make(guarded.anna, analysis)}/report.html").status_code == 404
+    assert guarded.get(f"/reports/{guarded.late_keys.make(guarded.anna, analysis)}/report.html").status_code == 404
 
 
 def test_a_key_ends_with_its_token(guarded: Guarded, analysis: str) -> None:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.errors import ConfigError
 from pipeline.execution import cluster
-from pipeline.execution.cluster import Cluster, SchedulerError
+from pipeline.execution.cluster import Cluster, SchedulerError, software
 from pipeline.execution.executors import WorkerDiedError, as_done
 from pipeline.fleet import job, joint
 from rotorid.cli.main import app
@@ -195,13 +195,12 @@ def test_other_versions_of_python_and_dask_are_named():
     }
 
 
-def test_the_same_version_with_other_sources_is_refused(monkeypatch):
-    here = {"rotorid": "1", "sources": "aa", "libraries": {"numpy": "2"}}
-    monkeypatch.setattr(cluster, "software", lambda: here)
+def test_the_same_version_with_other_sources_is_refused():
+    here = software()
     assert cluster.call_guarded(here, calls.square, (3,), {}) == 9
     with pytest.raises(SchedulerError, match="other sources"):
         cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
-    with pytest.raises(SchedulerError, match="has rotorid 1 instead of 2"):
+    with pytest.raises(SchedulerError, match=f"has rotorid {re.escape(here['rotorid'])} instead of 2"):
         cluster.call_guarded(here | {"sources": "bb", "rotorid": "2"}, calls.square, (3,), {})
 
 

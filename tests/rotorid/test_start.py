@@ -1,4 +1,4 @@
-"""What is imported when: a command's first second is imports, and every package has its moment."""
+"""What is imported and compiled when: a command's first second is imports, and every package has its moment."""
 
 import subprocess
 import sys
@@ -30,6 +30,37 @@ LATE = (
 )
 
 
+#: Analyses a log; prints what was imported, and what was called of kernels, with which arguments, that neither `KERNELS`
+#: nor annotations foresee.
+ANALYSIS = f"""
+import sys
+import pipeline
+
+pipeline.analyze({str(SAMPLE)!r})
+print(*sys.modules)
+from logparse.numerics.compiled import argument_types
+from pipeline.execution.compiling import KERNELS
+
+foreseen = {{(kernel.py_func, argument_types(kernel)) for kernel in KERNELS}}
+kernels = [
+    value
+    for name, module in list(sys.modules.items())
+    if name.split(".")[0] in ("logparse", "estimation", "sysid", "pipeline", "simulation")
+    for value in vars(module).values()
+    if type(value).__name__ == "CPUDispatcher"
+]
+called = {{(kernel.py_func, types) for kernel in kernels for types in kernel.signatures}}
+print(len(called & foreseen), *sorted(function.__qualname__ for function, _ in called - foreseen))
+"""
+
+
+@pytest.fixture(scope="module")
+def analysed() -> list[list[str]]:
+    """Return the words of both lines that `ANALYSIS` prints last, in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", ANALYSIS], capture_output=True, text=True, check=True)
+    return [line.split() for line in done.stdout.splitlines()[-2:]]
+
+
 def imported(script: str) -> set[str]:
     """Return the modules that a script has imported in a process of its own when it ends."""
     ending = "\nimport sys; print(*sys.modules)"
@@ -43,14 +74,19 @@ def test_an_analysis_begins_without_what_later_stages_need() -> None:
     assert len(modules) < 1600
 
 
-def test_an_ordinary_analysis_never_needs_all_of_scipy() -> None:
+def test_an_ordinary_analysis_never_needs_all_of_scipy(analysed: list[list[str]]) -> None:
     """Signal, statistics and splines together take longer to import than a flight's models to fit."""
-    modules = imported(f"""
-import pipeline
-pipeline.analyze({str(SAMPLE)!r})
-""")
+    modules = set(analysed[0])
     assert "scipy.optimize" in modules
     assert not modules & {"scipy.signal", "scipy.stats", "scipy.integrate", "scipy.interpolate", "scipy.ndimage"}
+
+
+def test_an_analysis_calls_no_loop_that_is_not_foreseen(analysed: list[list[str]]) -> None:
+    """Each would be compiled at its first call, after all the others, on a machine that has none yet."""
+    count, *unforeseen = analysed[1]
+    assert int(count) >= 20
+    # What only other loops call is compiled with them.
+    assert set(unforeseen) <= {"find_chained"}
 
 
 def test_a_log_is_looked_at_without_scipy() -> None:
