@@ -1,4 +1,4 @@
-"""Compiled loops that a machine lacks are compiled side by side, once; which an analysis needs: tests/rotorid/test_start."""
+"""Compiled loops that a machine lacks are compiled once, side by side; which those are: tests/rotorid/test_start."""
 
 import os
 import subprocess

@@ -30,8 +30,8 @@ LATE = (
 )
 
 
-#: Analyses a log; prints what was imported, and what was called of kernels, with which arguments, that neither `KERNELS`
-#: nor annotations foresee.
+#: Analyses a log; prints what was imported, then the kernels that were called with arguments that neither `KERNELS` nor
+#: annotations foresee, behind the number of the others.
 ANALYSIS = f"""
 import sys
 import pipeline
