@@ -178,7 +178,8 @@ class InertialSignal:
         """
         dt = np.diff(t)
         middle = 0.5 * (t[1:] + t[:-1])
-        at = np.clip(np.searchsorted(self.t, middle), 0, len(self.t) - 1)
+        first, last = np.searchsorted(self.t, t[[0, -1]])
+        at = np.minimum(first + np.searchsorted(self.t[first:last], middle), len(self.t) - 1)
         angle = self._along(t, slice(0, 3), self.gyro_delay, integrate=True)
         velocity = self._along(t, slice(3, 6), self.accel_delay, integrate=True)
         return angle, velocity, self.noise_density[at] * dt[:, None]
@@ -284,8 +285,9 @@ def _level(power: np.ndarray, rows: int, first: int, step: float) -> np.ndarray:
     """
     span = min(len(power), max(3, round(NOISE_SPAN / step)))
     hop = max(1, round(NOISE_STEP / step))
-    # One by one: side by side they overlap, and are several times the signal.
-    medians = [np.median(each) for each in np.lib.stride_tricks.sliding_window_view(power, span)[::hop]]
+    windows = np.lib.stride_tricks.sliding_window_view(power, span)[::hop]
+    # A few at a time: side by side they overlap, and are several times the signal.
+    medians = np.concatenate([np.median(windows[k : k + 16], axis=1) for k in range(0, len(windows), 16)])
     middle = first + 0.5 * (span - 1) + hop * np.arange(len(medians))
     return np.asarray(np.interp(np.arange(rows), middle, medians) / MEDIAN_OF_THREE)
 
