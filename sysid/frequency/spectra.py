@@ -269,12 +269,15 @@ def _windows_of(
     columns = _transforms(signals, starts, both)
     count = float(len(starts))
     own = _products(columns, columns, starts)
-    gain, squares = _overlapped(columns, own, taper, starts // hop, hop, dt * hz)
+    outside = sorted(set(instruments))
+    among = [outside.index(column) for column in instruments]
+    between, squares = _overlapped(columns[:, outside], taper, starts // hop, hop, dt * hz)
+    gain = own[:, outside][:, :, outside] + between
     sums = DrivingSums(
         zz=own[:, instruments][:, :, instruments],
         zx=own[:, instruments, :m],
         xx=own[:, :m, :m],
-        noise_gain=gain[:, instruments][:, :, instruments],
+        noise_gain=gain[:, among][:, :, among],
         windows=count,
         independent=count**2 / squares,
     )
@@ -329,15 +332,13 @@ def _detrended(transform: Complex) -> Complex:
 
 
 def _overlapped(
-    columns: Singles, own: Complex, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
+    columns: Singles, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
 ) -> tuple[Complex, float]:
-    """Weigh products between windows by the correlation that noise has in them, of the part in which they overlap.
+    """Weigh products between different windows by the correlation that noise has in them, where they overlap.
 
     Parameters
     ----------
     columns : ndarray, shape (K, q, 2, F)
-    own : ndarray of complex, shape (F, q, q)
-        Of each window with itself.
     taper : ndarray, shape (size,)
     places : ndarray of int, shape (K,)
         Of the windows, in hops.
@@ -348,7 +349,7 @@ def _overlapped(
 
     Returns
     -------
-    gain : ndarray of complex, shape (F, q, q)
+    between : ndarray of complex, shape (F, q, q)
         Sum over all pairs of windows; those farther apart than their length have no correlation.
     squares : float
         Sum of the squared correlations.
@@ -368,7 +369,7 @@ def _overlapped(
             break
         squares += 2.0 * float(np.sum(weights[near - 1] ** 2))
     between = _products(columns, columns, places, turns)
-    return own + between + np.swapaxes(between, 1, 2).conj(), squares
+    return between + np.swapaxes(between, 1, 2).conj(), squares
 
 
 @dataclass(frozen=True, slots=True, eq=False)

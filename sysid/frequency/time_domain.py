@@ -226,7 +226,8 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
     for record in records:
         left = record.remainders()(found.response)
         signals = np.column_stack([left.output, record.output, record.inputs[:, 0], record.instruments[:, 0]])
-        error, output, command, outside = above(signals, _SLOWEST * record.dt)[record.usable].T
+        # Each in one piece: they are multiplied sample by sample again and again.
+        error, output, command, outside = np.ascontiguousarray(above(signals, _SLOWEST * record.dt)[record.usable].T)
         errors.append(error)
         outputs.append(output)
         models.append(output - error)
