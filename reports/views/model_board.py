@@ -232,16 +232,17 @@ def step_response(function: TransferFunction, t: Floats) -> Floats:
     system[0, :order] = -monic[1:]
     system[1:order, : order - 1] = np.eye(order - 1)
     system[0, order] = 1.0
-    state = np.zeros(order + 1)
-    state[order] = 1.0
+    states = np.zeros((order + 1, 1))
+    states[order] = 1.0
     out = np.append(padded[1:] - direct * monic[1:], direct)
-    y = np.empty(len(t))
     # What is far from stable is soon beyond all numbers.
     with np.errstate(over="ignore", invalid="ignore"):
-        step = expm(system * (t[1] - t[0]))
-        for k in range(len(t)):
-            y[k] = out @ state
-            state = step @ state
+        ahead = expm(system * (t[1] - t[0]))
+        # As many more states again with each power of the step.
+        while states.shape[1] < len(t):
+            states = np.hstack([states, ahead @ states])
+            ahead = ahead @ ahead
+        y = out @ states[:, : len(t)]
     return np.asarray(np.interp(t - function.delay, t, y, left=0.0)) if function.delay else y
 
 
