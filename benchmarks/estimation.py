@@ -19,9 +19,9 @@ from estimation.alignment import align
 from estimation.attitude import quat_from_euler
 from estimation.filter import ForwardPass, Problem, World, assemble
 from estimation.filter import run as filter_forward
-from estimation.local_frame import LocalFrame
-from estimation.magnetic_field import world_field
 from estimation.observations import observe, usable_fixes
+from estimation.place.local_frame import LocalFrame
+from estimation.place.magnetic_field import world_field
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import ACCEL, GYRO, InertialSignal

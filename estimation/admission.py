@@ -11,8 +11,8 @@ left out is judged anew each time and may come back. Moments at which the IMU it
 import numpy as np
 
 from estimation import _kernels
+from estimation.faults.shocks import NARROWING
 from estimation.observations import Observations
-from estimation.shocks import NARROWING
 
 #: Passes over a log at most. Each narrows the gate eightfold, so that more serve readings on the gate's edge only.
 PASSES = 6

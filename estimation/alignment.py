@@ -7,8 +7,8 @@ import pandas as pd
 
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
-from estimation.local_frame import LocalFrame
 from estimation.observations import usable_field, usable_fixes, usable_ranges
+from estimation.place.local_frame import LocalFrame
 from estimation.states import (
     ACCEL_BIAS,
     ATTITUDE,

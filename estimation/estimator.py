@@ -4,9 +4,9 @@ from dataclasses import replace
 from datetime import datetime
 from importlib import import_module
 
-from estimation.frozen import without_frozen_fixes
+from estimation.faults.frozen import without_frozen_fixes
+from estimation.faults.receiver_clock import in_one_time
 from estimation.observations import usable_fixes
-from estimation.receiver_clock import in_one_time
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
 from estimation.strapdown import estimate_strapdown

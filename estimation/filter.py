@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
+from estimation.faults.shocks import Shocks
 from estimation.observations import Observations
-from estimation.shocks import Shocks
 from estimation.states import GPS_ERROR, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal
 

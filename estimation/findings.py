@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
+from estimation.faults.outages import LONGEST_SILENCE
 from estimation.filter import Filtered
-from estimation.outages import LONGEST_SILENCE
 from estimation.timing import LONGEST_HOLE
 from estimation.trajectory import POSITION_KNOWN
 from logparse import Finding, Severity

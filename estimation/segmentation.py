@@ -10,8 +10,8 @@ from estimation import _kernels
 from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.observations import Observations
+from estimation.place.surroundings import Surroundings
 from estimation.states import SensorNoise
-from estimation.surroundings import Surroundings
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
 from estimation.tuning import DECISIVE, WINDOW
 from logparse import Tables

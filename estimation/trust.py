@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from estimation.consistency import SensorStatistics
-from estimation.local_frame import LocalFrame, is_simulated
+from estimation.faults.shocks import Shocks
 from estimation.observations import usable_fixes
-from estimation.shocks import Shocks
+from estimation.place.local_frame import LocalFrame, is_simulated
 from logparse import Finding, Geodetic, Severity, Tables
 
 #: Share of refused readings, and mean normalised innovation squared, beyond which a sensor is named.

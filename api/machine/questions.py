@@ -15,7 +15,7 @@ from logparse.expressions import evaluate
 from logparse.serialization import plain, restored
 from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
-from pipeline.flight.health_signals import thin
+from pipeline.flight.health.signals import thin
 from pipeline.results.craft_review import CraftReview, Note
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from estimation.height_spikes import steady_heights
-from estimation.local_frame import LocalFrame, is_simulated
+from estimation.faults.height_spikes import steady_heights
 from estimation.observations import find_origin, observe_gps, reported, usable_fixes
+from estimation.place.local_frame import LocalFrame, is_simulated
 from estimation.states import SensorNoise
 from estimation.timing import usable
 from logparse import Finding, Geodetic, Severity, Tables

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 
 from estimation import _kernels
+from estimation.faults.shocks import believed
 from estimation.filter import Problem, run
 from estimation.observations import Observations
-from estimation.shocks import believed
 from estimation.tuning.ladders import DECISIVE, Passes, climb
 
 #: Lags that are tried about the documented one, s: first roughly and far, then closely about the best of these.

@@ -7,9 +7,9 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.alignment import Alignment, with_priors
+from estimation.faults.shocks import believed
 from estimation.filter import COARSE, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
-from estimation.shocks import believed
 from estimation.states import SensorNoise
 from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
 from estimation.trust import LATE

@@ -21,13 +21,13 @@ from pipeline.flight.answer import compose_answer
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
-from pipeline.flight.flight_health import assess_health, health_findings
 from pipeline.flight.flight_loops import assess_loops
+from pipeline.flight.health.assessment import assess_health, health_findings
+from pipeline.flight.health.logged import logged_rates
+from pipeline.flight.health.repetition import without_repetition
 from pipeline.flight.identification import identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
-from pipeline.flight.log_health import logged_rates
 from pipeline.flight.part import busiest, part_findings
-from pipeline.flight.repetition import without_repetition
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable

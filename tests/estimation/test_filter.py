@@ -10,9 +10,9 @@ from filterpy.kalman import KalmanFilter
 from estimation import _kernels
 from estimation.alignment import align
 from estimation.filter import World, assemble, matched_scale, run
-from estimation.local_frame import LocalFrame
-from estimation.magnetic_field import world_field
 from estimation.observations import observe, run_lengths
+from estimation.place.local_frame import LocalFrame
+from estimation.place.magnetic_field import world_field
 from estimation.smoother import new_adjoint, smooth, smooth_piece
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal

@@ -10,7 +10,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
-from estimation.height_spikes import steady_heights
+from estimation.faults.height_spikes import steady_heights
 from estimation.lowrate.measurements import SIZE, Measured
 from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transitions
 from estimation.lowrate.weights import DISTURBANCE, variance_factor

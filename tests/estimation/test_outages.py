@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation import _kernels, estimate, nees
+from estimation.faults.outages import CLASS_EXCESS, excess, outages, widen
 from estimation.observations import Observations
-from estimation.outages import CLASS_EXCESS, excess, outages, widen
 from estimation.timing import ACCEL
 from tests.estimation.simulated_flight import fly
 

@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 
 from estimation import compare, errors, estimate, nees, strapdown
-from estimation.compass import Turn, turned_compass
-from estimation.frozen import without_frozen_fixes
-from estimation.receiver_clock import in_one_time
-from estimation.shocks import Shocks
+from estimation.faults.compass import Turn, turned_compass
+from estimation.faults.frozen import without_frozen_fixes
+from estimation.faults.receiver_clock import in_one_time
+from estimation.faults.shocks import Shocks
 from estimation.timing import ACCEL, GYRO
 from estimation.trust import doubtful_sensors, impossible_biases, missed_steps
 from logparse import Tables, read_log

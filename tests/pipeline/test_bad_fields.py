@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from pipeline.flight.flight_health import assess_health
+from pipeline.flight.health.assessment import assess_health
 from pipeline.results.span import Span
 
 LOG = "sample_logs/octa01_zurich_calm.bin"

@@ -6,7 +6,7 @@ import pytest
 
 from logparse import LogError, read_flights, read_log
 from pipeline.execution.stages import NEXT_FLIGHT, overall
-from pipeline.flight.flight_health import assess_health
+from pipeline.flight.health.assessment import assess_health
 from pipeline.results.span import Span, around
 
 SHARED = Path(__file__).parents[3] / "shared" / "logs"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import logparse
-from pipeline.flight.flight_health import assess_health, health_findings
+from pipeline.flight.health.assessment import assess_health, health_findings
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span
 

@@ -1,7 +1,7 @@
 """Findings said twice, or once for each of many happenings, against what a reader needs: each thing once."""
 
 from logparse import Finding, Severity
-from pipeline.flight.repetition import without_repetition
+from pipeline.flight.health.repetition import without_repetition
 
 
 def _glitch(start: float) -> Finding:

@@ -8,7 +8,7 @@ import pytest
 
 import logparse
 from logparse import Tables
-from pipeline.flight.vibration_spectrum import vibration_spectrum
+from pipeline.flight.health.vibration import vibration_spectrum
 from pipeline.results.span import Span
 from reports.figures.health import peaks_in_words
 

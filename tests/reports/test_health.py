@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from logparse import FlightEvent, Severity, read_log
-from pipeline.flight.health_signals import health_signals, thin
+from pipeline.flight.health.signals import health_signals, thin
 from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
 from pipeline.results.report import HealthReport
 from pipeline.results.span import Span

@@ -6,9 +6,9 @@ from datetime import datetime
 import numpy as np
 
 from estimation.filter import World
-from estimation.local_frame import LocalFrame, is_simulated
-from estimation.magnetic_field import MagneticField, world_field
 from estimation.observations import find_origin, is_stuck
+from estimation.place.local_frame import LocalFrame, is_simulated
+from estimation.place.magnetic_field import MagneticField, world_field
 from logparse import Geodetic, Tables
 from logparse.units import STANDARD_GRAVITY
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from estimation.alignment import RUNNING_PWM
-from estimation.local_frame import LocalFrame
+from estimation.place.local_frame import LocalFrame
 from estimation.timing import GYRO, GYRO_MOVING
 from logparse import Finding, Geodetic, Severity, Tables
 

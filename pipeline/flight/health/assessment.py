@@ -8,7 +8,7 @@ import numpy as np
 
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
 from logparse.presentation.quantity import joined
-from pipeline.flight.health_signals import health_signals
+from pipeline.flight.health.signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
 from sysid.rotors.battery import sag_resistance

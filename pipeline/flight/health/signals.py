@@ -12,7 +12,7 @@ from logparse import FlightLog, Tables
 from logparse.craft.pwm_range import pwm_range
 from logparse.events.vibration import vibration_levels
 from logparse.numeric import NumericMessages
-from pipeline.flight.vibration_spectrum import vibration_spectrum
+from pipeline.flight.health.vibration import vibration_spectrum
 from pipeline.results.health import HealthSignals, Panel, Signal
 from pipeline.results.span import Span
 

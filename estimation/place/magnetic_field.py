@@ -7,7 +7,7 @@ from datetime import datetime
 import numpy as np
 from pygeomag import GeoMag
 
-from estimation.local_frame import is_simulated
+from estimation.place.local_frame import is_simulated
 from logparse import Geodetic
 
 #: First and last decimal year of the field models that pygeomag brings.

@@ -1,0 +1,1 @@
+"""How healthy a flight was, and how well it was logged."""
