@@ -8,6 +8,8 @@ READY  := $(VENV)/.ready
 JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
+# Byte code is kept: the tests start hundreds of processes, each of which would compile all sources again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help setup analyze check test lint bench fuzz docs serve lock clean
