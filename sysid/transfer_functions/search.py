@@ -209,21 +209,35 @@ def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadli
     problem = _with_own(replace(common, ridge=NEXT_TO_NONE if plan.ridge is None else plan.ridge), plan)
     now = time.monotonic()
     limit = now + CHANNELS_PART * (deadline - now)
-    separated = None if problem.delay_parameters else separate(problem, _starting_band(problem), rng, limit)
-    if separated is None:
+    best: tuple[Descent, float] | None = None
+    steps = 0
+    for separated in () if problem.delay_parameters else separate(problem, _starting_band(problem), rng, limit):
+        problem = replace(problem, initial=separated.initial)
+        descent = descend(problem, separated.theta, MOST_STEPS, limit)
+        steps += descent.iterations
+        if best is None or descent.point.cost < best[0].point.cost:
+            best = descent, separated.variance
+        # At poles that are wrong initial states would be freed to make up for them, and the fit end there.
+        if _left(best[0]) < WORTHWHILE * separated.variance or time.monotonic() > limit:
+            break
+    if best is None:
         return None, False
-    problem, theta, steps = replace(problem, initial=separated.initial), separated.theta, 0
-    for _ in range(SETTLING):
-        descent = descend(problem, theta, MOST_STEPS, limit)
-        theta, steps = descent.point.theta, steps + descent.iterations
+    descent, expected = best
+    for _ in range(SETTLING - 1):
         weakest = _initial(common, problem.groups, descent.point)
         initial = likeliest_initial(problem, descent.point, weakest)
         # The variance of the residual moves the candidates a little: that alone is no reason to go on.
         if abs(np.log(initial / problem.initial)) < 1.0 or time.monotonic() > limit:
             break
         problem = replace(problem, initial=initial)
-    variance = float(np.mean(np.concatenate(descent.point.residuals) ** 2))
-    return Found(problem, descent, steps), variance < WORTHWHILE * separated.variance
+        descent = descend(problem, descent.point.theta, MOST_STEPS, limit)
+        steps += descent.iterations
+    return Found(problem, descent, steps), _left(descent) < WORTHWHILE * expected
+
+
+def _left(descent: Descent) -> float:
+    """Variance of the residuals."""
+    return float(np.mean(np.concatenate(descent.point.residuals) ** 2))
 
 
 def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
