@@ -271,7 +271,7 @@ def _windows_of(
     own = _products(columns, columns, starts)
     outside = sorted(set(instruments))
     among = [outside.index(column) for column in instruments]
-    between, squares = _overlapped(columns[:, outside], taper, starts // hop, hop, dt * hz)
+    between, squares = _overlapped(np.take(columns, outside, axis=1), taper, starts // hop, hop, dt * hz)
     gain = own[:, outside][:, :, outside] + between
     sums = DrivingSums(
         zz=own[:, instruments][:, :, instruments],
