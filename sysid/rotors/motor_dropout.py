@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from logparse import Tables, Vehicle
 from sysid.records.experiment import Floats
-from sysid.rotors.motor_loss import Moments, read_moments
+from sysid.rotors.motor_loss import Moments
 
 #: Lengths of windows, s.
 _LENGTHS = (0.3, 0.5, 0.8, 1.2, 2.0)
@@ -73,43 +73,25 @@ class MotorDropouts:
         return max(self.dropouts, key=lambda one: one.loss)
 
 
-def find_motor_dropouts(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[MotorDropouts, ...]:
+def find_motor_dropouts(moments: Moments | None, tables: Tables, vehicle: Vehicle) -> tuple[MotorDropouts, ...]:
     """Find motors that give less thrust for moments.
 
     Parameters
     ----------
+    moments : Moments or None
+        Of `read_moments`, up to a crash and a lasting loss.
     tables : Tables
-        With motor outputs and angular rates.
+        With what was asked of the attitude, where that is known.
     vehicle : Vehicle
         Whose frame is known.
-    start, stop : float
-        Airborne interval, s, ending before a crash and before a lasting loss.
 
     Returns
     -------
     tuple of MotorDropouts
         In the order of the motors' first dropouts; empty where there are none.
-
-    Raises
-    ------
-    MissingDataError
-        When the frame, the outputs or the angular rates are missing.
     """
-    moments = read_moments(tables, vehicle, start, stop)
-    return () if moments is None else dropouts_of(moments, tables, vehicle)
-
-
-def dropouts_of(moments: Moments, tables: Tables, vehicle: Vehicle) -> tuple[MotorDropouts, ...]:
-    """Find motors that give less thrust for moments in the moments of one flight.
-
-    Parameters
-    ----------
-    moments : Moments
-    tables : Tables
-        With what was asked of the attitude, where that is known.
-    vehicle : Vehicle
-        Whose frame is known.
-    """
+    if moments is None:
+        return ()
     residuals = [_left(moments, axis) for axis in range(len(moments.factors))]
     candidates, chance = _candidates(moments, residuals, _steady(tables, moments.t))
     found: dict[int, list[Dropout]] = {}

@@ -92,34 +92,23 @@ class Moments:
     nuisances: list[Floats]  #: list of ndarray, shape (n, p): Orthonormal, of each axis.
 
 
-def find_motor_losses(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[MotorLoss, ...]:
+def find_motor_losses(moments: Moments | None, vehicle: Vehicle) -> tuple[MotorLoss, ...]:
     """Find lasting losses of single motors in one flight.
 
     Parameters
     ----------
-    tables : Tables
-        With motor outputs and angular rates.
+    moments : Moments or None
+        Of `read_moments`, up to a crash.
     vehicle : Vehicle
         Whose frame is known.
-    start, stop : float
-        Airborne interval, s, ending before a crash.
 
     Returns
     -------
     tuple of MotorLoss
         In the order of time; empty where there is none, or where outputs or rates are too slow or too short to tell.
-
-    Raises
-    ------
-    MissingDataError
-        When the frame, the outputs or the angular rates are missing.
     """
-    moments = read_moments(tables, vehicle, start, stop)
-    return () if moments is None else losses_of(moments, vehicle)
-
-
-def losses_of(moments: Moments, vehicle: Vehicle) -> tuple[MotorLoss, ...]:
-    """Find lasting losses of single motors in the moments of one flight, in the order of time."""
+    if moments is None:
+        return ()
     numbers = [motor.number for motor in vehicle.motors]
     found: list[tuple[int, int]] = []
     losses: list[MotorLoss] = []

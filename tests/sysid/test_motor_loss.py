@@ -9,11 +9,15 @@ import pytest
 from logparse import MissingDataError, Tables, Vehicle, read_log
 from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.rotors.motor_loss import find_motor_losses
+from sysid.rotors.motor_loss import find_motor_losses, read_moments
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
 
 CALM = Path(__file__).parents[3] / "shared" / "logs" / "sitl" / "octa15_two_flights_logdisarmed.BIN"
 FRAMES = [("quad", "x"), ("quad", "plus"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
+
+
+def losses_in(tables, vehicle, start, stop):
+    return find_motor_losses(read_moments(tables, vehicle, start, stop), vehicle)
 
 
 @pytest.mark.parametrize("part", [0.8, 0.88])
@@ -24,7 +28,7 @@ def test_a_weak_motor_is_named_with_its_time_and_loss(frame_class, frame_type, p
     number = 1 + sum(seed) % len(vehicle.motors)
     fault = Fault(number, 21.7, part)
     tables = fly(vehicle, sum(seed), fault)
-    (loss,) = find_motor_losses(tables, vehicle, 0.0, 40.0)
+    (loss,) = losses_in(tables, vehicle, 0.0, 40.0)
     assert loss.motor == number
     assert loss.t == pytest.approx(fault.t, abs=1.0)
     # The issue asks for 5 points of loss; the noise is what `sigma` says, within four of them.
@@ -40,7 +44,7 @@ def test_errors_are_as_large_as_sigma_says():
     for seed in range(6):
         fault = Fault(1 + seed % 8, 20.0, 0.85)
         tables = fly(vehicle, 100 + seed, fault)
-        (loss,) = find_motor_losses(tables, vehicle, 0.0, 40.0)
+        (loss,) = losses_in(tables, vehicle, 0.0, 40.0)
         assert loss.motor == fault.motor
         scores.append((loss.loss - (1.0 - remaining_thrust(tables, fault))) / loss.sigma)
     # Root mean square of six: 0.3 to 1.95 holds 99.9 % of cases if sigma is right; half that below is allowed, since
@@ -51,7 +55,7 @@ def test_errors_are_as_large_as_sigma_says():
 def test_a_lost_motor_is_named_to_the_tenth_of_a_second():
     vehicle = craft("octa", "plus")
     tables = fly(vehicle, 5, Fault(5, 20.03, 0.0))
-    (loss,) = find_motor_losses(tables, vehicle, 0.0, 40.0)
+    (loss,) = losses_in(tables, vehicle, 0.0, 40.0)
     assert loss.motor == 5
     assert loss.t == pytest.approx(20.03, abs=0.2)
     assert loss.loss > 0.9
@@ -62,20 +66,19 @@ def test_healthy_motors_are_not_named(frame_class, frame_type):
     vehicle = craft(frame_class, frame_type)
     for seed in range(2):
         tables = fly(vehicle, 40 + seed, gust=0.01, drift=0.03)
-        assert find_motor_losses(tables, vehicle, 0.0, 40.0) == ()
+        assert losses_in(tables, vehicle, 0.0, 40.0) == ()
 
 
 def test_shortly_after_the_take_off_only_a_plain_loss_is_named():
     # Noise is known from 5 s before the change, fewer than two independent pieces: nearly anything may come of it.
     vehicle = craft("quad", "x")
     early, late = (
-        find_motor_losses(fly(vehicle, 11, Fault(2, onset, 0.9), gust=0.01), vehicle, 0.0, onset + 8.0)
-        for onset in (7.0, 25.0)
+        losses_in(fly(vehicle, 11, Fault(2, onset, 0.9), gust=0.01), vehicle, 0.0, onset + 8.0) for onset in (7.0, 25.0)
     )
     assert early == ()
     assert [loss.motor for loss in late] == [2]
     # A motor that stops is beyond doubt by then.
-    (lost,) = find_motor_losses(fly(vehicle, 11, Fault(2, 12.0, 0.0)), vehicle, 0.0, 20.0)
+    (lost,) = losses_in(fly(vehicle, 11, Fault(2, 12.0, 0.0)), vehicle, 0.0, 20.0)
     assert lost.motor == 2
 
 
@@ -97,7 +100,7 @@ def test_an_axis_at_rest_does_not_hide_a_weak_motor(seconds):
     motors = log.tables.motors.copy()
     weak = motors.index >= onset
     motors.loc[weak, names] = pwm[weak]
-    (loss,) = find_motor_losses(replace(log.tables, motors=motors), vehicle, log.flight.start, onset + seconds)
+    (loss,) = losses_in(replace(log.tables, motors=motors), vehicle, log.flight.start, onset + seconds)
     assert (loss.motor, loss.loss) == (7, pytest.approx(0.36, abs=0.05))
 
 
@@ -105,18 +108,18 @@ def test_a_payload_that_drops_is_no_motor():
     # A shift along the nose of a quad X is shared by two motors, and nothing yaws.
     vehicle = craft("quad", "x")
     tables = fly(vehicle, 3, shift=(20.0, 0.0, 0.05, 0.0))
-    assert find_motor_losses(tables, vehicle, 0.0, 40.0) == ()
+    assert losses_in(tables, vehicle, 0.0, 40.0) == ()
 
 
 def test_what_is_missing_is_told():
     vehicle = craft("quad", "x")
     tables = fly(vehicle, 1, seconds=10.0)
     with pytest.raises(MissingDataError, match="frame"):
-        find_motor_losses(tables, Vehicle(), 0.0, 10.0)
+        losses_in(tables, Vehicle(), 0.0, 10.0)
     with pytest.raises(MissingDataError, match="outputs"):
-        find_motor_losses(Tables(imu=tables.imu), vehicle, 0.0, 10.0)
+        losses_in(Tables(imu=tables.imu), vehicle, 0.0, 10.0)
     with pytest.raises(MissingDataError, match="IMU"):
-        find_motor_losses(Tables(motors=tables.motors), vehicle, 0.0, 10.0)
+        losses_in(Tables(motors=tables.motors), vehicle, 0.0, 10.0)
     # Slow telemetry cannot tell, and says nothing rather than something wrong.
     slow = Tables(motors=tables.motors.iloc[::10], imu=tables.imu)
-    assert find_motor_losses(slow, vehicle, 0.0, 10.0) == ()
+    assert losses_in(slow, vehicle, 0.0, 10.0) == ()

@@ -12,8 +12,8 @@ from pipeline.flight.health.signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
 from sysid.rotors.battery import sag_resistance
-from sysid.rotors.motor_dropout import Dropout, MotorDropouts, dropouts_of
-from sysid.rotors.motor_loss import MotorLoss, losses_of, read_moments
+from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
+from sysid.rotors.motor_loss import MotorLoss, find_motor_losses, read_moments
 from sysid.rotors.motor_order import find_order_change
 from sysid.statistics.parameter import Parameter
 
@@ -49,11 +49,9 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
             aloft = _ends_aloft(log, flight)
             events += _exchanged(log, flight.start, _undisturbed(flight, events, aloft=aloft))
             moments_until = cache(partial(read_moments, log.tables, log.vehicle, flight.start))
-            moments = moments_until(_undisturbed(flight, events, aloft=aloft))
-            losses = () if moments is None else losses_of(moments, log.vehicle)
+            losses = find_motor_losses(moments_until(_undisturbed(flight, events, aloft=aloft)), log.vehicle)
             events += [_motor_event(loss, losses) for loss in losses]
-            moments = moments_until(_controlled(flight, events))
-            dropouts = () if moments is None else dropouts_of(moments, log.tables, log.vehicle)
+            dropouts = find_motor_dropouts(moments_until(_controlled(flight, events)), log.tables, log.vehicle)
             events += [_dropout_event(each, one) for each in dropouts for one in each.dropouts]
     except MissingDataError as error:
         missing = str(error)
