@@ -27,7 +27,7 @@ from api.web.connections import PatientProtocol
 from api.web.local_only import LOOPBACK
 from api.work.jobs import Runner
 from api.work.working import work_until_told
-from logparse.lazy import lazy
+from core.lazy import lazy
 from pipeline.results.quantity import ParameterChange
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from api.machine.folder_library import FolderLibrary
 from api.machine.tools import Tools
 from api.work.craft_flights import keep
 from api.work.flown import Flown
-from logparse.serialization import as_json
+from core.serialization import as_json
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import FolderStore

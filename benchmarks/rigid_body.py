@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from core.units import STANDARD_GRAVITY
 from estimation import estimate
 from logparse import Motor, Vehicle, read_log
-from logparse.units import STANDARD_GRAVITY
 from simulation.fly import Setup, fly
 from simulation.mission import Chirp, GoTo, Mission, Turn
 from simulation.papers.elhesasy2024 import octocopter

@@ -17,8 +17,8 @@ written out they take longer to compile and to run. Those over columns end at `N
 
 import numpy as np
 
-from logparse.numerics.compiled import inner, njit
-from logparse.numerics.kernel_types import Blocks, Flags, Int64Rows, Int64s, Matrix, Stack, Vector
+from core.compiled import inner, njit
+from core.kernel_types import Blocks, Flags, Int64Rows, Int64s, Matrix, Stack, Vector
 
 Array = np.ndarray
 

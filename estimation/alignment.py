@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from core.units import STANDARD_GRAVITY
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
 from estimation.observations import usable_field, usable_fixes, usable_ranges
@@ -25,7 +26,6 @@ from estimation.states import (
 )
 from estimation.timing import ACCEL, GYRO, usable
 from logparse import Tables
-from logparse.units import STANDARD_GRAVITY
 
 #: A craft counts as standing still while its rates and forces stay this near their medians, rad/s and m/s^2.
 STILL_RATE, STILL_FORCE = 0.03, 0.4

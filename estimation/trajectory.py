@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from core.summary import Summarised, listed
 from logparse import Finding, Geodetic
-from logparse.presentation.summary import Summarised, listed
 
 #: Columns that every trajectory has in `Trajectory.states`, with unit and meaning. Bias columns follow where estimated.
 STATE_COLUMNS: Mapping[str, str] = {

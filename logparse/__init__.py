@@ -5,9 +5,9 @@ What needs pandas is imported when it is first used: errors and findings are als
 
 from typing import TYPE_CHECKING
 
-from logparse.errors import LogError, MissingDataError, RotoridError
-from logparse.findings import Finding, Severity
-from logparse.lazy import exports
+from core.errors import LogError, MissingDataError, RotoridError
+from core.findings import Finding, Severity
+from core.lazy import exports
 
 if TYPE_CHECKING:
     from logparse.craft.frames import Motor, Vehicle

@@ -11,8 +11,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, cast
 
-from logparse.errors import LogError
-from logparse.findings import Finding, Severity
+from core.errors import LogError
+from core.findings import Finding, Severity
 
 #: An archive that holds more than this is refused: a few kB can unpack to terabytes.
 MAX_UNPACKED_BYTES = 4 << 30

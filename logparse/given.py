@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from logparse.errors import LogError
+from core.errors import LogError
 from logparse.log import FlightLog, read_log
 
 #: What every function that asks for logs takes.

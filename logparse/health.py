@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.findings import Finding, Severity
+from core.units import numbers
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
-from logparse.findings import Finding, Severity
 from logparse.flights import LONGEST_GAP, height_above_ground, held
 from logparse.rest import at_rest, calibration
-from logparse.units import numbers
 
 if TYPE_CHECKING:
     from logparse.flights import LONGEST_GAP, Flight

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from core.findings import Finding
 from logparse import health
 from logparse.craft.frames import Vehicle
-from logparse.findings import Finding
 from logparse.flights import Flight
 from logparse.tables import COLUMNS, Tables
 

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Protocol, Self, TypeVar, overload, runtime_che
 import numpy as np
 import pandas as pd
 
+from core.errors import LogError, RotoridError
+from core.findings import Finding, Severity
+from core.lazy import lazy
+from core.summary import Summarised, listed
+from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
-from logparse.errors import LogError, RotoridError
-from logparse.findings import Finding, Severity
-from logparse.lazy import lazy
 from logparse.messages import Messages, Passing
-from logparse.presentation.summary import Summarised, listed
 from logparse.source import Boot, MessageSource
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
-from logparse.units import numbers
 
 if TYPE_CHECKING:
     from logparse import canonical

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
+from core.units import STANDARD_GRAVITY
 from logparse.tables import Tables
-from logparse.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from logparse.flights import Flight

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.errors import RotoridError
 from logparse.canonical.instances import INSTANCE_NAMES, instance_column
-from logparse.errors import RotoridError
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:

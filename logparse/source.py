@@ -6,7 +6,7 @@ from typing import Protocol
 
 import pandas as pd
 
-from logparse.findings import Finding
+from core.findings import Finding
 
 #: Messages with more rows than this are large in memory: they are not kept unless somebody asked for them by name.
 LONG = 100_000

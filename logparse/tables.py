@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from logparse.presentation.summary import Summarised, listed
+from core.summary import Summarised, listed
 
 #: Columns of each canonical table with their unit and meaning. Tables named here have exactly these columns,
 #: except `motors` and `esc`, which have one column (or one of each kind) per motor.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 
 
 def erased_tail(data: npt.NDArray[Any], start: int) -> Finding | None:

@@ -5,7 +5,7 @@ Names are imported when they are first used, so that ``rotorid --help`` need not
 
 from typing import TYPE_CHECKING
 
-from logparse.lazy import exports
+from core.lazy import exports
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig

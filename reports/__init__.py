@@ -5,7 +5,7 @@ Names are imported when they are first used, so that a report's numbers can be r
 
 from typing import TYPE_CHECKING
 
-from logparse.lazy import exports, lazy
+from core.lazy import exports, lazy
 
 if TYPE_CHECKING:
     from pathlib import Path

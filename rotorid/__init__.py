@@ -15,10 +15,10 @@ Every name is imported when it is first used, so that ``import rotorid`` is quic
 
 from typing import TYPE_CHECKING
 
-from logparse.lazy import exports
+from core.lazy import exports
 
 if TYPE_CHECKING:
-    from logparse.errors import RotoridError
+    from core.errors import RotoridError
     from pipeline.config import AnalysisConfig
     from rotorid import fit, plot
     from rotorid.analysis import Craft, Fleet, analyze, compare

@@ -14,8 +14,8 @@ import pandas as pd
 import logparse
 import pipeline
 import reports
-from logparse.presentation.summary import Summarised, listed
-from logparse.serialization import plain
+from core.serialization import plain
+from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.execution.executors import processes

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from logparse.presentation.quantity import number
-from logparse.presentation.summary import Summarised
-from logparse.presentation.table import Row, Table
+from core.quantity import number
+from core.summary import Summarised
+from core.table import Row, Table
 from sysid.records.experiment import Experiment
 from sysid.validation.assessment import HORIZONS, Predictor, Validation
 from sysid.validation.assessment import validate as validate_model

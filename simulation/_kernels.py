@@ -12,8 +12,8 @@ from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
 
 import numpy as np
 
-from logparse.numerics import compiled
-from logparse.numerics.compiled import njit
+from core import compiled
+from core.compiled import njit
 from simulation._parameters import (
     AirframeParameters,
     AirParameters,

@@ -7,7 +7,7 @@ records it was fitted to); `validate` judges it on records it has not seen. Name
 
 from typing import TYPE_CHECKING
 
-from logparse.lazy import exports
+from core.lazy import exports
 
 if TYPE_CHECKING:
     from sysid.bench.pendulum import bifilar, check_thread

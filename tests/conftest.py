@@ -36,7 +36,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 #: Packages with kernels.
-_COMPILED = ("logparse", "estimation", "sysid", "simulation")
+_COMPILED = ("core", "logparse", "estimation", "sysid", "simulation")
 
 #: Programs that between them call nearly every kernel; they run side by side and leave the machine code in the cache.
 _KERNELS = (
@@ -87,7 +87,7 @@ _LENGTHY = {
         "estimation/test_robustness",
         "fuzz/test_fuzz",
         "logparse/foreign/test_tables",
-        "logparse/test_compiled",
+        "core/test_compiled",
         "logparse/test_dataflash_damage",
         "logparse/test_dataflash_edges",
         "logparse/test_dataflash_fidelity",

@@ -11,7 +11,7 @@ from api.store.ids import digest
 from api.store.records import FlightRecord
 from api.work.craft_flights import forget, keep
 from api.work.flown import Flown, best
-from logparse.serialization import restored
+from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.entry import FlightEntry
 from pipeline.results.report import FlightReport

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from api.machine.library import NOT_DETERMINED, CraftRef, FlightRef
-from logparse.serialization import restored
+from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.fleet.review import review
 from pipeline.flight.craft import in_order, took_off

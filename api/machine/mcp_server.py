@@ -5,7 +5,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 from api.machine.tools import Tools, UnknownError
-from logparse.lazy import lazy
+from core.lazy import lazy
 
 if TYPE_CHECKING:
     import mcp_types

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from api.machine.answers import LoggedField, LoggedFields, LoggedMessages, MessageCount, NoSignal, Signal, Signals
+from core.serialization import plain, restored
 from logparse import FlightLog, RotoridError, check_is_log, read_log
 from logparse.canonical.instances import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
-from logparse.serialization import plain, restored
 from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
 from pipeline.flight.health.signals import thin

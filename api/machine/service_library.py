@@ -10,7 +10,7 @@ from api.store.database import Database
 from api.store.ids import is_id
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, CraftRecord, FlightRecord
-from logparse.serialization import restored
+from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.craft_review import CraftReview
 from pipeline.results.quantity import ParameterChange

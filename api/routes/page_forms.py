@@ -18,7 +18,7 @@ from api.web.dependencies import Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
 from api.web.page_templates import local_path, render
 from api.web.results import answer
-from logparse.serialization import restored
+from core.serialization import restored
 
 router = APIRouter(include_in_schema=False, dependencies=from_our_forms)
 

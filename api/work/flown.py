@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from logparse.serialization import plain, restored
+from core.serialization import plain, restored
 from pipeline.errors import ConfigError
 from pipeline.results.answer import AnswerLine
 from pipeline.results.entry import FlightEntry

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import logparse
+from core.lazy import lazy
 from logparse import RotoridError
-from logparse.lazy import lazy
 from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.manifest import FLIGHTS

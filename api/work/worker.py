@@ -23,10 +23,10 @@ from api.settings import LogFormat
 from api.work import confinement
 from api.work.flown import write_flown
 from api.work.proposals import propose, propose_of_crafts
+from core.lazy import lazy
+from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
-from logparse.lazy import lazy
-from logparse.serialization import restored
 from pipeline.execution.stages import overall
 from pipeline.results.entry import FlightEntry
 from pipeline.results.report import FleetReport

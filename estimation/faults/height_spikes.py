@@ -10,7 +10,7 @@ heights are too coarse for shows beside the neighbours: no craft leaves the line
 import numpy as np
 import pandas as pd
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 
 #: Readings further than this from the running median are spikes, m.
 SPIKE = 10.0

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from core.units import STANDARD_GRAVITY
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
 from estimation.lowrate.measurements import Measured, measurements_of, reversed_climb
@@ -21,7 +22,6 @@ from estimation.timing import TICK, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import contradicted_receiver, doubtful_sensors, only_one_withdrawal
 from logparse import Finding, MissingDataError, Severity, Tables
-from logparse.units import STANDARD_GRAVITY
 
 #: 1-sigma of an autopilot's attitude, rad: tilt and yaw.
 TILT_SIGMA, YAW_SIGMA = np.radians(0.7), np.radians(3.0)

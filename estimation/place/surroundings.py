@@ -5,12 +5,12 @@ from datetime import datetime
 
 import numpy as np
 
+from core.units import STANDARD_GRAVITY
 from estimation.filter import World
 from estimation.observations import find_origin, is_stuck
 from estimation.place.local_frame import LocalFrame, is_simulated
 from estimation.place.magnetic_field import MagneticField, world_field
 from logparse import Geodetic, Tables
-from logparse.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pandas as pd
 
+from core.findings import Finding, Severity
 from logparse.canonical import dataflash, px4, telemetry
 from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
 from logparse.craft.frames import OTHER_CRAFT, Vehicle
-from logparse.findings import Finding, Severity
 from logparse.tables import COLUMNS, Tables
 
 __all__ = ["TOGETHER", "gather_tables"]

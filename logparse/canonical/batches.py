@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from core.units import numbers, sample_times
 from logparse.canonical.series import series
-from logparse.units import numbers, sample_times
 
 #: Name of the tables and of their columns by sensor type.
 _SENSORS: Mapping[int, tuple[str, str]] = {0: ("accel_batch", "accel"), 1: ("gyro_batch", "gyro")}

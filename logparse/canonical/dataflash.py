@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from core.units import numbers
 from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
@@ -15,7 +16,6 @@ from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
 from logparse.tables import Tables
-from logparse.units import numbers
 
 #: Messages that the tables of which there may be a row for every step of the fast loop are made of.
 _IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from core.cubic_spline import cubic_spline
+from core.units import numbers, quantity
 from logparse.canonical.deferred import KeptFields, SomeFields
 from logparse.canonical.instances import instances
 from logparse.canonical.series import Array, columns_of, euler_angles, join, quaternions, sample, series, wrap
 from logparse.craft.frames import Vehicle
-from logparse.numerics.cubic_spline import cubic_spline
 from logparse.tables import COLUMNS, Geodetic
-from logparse.units import numbers, quantity
 
 Messages = Mapping[str, pd.DataFrame]
 

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
+from core.units import numbers
 from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, copter_mode
 from logparse.canonical.series import distinct
-from logparse.units import numbers
 
 Messages = Mapping[str, pd.DataFrame]
 

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.findings import Finding, Severity
+from core.units import numbers, quantities, quantity, sample_times
 from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
 from logparse.craft.frames import Motor
-from logparse.findings import Finding, Severity
-from logparse.units import numbers, quantities, quantity, sample_times
 
 Messages = Mapping[str, pd.DataFrame]
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]

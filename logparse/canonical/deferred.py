@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.findings import Finding
 from logparse.canonical.remarks import Remarks
-from logparse.findings import Finding
 from logparse.source import LONG
 from logparse.tables import COLUMNS, Tables
 

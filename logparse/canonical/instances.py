@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from logparse.units import numbers
+from core.units import numbers
 
 #: Columns that hold the instance, by age of the firmware.
 INSTANCE_NAMES = ("I", "Instance", "Inst")

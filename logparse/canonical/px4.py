@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from core.units import numbers
 from logparse.canonical.dataflash_events import event_table, mode_table
 from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes
 from logparse.canonical.modes import PX4_MODES
@@ -14,7 +15,6 @@ from logparse.canonical.series import Array, euler_angles, join, sample, series
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
-from logparse.units import numbers
 
 Messages = Mapping[str, pd.DataFrame]
 

@@ -5,7 +5,7 @@ from collections import defaultdict
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 
 
 class Remarks:

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from core.findings import Finding, Severity
+from core.units import numbers, quantity
 from logparse.canonical.dataflash_control import origin_of_fixes
 from logparse.canonical.dataflash_events import event_table, mode_table
 from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, gps_lag, unmapped
@@ -19,9 +21,7 @@ from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, frozen, join, sample, series, wrap
 from logparse.craft.frames import Motor, Vehicle
 from logparse.craft.vehicle import assumed_outputs, vehicle_heartbeats
-from logparse.findings import Finding, Severity
 from logparse.tables import COLUMNS, Geodetic, Tables
-from logparse.units import numbers, quantity
 
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 

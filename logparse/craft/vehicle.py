@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
+from core.units import numbers
 from logparse.craft.frames import (
     FRAME_CLASSES,
     FRAME_TYPES,
@@ -18,7 +19,6 @@ from logparse.craft.frames import (
     servo_function_motor,
 )
 from logparse.craft.pwm_range import pwm_range
-from logparse.units import numbers
 
 
 def describe(

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse.numerics.compiled import inner, njit
-from logparse.numerics.kernel_types import (
+from core.compiled import inner, njit
+from core.kernel_types import (
     ByteRows,
     Bytes,
     FileBytes,

@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.errors import LogError
+from core.findings import Finding
 from logparse.boots import Span
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
@@ -21,8 +23,6 @@ from logparse.dataflash.chain import Chain, Slot
 from logparse.dataflash.columns import Layout
 from logparse.dataflash.findings import decoding_findings, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable, clean_text
-from logparse.errors import LogError
-from logparse.findings import Finding
 from logparse.source import Boot
 from logparse.timebase import mend_times
 

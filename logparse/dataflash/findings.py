@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 from logparse.tail import erased_tail
 
 if TYPE_CHECKING:

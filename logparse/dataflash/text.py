@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.errors import LogError
+from core.findings import Finding, Severity
 from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
-from logparse.errors import LogError
-from logparse.findings import Finding, Severity
 from logparse.source import Boot
 from logparse.timebase import mend_times
 

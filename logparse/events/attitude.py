@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.findings import Severity
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.findings import Severity
 from logparse.flights import Flight
 from logparse.tables import Tables
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from core.findings import Severity
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.findings import Severity
 from logparse.flights import Flight
 from logparse.tables import Tables
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from logparse.findings import Severity
+from core.findings import Severity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

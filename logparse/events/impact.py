@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from core.findings import Severity
+from core.units import STANDARD_GRAVITY
 from logparse.events.attitude import LOST
 from logparse.events.event import FlightEvent
 from logparse.events.reported import airborne
 from logparse.events.stretches import Array, stretches
-from logparse.findings import Severity
 from logparse.flights import Flight, height_above_ground, speed_down
 from logparse.rest import ACCEL
 from logparse.tables import Tables
-from logparse.units import STANDARD_GRAVITY
 
 #: Specific force [m/s^2] of a blow that no manoeuvre makes: 4 g. ArduPilot names no limit for landings.
 BLOW = 4.0 * STANDARD_GRAVITY

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from core.findings import Severity
 from logparse.craft.pwm_range import pwm_range
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.findings import Severity
 from logparse.flights import Flight, height_above_ground, slope_down, speed_down
 from logparse.tables import Tables
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
+from core.findings import Severity
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.findings import Severity
 from logparse.flights import Flight
 from logparse.tables import Tables
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from core.findings import Severity
 from logparse.events.event import FlightEvent
-from logparse.findings import Severity
 from logparse.flights import Flight
 from logparse.tables import Tables
 

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from core.findings import Severity
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.findings import Severity
 from logparse.flights import Flight
 
 _CLIP_SOURCE = "ArduPilot wiki, Measuring Vibration: clipping should stay at zero"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import percentile_filter
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 from logparse.foreign.files import TableError
 
 Floats = npt.NDArray[np.float64]

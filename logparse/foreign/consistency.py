@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from logparse.findings import Finding
+from core.findings import Finding
+from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap
 from logparse.foreign.differences import mean_over, slopes
 from logparse.foreign.files import TableError
 from logparse.foreign.lift import check_lift, following, mean_square, specific_force
 from logparse.foreign.motor_order import contradicted_order
-from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
 

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from core.errors import RotoridError
+from core.lazy import lazy
 from logparse.containers import most_unpacked, unpack
-from logparse.errors import RotoridError
-from logparse.lazy import lazy
 
 if TYPE_CHECKING:
     import h5py

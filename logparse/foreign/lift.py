@@ -9,10 +9,10 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
+from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import ColumnMap
 from logparse.foreign.differences import mean_over, slopes
-from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
 from logparse.foreign.files import TableError
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from core.findings import Finding, Severity
 from logparse.craft.frames import Vehicle
-from logparse.findings import Finding, Severity
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
 from logparse.foreign.consistency import check_motion

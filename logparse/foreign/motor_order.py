@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
 from logparse.foreign.differences import mean_over
 

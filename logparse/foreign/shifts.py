@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
+from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import ColumnMap
-from logparse.units import STANDARD_GRAVITY
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse.numerics.compiled import inner, njit
+from core.compiled import inner, njit
 
 # mypy: allow-untyped-decorators
 

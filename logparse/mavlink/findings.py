@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from logparse.findings import Finding, Severity
+from core.findings import Finding, Severity
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock
 from logparse.mavlink.scan import Scan

@@ -19,10 +19,10 @@ import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 
+from core.errors import LogError
+from core.findings import Finding
 from logparse.containers import Buffer
 from logparse.dataflash.format import clean_text
-from logparse.errors import LogError
-from logparse.findings import Finding
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock, find_boots, logger_clock
 from logparse.mavlink.dialect import definitions

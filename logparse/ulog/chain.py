@@ -9,8 +9,8 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
+from core.compiled import inner, njit
 from logparse.containers import Buffer
-from logparse.numerics.compiled import inner, njit
 
 _FILE_HEADER = 16
 #: Place of the offsets of appended data in the file and their number: they stand in the first message.

@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pandas as pd
 from pyulog import ULog
 
+from core.errors import LogError
+from core.findings import Finding, Severity
 from logparse.containers import Buffer
-from logparse.errors import LogError
-from logparse.findings import Finding, Severity
 from logparse.source import Boot
 from logparse.timebase import mend_times
 from logparse.ulog.chain import whole_messages

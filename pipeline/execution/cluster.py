@@ -18,8 +18,8 @@ from tempfile import NamedTemporaryFile, TemporaryFile
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
+from core.lazy import lazy
 from logparse import RotoridError
-from logparse.lazy import lazy
 from pipeline.execution.executors import WorkerDiedError
 from pipeline.names import is_url
 from pipeline.storage.manifest import installed as software

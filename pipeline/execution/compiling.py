@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
+import core._spline_kernels as splines
 import estimation._kernels as filter_and_smoother
 import estimation._splines as imu_splines
 import logparse.dataflash._decode as dataflash
-import logparse.numerics._spline_kernels as splines
 import sysid.frequency._window_kernels as windows
 import sysid.records._filter_kernels as filters
 import sysid.records._resampling_kernels as resampling
@@ -19,7 +19,7 @@ import sysid.rigid_body.conditions._carry_kernels as carrying
 import sysid.rigid_body.methods._gust_kernels as gusts
 import sysid.rigid_body.motion._rigid_kernels as rigid_body
 import sysid.transfer_functions._kernels as transfer_functions
-from logparse.numerics.compiled import can_be_kept, compile_ahead, is_kept
+from core.compiled import can_be_kept, compile_ahead, is_kept
 from pipeline.execution import second
 from pipeline.execution.stages import Progress, silent
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from logparse.lazy import lazy
+from core.lazy import lazy
 from pipeline.execution.stages import Progress, overall
 from pipeline.names import file_name
 

@@ -17,7 +17,7 @@ from pathlib import Path, PurePath
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from logparse.lazy import lazy
+from core.lazy import lazy
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done

@@ -6,8 +6,8 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
+from core.quantity import readable
 from logparse import Finding, Severity
-from logparse.presentation.quantity import readable
 from pipeline.flight.training import excitation, position_good
 from pipeline.results.coverage import Cell, Coverage, Distribution
 from pipeline.results.entry import FlightEntry

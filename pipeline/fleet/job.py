@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from core.lazy import lazy
+from core.serialization import plain
 from logparse import LogError, RotoridError
-from logparse.lazy import lazy
-from logparse.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
 from pipeline.fleet.current import stored_flights

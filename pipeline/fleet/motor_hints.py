@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from core.serialization import plain
 from logparse import Finding
-from logparse.serialization import plain
 from pipeline.fleet.job import show_anew
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.results.entry import FlightEntry

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from logparse.presentation.summary import Summarised, listed
+from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import GroupResult, LogFailure

@@ -18,8 +18,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from core.quantity import uncertain
 from logparse import Severity
-from logparse.presentation.quantity import uncertain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA, FEWEST
 from pipeline.fleet.meta_analysis import holm, meta_regression

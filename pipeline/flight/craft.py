@@ -10,8 +10,8 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
+from core.lazy import lazy
 from logparse import Finding, Severity
-from logparse.lazy import lazy
 
 if TYPE_CHECKING:
     import numpy as np

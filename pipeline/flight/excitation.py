@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from logparse.units import STANDARD_GRAVITY
 from pipeline.results.coverage import AxisExcitation, Excitation, Linearity
 from sysid.records.context import resample_frame
 from sysid.records.excitation import Coherence

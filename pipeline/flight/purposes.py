@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from logparse.numerics.recent import Recent
+from core.recent import Recent
 from pipeline.results.verdict import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
 from sysid.validation.assessment import MARGIN
 

@@ -13,8 +13,8 @@ import pandas as pd
 import estimation
 import logparse
 import sysid
+from core.serialization import from_json
 from logparse import MissingDataError, RotoridError, Vehicle
-from logparse.serialization import from_json
 from pipeline.errors import ConfigError
 from pipeline.execution.stages import Progress, silent
 from pipeline.flight.kinds import KINDS

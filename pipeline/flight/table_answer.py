@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from core.quantity import counted
 from logparse import Finding, Severity
-from logparse.presentation.quantity import counted
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof.model import SixDofModel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from logparse.presentation.quantity import joined
+from core.quantity import joined
 from pipeline.flight.purposes import SHORTEST_JUDGE, free_run_use
 from pipeline.results.verdict import PredictionUse, Trust, Verdict
 

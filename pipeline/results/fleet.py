@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from logparse.presentation.summary import Summarised, listed
+from core.summary import Summarised, listed
 from pipeline.names import file_name
 from pipeline.results.failure import Failure, reasons
 

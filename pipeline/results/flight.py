@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from logparse.presentation.summary import Summarised, listed
+from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.failure import Failure, findings_of, present, reasons
 from pipeline.results.span import Span

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from core.parameter import Parameter
     from logparse import FlightEvent
     from pipeline.results.span import Span
-    from sysid.statistics.parameter import Parameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)

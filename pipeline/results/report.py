@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from core.parameter import Parameter
 from logparse import Finding, FlightEvent, Severity, Vehicle
 from pipeline.config import AnalysisConfig
 from pipeline.results.advice import Advice
@@ -28,7 +29,6 @@ from pipeline.results.rotation_report import RotationReport
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
 from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
-from sysid.statistics.parameter import Parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

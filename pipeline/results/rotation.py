@@ -24,12 +24,12 @@ from pipeline.results.rotation_report import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from core.parameter import Parameter
     from logparse import Finding
     from sysid.frequency.coupling import Coupling
     from sysid.frequency.response import FrequencyResponse
     from sysid.frequency.time_domain import Verification
     from sysid.loops.loop import Margins
-    from sysid.statistics.parameter import Parameter
 
 #: Margins that a loop should have (MIL-F-9490D, table III: 6 dB and 45 deg), dB and deg.
 LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 45.0

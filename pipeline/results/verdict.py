@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from logparse.presentation.quantity import joined
+from core.quantity import joined
 
 #: An axis whose free run errs by so many times the error of always predicting the mean makes the whole run useless.
 FAR = 1.5

@@ -20,7 +20,7 @@ from pipeline.results.flight import FlightResult
 from pipeline.storage.store import RESULT, Store
 
 #: Packages whose classes a result is made of.
-_OWN = ("logparse", "estimation", "sysid", "pipeline")
+_OWN = ("core", "logparse", "estimation", "sysid", "pipeline")
 
 #: What else a result is made of: arrays, tables, times and paths.
 _FOREIGN = {

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from logparse.serialization import plain
+from core.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import GroupEntry
 from pipeline.results.fleet import LogFailure
@@ -33,7 +33,7 @@ MANIFEST = "manifest.json"
 FLIGHTS, CRAFTS = "flights", "crafts"
 
 #: Packages that numbers come from, and those that show them.
-_ANALYSIS, _PRESENTATION = ("logparse", "estimation", "sysid", "pipeline"), ("reports",)
+_ANALYSIS, _PRESENTATION = ("core", "logparse", "estimation", "sysid", "pipeline"), ("reports",)
 
 _SOURCES = (".py", ".html", ".css", ".js", ".json")
 

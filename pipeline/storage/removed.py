@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from logparse.lazy import lazy
+from core.lazy import lazy
 from pipeline.names import flight_folder
 from pipeline.storage.manifest import FLIGHTS, LogRecord
 from pipeline.storage.store import ENTRY, Store

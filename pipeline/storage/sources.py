@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from logparse.lazy import lazy
+from core.lazy import lazy
 from pipeline.names import file_name, is_url
 from pipeline.results.fleet import LogFailure
 from pipeline.storage.store import as_os_error

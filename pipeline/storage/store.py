@@ -22,8 +22,8 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
-from logparse.lazy import lazy
-from logparse.serialization import plain, restored
+from core.lazy import lazy
+from core.serialization import plain, restored
 
 if TYPE_CHECKING:
     import fcntl

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from logparse.presentation.quantity import per_degree
+from core.quantity import per_degree
 from pipeline.results.envelope import Envelope, FlightWind, RangeFlown
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, plotly_text
 

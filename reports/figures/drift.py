@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from logparse.presentation.quantity import per_degree, with_unit
+from core.quantity import per_degree, with_unit
 from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, plotly_text

@@ -10,8 +10,8 @@ import pandas as pd
 import pymap3d
 from numpy.typing import NDArray
 
+from core.quantity import uncertain
 from logparse import Geodetic
-from logparse.presentation.quantity import uncertain
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span

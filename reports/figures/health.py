@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from logparse.presentation.quantity import joined, number, uncertain
+from core.parameter import Parameter
+from core.quantity import joined, number, uncertain
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
@@ -25,7 +26,6 @@ from reports.figures.figure import (
     plotly_text,
     time_axis,
 )
-from sysid.statistics.parameter import Parameter
 
 #: Unit shown and factor, by the unit kept.
 _SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 from scipy.io import loadmat, savemat
 
+from core.serialization import as_json, cleaned, from_json
 from logparse import Finding
-from logparse.serialization import as_json, cleaned, from_json
 from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
 from pipeline.results.fleet import LogFailure

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from logparse.presentation.quantity import counted, uncertain
-from logparse.presentation.table import Row, Table, escaped
+from core.quantity import counted, uncertain
+from core.table import Row, Table, escaped
 from pipeline.results.report import CraftReport, FleetReport
 from reports.views import fleet as fleet_views
 from reports.views import summary

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from logparse.presentation.cells import as_cell
-from logparse.serialization import as_json
+from core.cells import as_cell
+from core.serialization import as_json
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from logparse.presentation.cells import as_cell
+from core.cells import as_cell
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from logparse.presentation.table import Table
+from core.table import Table
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from logparse.presentation.quantity import number, uncertain
+from core.quantity import number, uncertain
 from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.names import printable

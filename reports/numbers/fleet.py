@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from core.findings import WORST_FIRST
+from core.serialization import lessened
 from logparse import Finding
-from logparse.findings import WORST_FIRST
-from logparse.serialization import lessened
 from pipeline.results.report import CommonFinding, FlightInShort, FlightReport
 
 

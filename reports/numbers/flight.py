@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from logparse.findings import WORST_FIRST
-from logparse.serialization import cleaned
+from core.findings import WORST_FIRST
+from core.serialization import cleaned
 from pipeline.flight.excitation import BAND, in_band
 from pipeline.flight.purposes import uses_of
 from pipeline.flight.verdict import assess, summarise

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from logparse.serialization import cleaned
+from core.serialization import cleaned
 from pipeline.results.rotation import margins_report
 from pipeline.results.rotation_report import MarginsReport, Numbers
 from sysid.loops.loop import RateLoop

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from logparse.serialization import restored
+from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.report import FleetReport, FlightReport
 

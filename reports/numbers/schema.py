@@ -74,4 +74,4 @@ def _comments(kind: type) -> dict[str, str]:
 
 
 #: Packages of our own.
-_OWN = ("logparse", "pipeline", "sysid")
+_OWN = ("core", "logparse", "pipeline", "sysid")

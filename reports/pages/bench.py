@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from core.quantity import number, uncertain
+from core.table import Row, Table
 from logparse import Finding
-from logparse.presentation.quantity import number, uncertain
-from logparse.presentation.table import Row, Table
 from reports.figures.figure import Figure, Trace, layout_of
 from reports.pages.html import render
 from sysid.bench.stand import Bench

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from logparse.presentation.quantity import counted, number, uncertain
-from logparse.presentation.table import Row, Table, escaped
+from core.quantity import counted, number, uncertain
+from core.table import Row, Table, escaped
 from reports.figures.figure import Figure, layout_of
 from reports.numbers.comparison import Comparison, Facts, Pair, change
 from reports.pages.html import render

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from core.quantity import counted, per_degree, uncertain, with_unit
+from core.table import Row, Table
 from logparse import Finding
-from logparse.presentation.quantity import counted, per_degree, uncertain, with_unit
-from logparse.presentation.table import Row, Table
 from pipeline.results.craft_review import CraftReview, Note
 from reports.figures.drift import drift_figures
 from reports.figures.figure import Figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from logparse.presentation.table import Table
+from core.table import Table
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.coverage import coverage_figures
 from reports.figures.drift import drift_figures

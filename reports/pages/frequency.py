@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from rich.console import RenderableType
 
+from core.table import Table
 from logparse import Finding
-from logparse.presentation.table import Table
 from pipeline.flight.rotation import curve_of, turning_of
 from reports.figures.figure import Figure
 from reports.figures.frequency import pole_figure, response_overlays

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import jinja2
 from markupsafe import Markup, escape
 
-from logparse.presentation.table import Table
+from core.table import Table
 from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport

@@ -10,8 +10,8 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup
 
-from logparse.presentation.quantity import uncertain
-from logparse.serialization import as_json
+from core.quantity import uncertain
+from core.serialization import as_json
 from reports.numbers.loops import tuning_report
 from reports.views.rotation import TITLES
 from sysid.loops.loop import MARGINS, Margins, RateLoop

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from core.quantity import counted, uncertain
 from logparse import Finding, Vehicle
-from logparse.presentation.quantity import counted, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.model_report import ParameterRow
 from reports.numbers.flight import parameter_rows

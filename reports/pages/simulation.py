@@ -11,7 +11,7 @@ from typing import Protocol
 
 import pandas as pd
 
-from logparse.presentation.table import Table
+from core.table import Table
 from reports.figures.figure import Figure, layout_of, line
 from reports.pages.html import render
 

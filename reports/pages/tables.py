@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.quantity import number, uncertain
+from core.table import Row, Table
 from logparse import Finding
-from logparse.presentation.quantity import number, uncertain
-from logparse.presentation.table import Row, Table
 from pipeline.results.tables import TableResult
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, line, time_axis
 from reports.pages.html import render

@@ -6,10 +6,10 @@ from math import isfinite
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from core.quantity import duration, number
+from core.table import Cell, Row, Table
 from logparse import Finding
 from logparse.inspection import Inspection, MessageSummary, TableSummary
-from logparse.presentation.quantity import duration, number
-from logparse.presentation.table import Cell, Row, Table
 from reports.views import log_words
 
 _TONES = {"error": "bad", "warning": "care", "info": "unknown"}

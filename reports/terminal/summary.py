@@ -8,8 +8,8 @@ from textwrap import shorten
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from logparse.presentation.quantity import column, joined, number, uncertain
-from logparse.presentation.table import TONES, Cell, Row, Table
+from core.quantity import column, joined, number, uncertain
+from core.table import TONES, Cell, Row, Table
 from pipeline.results.answer import Answer
 from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport

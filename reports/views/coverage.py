@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from logparse.presentation.quantity import alike, number, per_degree
-from logparse.presentation.table import Row, Table
+from core.quantity import alike, number, per_degree
+from core.table import Row, Table
 from pipeline.results.coverage import Coverage
 from pipeline.results.envelope import Envelope, RangeFlown
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from core.quantity import column, counted, number
+from core.table import Row, Table
 from logparse import Finding, Vehicle
-from logparse.presentation.quantity import column, counted, number
-from logparse.presentation.table import Row, Table
 from pipeline.results.advice import Advice
 from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport

@@ -3,8 +3,8 @@
 import math
 from dataclasses import fields
 
+from core.quantity import duration, number, size
 from logparse import Vehicle
-from logparse.presentation.quantity import duration, number, size
 from pipeline.config import AnalysisConfig
 from pipeline.results.report import FlightReport, LogReport, OriginReport, TrajectoryReport
 from reports.views import summary

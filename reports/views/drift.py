@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from logparse.presentation.quantity import number, per_degree, uncertain, with_unit
-from logparse.presentation.table import Row, Table
+from core.quantity import number, per_degree, uncertain, with_unit
+from core.table import Row, Table
 from pipeline.results.drift import Drift
 from reports.views import summary
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
+from core.quantity import counted, duration, number
+from core.table import Row, Table
 from logparse import Severity
-from logparse.presentation.quantity import counted, duration, number
-from logparse.presentation.table import Row, Table
 from pipeline.results.model_report import ModelInShort
 from pipeline.results.report import FleetReport, FlightInShort
 from pipeline.results.verdict import Trust

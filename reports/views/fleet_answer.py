@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from logparse.presentation.quantity import counted, duration, number, uncertain
+from core.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort

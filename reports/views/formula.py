@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup, escape
 
-from logparse.presentation.quantity import MINUS, number
+from core.quantity import MINUS, number
 from sysid.transfer_functions.roots import DETERMINED
 
 #: Significant digits at most; the paper's table A1 has four.

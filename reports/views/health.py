@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from core.quantity import number
 from logparse import FlightEvent
-from logparse.presentation.quantity import number
 from pipeline.results.report import HealthReport
 
 #: Most events that the table shows; the rest is counted.

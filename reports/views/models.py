@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from core.quantity import MINUS, column, complex_numbers, counted, number, uncertain
+from core.table import Row, Table
 from logparse import Finding
-from logparse.presentation.quantity import MINUS, column, complex_numbers, counted, number, uncertain
-from logparse.presentation.table import Row, Table
 from pipeline.results.model_report import ModelReport
 from reports.views import summary
 from reports.views.formula import transfer_function

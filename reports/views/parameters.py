@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from logparse.presentation.quantity import column, joined, number, uncertain
-from logparse.presentation.table import Row, Table
+from core.quantity import column, joined, number, uncertain
+from core.table import Row, Table
 from pipeline.results.coverage import Linearity
 from pipeline.results.model_report import CoherenceReport, ModelReport, ParameterRow
 from reports.views import summary

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from core.parameter import Parameter
+from core.quantity import joined, uncertain
+from core.table import Row, Table
 from logparse import Finding
-from logparse.presentation.quantity import joined, uncertain
-from logparse.presentation.table import Row, Table
 from pipeline.results.rotation import AxisRotation, RotationResult
 from reports.figures.figure import Figure
 from reports.figures.frequency import bode_figure
 from sysid.frequency.coupling import Coupling
 from sysid.frequency.time_domain import GOOD_THEIL, UNRELATED
 from sysid.loops.loop import MARGINS, Margins
-from sysid.statistics.parameter import Parameter
 
 #: Names of margins as people say them.
 TITLES = {

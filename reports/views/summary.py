@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from logparse.presentation.quantity import duration, joined, number, size, uncertain
+from core.quantity import duration, joined, number, size, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.model_report import ModelInShort, ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut

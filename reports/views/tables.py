@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from logparse.presentation.quantity import column, duration, number
-from logparse.presentation.table import Row, Table
+from core.quantity import column, duration, number
+from core.table import Row, Table
 from pipeline.results.model_report import ByOutput, ModelReport, RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports.views import summary

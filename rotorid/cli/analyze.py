@@ -145,8 +145,8 @@ def analyze(
 
 def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfig, as_json: bool) -> None:
     """Analyse tables of other origin and write their report."""
+    from core.serialization import as_json as to_text
     from logparse.foreign.files import is_table
-    from logparse.serialization import as_json as to_text
     from pipeline.errors import ConfigError
     from pipeline.flight.table_analysis import analyze_tables
     from reports.pages.tables import tables_page
@@ -330,7 +330,7 @@ def _several_logs(
 
 def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> None:
     """Print what was found."""
-    from logparse.serialization import as_json as to_text
+    from core.serialization import as_json as to_text
     from pipeline.names import printable
     from reports.terminal import summary as terminal
 

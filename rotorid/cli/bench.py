@@ -43,7 +43,7 @@ def bench(
 
     Example: rotorid bench motor1.csv motor2.csv --weight 42.1 --voltage 15.2
     """
-    from logparse.serialization import as_json as strict_json
+    from core.serialization import as_json as strict_json
     from reports.pages.bench import bench_page
     from rotorid.cli.output import console
     from sysid.bench.stand import NoTrim, analyse_bench
@@ -70,7 +70,7 @@ def bench(
 
 
 def _summary(numbers: "BenchReport") -> str:
-    from logparse.presentation.quantity import uncertain
+    from core.quantity import uncertain
     from sysid.bench.stand import NoTrim
 
     lines = []

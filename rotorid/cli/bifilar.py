@@ -38,8 +38,8 @@ def bifilar(
 
     Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
     """
-    from logparse.presentation.quantity import number, uncertain
-    from logparse.serialization import as_json as strict_json
+    from core.quantity import number, uncertain
+    from core.serialization import as_json as strict_json
     from sysid.bench.pendulum import Threads, check_thread
     from sysid.bench.pendulum import bifilar as weigh
 

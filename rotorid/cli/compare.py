@@ -28,7 +28,7 @@ def compare(
 
     Example: rotorid analyze march --out before; rotorid analyze april --out after; rotorid compare before after
     """
-    from logparse.serialization import as_json as to_text
+    from core.serialization import as_json as to_text
     from reports.numbers.comparison import compare_reports
     from reports.numbers.reading import read_report
     from reports.pages.comparison import comparison_markdown, comparison_overview, comparison_page

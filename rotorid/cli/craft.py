@@ -13,7 +13,7 @@ from rotorid.cli.output import console, prepare
 if TYPE_CHECKING:
     import pandas as pd
 
-    from logparse.presentation.table import Table
+    from core.table import Table
 
 #: Samples per second: rotation needs more than the transfer functions' ten.
 RATE = 50.0
@@ -91,8 +91,8 @@ def craft(
 
 def _overview(found: pd.DataFrame) -> tuple[Table, list[str]]:
     """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
-    from logparse.presentation.quantity import uncertain
-    from logparse.presentation.table import Row, Table
+    from core.quantity import uncertain
+    from core.table import Row, Table
 
     rows: list[Row] = []
     notes: list[str] = []

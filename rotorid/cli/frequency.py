@@ -27,7 +27,7 @@ def frequency(
 
     Example: rotorid frequency chirps.bin sticks.bin --axis roll --out frequency
     """
-    from logparse.serialization import as_json as strict_json
+    from core.serialization import as_json as strict_json
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
     from reports.pages.frequency import frequency_page, sentences, terminal_table

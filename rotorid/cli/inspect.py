@@ -28,8 +28,8 @@ def inspect(
         # The numerical packages take a second to import: the terminal shows first that something happens.
         progress(f"reading {file_name(str(file))}", 0.0)
         import logparse
+        from core.serialization import as_json as to_text
         from logparse.inspection import inspect as look_into
-        from logparse.serialization import as_json as to_text
 
         found = look_into(logparse.read_log(file, power_up(boot)) if flight is None else open_log(log))
     if as_json:

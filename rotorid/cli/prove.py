@@ -23,8 +23,8 @@ def prove(
 
     Example: rotorid prove before.bin after.bin
     """
-    from logparse.presentation.quantity import uncertain
-    from logparse.serialization import as_json as strict_json
+    from core.quantity import uncertain
+    from core.serialization import as_json as strict_json
     from reports.numbers.loops import proof_report
     from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare

@@ -23,8 +23,8 @@ def schema(
 
     Example: rotorid schema models > models.schema.json
     """
-    from logparse.catalogue import read_catalogue
-    from logparse.serialization import as_json
+    from core.catalogue import read_catalogue
+    from core.serialization import as_json
     from reports.numbers.schema import schema as schema_of
 
     typer.echo(

@@ -32,7 +32,7 @@ def tune(
 
     Example: rotorid tune FLIGHT.bin --out tuning
     """
-    from logparse.serialization import as_json as strict_json
+    from core.serialization import as_json as strict_json
     from reports.numbers.loops import tuning_report
     from reports.pages.loops import loops_page
     from rotorid.cli.output import prepare

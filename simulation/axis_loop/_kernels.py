@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.numerics.compiled import njit
+from core.compiled import njit
 from simulation.atmosphere import GRAVITY
 
 Floats = NDArray[np.float64]

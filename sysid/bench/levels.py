@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from core.parameter import Parameter
 from logparse import Finding, Severity
 from sysid.bench.table import NOISE
 from sysid.records.experiment import Floats
-from sysid.statistics.parameter import Parameter
 
 #: Voltages closer than this are one, V: what a pack sags by along a sweep is part of the test, not another test.
 APART = 0.5

@@ -16,8 +16,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
-from logparse.units import STANDARD_GRAVITY
 from sysid.bench.table import BenchError
 
 #: Difference between g by the simple pendulum and true g that asks for a look at the thread length.

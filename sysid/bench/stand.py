@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from core.parameter import Parameter
 from logparse import Finding, Severity, Vehicle
 from sysid.bench.levels import (
     Coefficients,
@@ -34,7 +35,6 @@ from sysid.bench.levels import (
 from sysid.bench.table import BenchError, BenchTable
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.statistics.parameter import Parameter
 
 #: How far outside the tested voltages lines are followed, in parts of the voltage.
 BEYOND = 0.02

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from core.units import STANDARD_GRAVITY
 from logparse import Finding, RotoridError, Severity
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 
 Flags = NDArray[np.bool_]

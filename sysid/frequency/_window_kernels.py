@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Int64s, Stack
+from core.compiled import njit
+from core.kernel_types import Int64s, Stack
 
 Floats = NDArray[np.float64]
 #: In single precision, which is as much as they hold.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from logparse.numerics.cubic_spline import cubic_spline
+from core.cubic_spline import cubic_spline
 from sysid.frequency.response import Floats
 from sysid.records.filtering import low_pass_taps
 

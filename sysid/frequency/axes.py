@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from core.summary import listed
 from logparse import RotoridError
-from logparse.presentation.summary import listed
 
 
 class FrequencyError(RotoridError):

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from core.parameter import Parameter
+from core.quantity import uncertain
+from core.units import quantity
 from logparse import FlightLog, GivenLogs, logs_of
 from logparse.canonical.series import wrap
 from logparse.craft.log_settings import Need, bit_to_set
-from logparse.presentation.quantity import uncertain
-from logparse.units import quantity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records
@@ -20,7 +21,6 @@ from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.flight_records import flight_span
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
-from sysid.statistics.parameter import Parameter
 
 #: Frequencies that are looked at, Hz.
 _BAND = (0.1, 20.0)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from core.parameter import Parameter
 from logparse import FlightLog
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.chirp_records import chirp_signal
@@ -22,7 +23,6 @@ from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.sources import signals_of
-from sysid.statistics.parameter import Parameter
 
 #: Independent measurements that an average needs.
 _FEWEST = 4.0

@@ -12,16 +12,16 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from core.lazy import lazy
+from core.parameter import Parameter
+from core.serialization import as_json
 from logparse import Finding
-from logparse.lazy import lazy
-from logparse.serialization import as_json
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 from sysid.frequency.time_domain import Verification
-from sysid.statistics.parameter import Parameter
 
 if TYPE_CHECKING:
     import control

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
+from core.parameter import Parameter
+from core.quantity import uncertain
+from core.summary import Summarised, listed
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
-from sysid.statistics.parameter import Parameter
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 FLOOR = 0.01

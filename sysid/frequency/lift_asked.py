@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from core.units import quantity
 from logparse import FlightLog
-from logparse.units import quantity
 from sysid.frequency.axes import HEIGHT_TARGET, PILOTS_THROTTLE, FrequencyError
 from sysid.frequency.response import Floats
 

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from core.units import quantity
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
-from logparse.units import quantity
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
 from sysid.frequency.records import Logged

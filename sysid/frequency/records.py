@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from core.cubic_spline import cubic_spline
 from logparse import FlightLog
-from logparse.numerics.cubic_spline import cubic_spline
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.response import Complex, Floats
 from sysid.records.experiment import Experiment

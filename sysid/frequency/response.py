@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from core.summary import Summarised
 from logparse import Finding
-from logparse.presentation.summary import Summarised
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

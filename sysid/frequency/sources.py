@@ -16,10 +16,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from core.cubic_spline import cubic_spline
+from core.recent import Recent
 from logparse import FlightLog, MissingDataError
 from logparse.craft.log_settings import Need, bit_to_set
-from logparse.numerics.cubic_spline import cubic_spline
-from logparse.numerics.recent import Recent
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.even_signals import EvenSignals, Further, OnClock, brought_evenly

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_toeplitz
 
+from core.parameter import Parameter
 from logparse import FlightLog, GivenLogs, logs_of
 from sysid.frequency.axes import AXES, FrequencyError, log_by_log
 from sysid.frequency.estimate import ordinary_record, records_of, response
@@ -19,7 +20,6 @@ from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
 from sysid.records.filtering import above
 from sysid.statistics.covariance import independent_samples
-from sysid.statistics.parameter import Parameter
 from sysid.statistics.residuals import ResidualTest, examine_residuals
 
 #: Order of the autoregression that whitens the remainder, and how often it is estimated anew.

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from core.parameter import Parameter
+from core.quantity import uncertain
+from core.summary import Summarised
 from logparse import GivenLogs, logs_of
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.autopilot import read_settings
@@ -18,7 +19,6 @@ from sysid.loops.margins import margins_of
 from sysid.loops.plant import Plant, plant_of
 from sysid.loops.settings import LoopSettings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
-from sysid.statistics.parameter import Parameter
 
 #: Part of the draws that an interval holds.
 CONFIDENCE = 0.95

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 
 #: MAVLink commands.
 _WAYPOINT, _TAKEOFF, _LAND, _SPEED, _DELAY = 16, 22, 21, 178, 93

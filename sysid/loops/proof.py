@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from core.parameter import Parameter
+from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from logparse.presentation.summary import Summarised, listed
 from sysid.loops.as_flown import contradiction
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError
@@ -19,7 +20,6 @@ from sysid.loops.responses import attitude_bandwidth, flown_fit
 from sysid.loops.safety import Aim
 from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
 from sysid.loops.settings import AXES
-from sysid.statistics.parameter import Parameter
 
 #: Parameters that change by themselves.
 _BY_THEMSELVES = (

@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from logparse.presentation.summary import Summarised, listed
 from sysid.loops.as_flown import contradiction, gyro_seen
 from sysid.loops.autopilot import read_settings
 from sysid.loops.errors import LoopError

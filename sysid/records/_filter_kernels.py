@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Matrix, Vector
+from core.compiled import njit
+from core.kernel_types import Matrix, Vector
 
 
 @njit(cache=True, nogil=True)

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from core.lazy import lazy
+from core.summary import Summarised, listed
 from logparse import Finding, RotoridError, Vehicle
-from logparse.lazy import lazy
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
 from sysid.records.flight_record import record_flight

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from core.cubic_spline import cubic_spline
 from logparse import Finding, Severity, Tables, Vehicle
-from logparse.numerics.cubic_spline import cubic_spline
 from sysid.records.arrays import Floats
 from sysid.records.mixer import expectation, factors_of
 from sysid.records.motor_scaling import curve, motor_commands

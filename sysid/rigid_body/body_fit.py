@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity, Vehicle
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.motor_scaling import motor_commands

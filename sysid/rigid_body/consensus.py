@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.quantity import uncertain
 from logparse import Finding, Severity
-from logparse.presentation.quantity import uncertain
 
 #: Methods that may be the headline, from the one that predicts best: the rigid body follows unseen flights, and knows
 #: wind and gusts. Left out are the mean of instants, which noise biases, and the rotor model, whose standard errors

@@ -26,10 +26,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from core.quantity import uncertain
+from core.serialization import plain, recorded, restored
+from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError, Vehicle
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
-from logparse.serialization import plain, recorded, restored
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
+from core.summary import Summarised, listed
 from logparse import Finding, RotoridError, Vehicle
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.motor_signals import unexplained

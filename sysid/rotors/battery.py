@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from core.parameter import Parameter
 from sysid.records.experiment import Floats
-from sysid.statistics.parameter import Parameter
 
 #: Fewest samples, and time over which noise may be correlated, s.
 _FEWEST, _MEMORY = 60, 3.0

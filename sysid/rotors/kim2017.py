@@ -24,10 +24,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from core.quantity import uncertain
+from core.summary import Summarised, listed
+from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_geometry import MotorGeometry, motor_geometry
 from sysid.records.motor_signals import too_slow, unexplained

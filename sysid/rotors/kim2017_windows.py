@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_geometry import MotorGeometry
 from sysid.records.motor_signals import EXPLAINED, motor_signals

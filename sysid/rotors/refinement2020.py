@@ -29,9 +29,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from core.quantity import uncertain
+from core.summary import Summarised, listed
 from logparse import Finding, Severity
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment, require_alike
 from sysid.records.motor_geometry import motor_geometry
 from sysid.records.motor_signals import motor_signals, too_slow, unexplained

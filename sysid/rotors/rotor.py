@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from core.parameter import Parameter
+from core.quantity import uncertain
+from core.summary import Summarised, listed
 from logparse import Finding, Severity, Vehicle
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import motor_commands
@@ -41,7 +42,6 @@ from sysid.rotors.thrust_regression import (
     uneven_motors,
     weak_motors,
 )
-from sysid.statistics.parameter import Parameter
 
 #: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
 WORSE = 1.2

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.quantity import uncertain
+from core.summary import Summarised, listed
+from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
-from logparse.presentation.quantity import uncertain
-from logparse.presentation.summary import Summarised, listed
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Matrix, Stack
+from core.compiled import njit
+from core.kernel_types import Matrix, Stack
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})

@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 from scipy.linalg import lstsq
 
+from core.summary import Summarised, listed
 from logparse import Finding, Severity
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.excitation import examine
 from sysid.records.experiment import (
     Experiment,

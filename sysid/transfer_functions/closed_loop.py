@@ -29,8 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from core.serialization import plain, recorded, restored
 from logparse import Finding, Severity
-from logparse.serialization import plain, recorded, restored
 from sysid.records.experiment import (
     Experiment,
     ExperimentError,

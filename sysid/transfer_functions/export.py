@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from core.lazy import lazy
 from logparse import RotoridError
-from logparse.lazy import lazy
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
 from sysid.transfer_functions.roots import DETERMINED
 from sysid.transfer_functions.transfer_function import TransferFunctionModel

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from core.serialization import plain, recorded, restored
+from core.summary import Summarised, listed
 from logparse import Finding
-from logparse.presentation.summary import Summarised, listed
-from logparse.serialization import plain, recorded, restored
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.model_record import FitRecord, FunctionRecord, TransferFunctionsRecord

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri as normal_ppf
 
+from core.summary import Summarised
 from logparse import Finding
-from logparse.presentation.summary import Summarised
 from sysid.records.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.statistics.residuals import LEVEL, ResidualTest, examine_residuals

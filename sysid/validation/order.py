@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from core.serialization import plain, restored
+from core.summary import Summarised, listed
 from logparse import Finding, Severity
-from logparse.presentation.summary import Summarised, listed
-from logparse.serialization import plain, restored
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
-from logparse.presentation.summary import Summarised
-from logparse.presentation.table import Table
+from core.summary import Summarised
+from core.table import Table
 from sysid.records.experiment import Experiment, require_alike
 from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.six_dof.shooting import state_errors

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from api.work import flown
 from api.work.worker import Progress, Task
+from core.serialization import as_json
 from logparse import LogError
-from logparse.serialization import as_json
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.entry import FlightParameter
 from pipeline.results.report import FleetReport, FlightReport

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from api.work.found import Found, read_found
-from logparse.serialization import as_json
+from core.serialization import as_json
 from pipeline.results.report import FleetReport
 from tests.reports.made import made
 

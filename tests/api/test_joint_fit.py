@@ -7,7 +7,7 @@ import pytest
 from api.work.flown import read_flown
 from api.work.found import read_found
 from api.work.worker import Member, Task, analyze_logs
-from logparse.serialization import plain
+from core.serialization import plain
 from tests.api.programs import PROJECT
 
 SAMPLES = PROJECT / "sample_logs"

@@ -16,7 +16,7 @@ from api.machine.folder_library import FolderLibrary
 from api.machine.tools import Tools, UnknownError
 from api.work.craft_flights import keep
 from api.work.flown import Flown
-from logparse.serialization import as_json, plain
+from core.serialization import as_json, plain
 from pipeline.results.answer import AnswerLine, Tone
 from tests.api import flights, standins
 from tests.api.conftest import running

@@ -12,7 +12,7 @@ from rotorid.cli.main import main
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 STEPS = re.findall(r"^\d+\. (.*(?:\n   .*)*)", PAGE, re.MULTILINE)
-NAME = re.compile(r"`((?:rotorid|pipeline|logparse|estimation|sysid|reports)\.[\w.]+)`")
+NAME = re.compile(r"`((?:rotorid|pipeline|core|logparse|estimation|sysid|reports)\.[\w.]+)`")
 NAMES = sorted(set(NAME.findall(PAGE)))
 
 

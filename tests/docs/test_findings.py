@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from logparse.catalogue import read_catalogue
+from core.catalogue import read_catalogue
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "api")
+PACKAGES = ("core", "logparse", "estimation", "sysid", "pipeline", "reports", "api")
 #: Classes whose `id` is such a name.
 GIVERS = ("Finding", "FlightEvent")
 NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
@@ -77,14 +77,14 @@ def explained() -> dict[str, frozenset[str]]:
 
 def test_every_finding_is_explained():
     names, patterns = given()
-    assert names - set(explained()) == set(), "add these to logparse/findings.toml"
+    assert names - set(explained()) == set(), "add these to core/findings.toml"
     assert {pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in explained())} == set()
 
 
 def test_nothing_is_explained_that_no_package_raises():
     names, patterns = given()
     stale = {name for name in set(explained()) - names if not any(re.fullmatch(each, name) for each in patterns)}
-    assert stale == set(), "take these out of logparse/findings.toml"
+    assert stale == set(), "take these out of core/findings.toml"
 
 
 def test_every_severity_that_is_raised_is_in_the_catalogue():

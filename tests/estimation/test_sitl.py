@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat, quat_from_euler
 from logparse import read_log
-from logparse.units import STANDARD_GRAVITY
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
 MEASURES = {

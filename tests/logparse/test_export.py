@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
 
+from core.errors import RotoridError
 from logparse import read_log
-from logparse.errors import RotoridError
 from logparse.export import export
 from logparse.tables import Tables
 

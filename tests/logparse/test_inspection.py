@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from core.serialization import plain
 from logparse import read_log
 from logparse.craft.vehicle import describe
 from logparse.flights import find_flights
 from logparse.inspection import inspect
-from logparse.serialization import plain
 from logparse.source import Boot
 from tests.logparse.builders import tables_of
 

@@ -10,9 +10,9 @@ import pandas as pd
 import pymap3d
 import pytest
 
+from core.errors import LogError
 from logparse import health, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
-from logparse.errors import LogError
 from logparse.tables import COLUMNS
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"

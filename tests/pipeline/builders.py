@@ -6,6 +6,7 @@ from math import pi
 
 import numpy as np
 
+from core.parameter import Parameter
 from logparse import Vehicle
 from logparse.craft.frames import motor_table
 from pipeline.flight.coverage import distribution
@@ -16,7 +17,6 @@ from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins,
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.loop import Margins
-from sysid.statistics.parameter import Parameter
 from tests.pipeline.coverages import coverage_of
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from logparse.serialization import plain, restored
+from core.serialization import plain, restored
 from pipeline.results.coverage import Coverage
 
 _AXIS = {"rms": 0.3, "unit": "rad/s", "command_std": 0.02, "word": "strong"}

@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from core.serialization import plain
 from logparse import Finding, Severity
 from logparse.craft.frames import Vehicle
 from logparse.craft.log_settings import Need, bits_of, log_setting
-from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import BRINGS

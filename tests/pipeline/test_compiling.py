@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 MODULE = """
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Vector
+from core.compiled import njit
+from core.kernel_types import Vector
 
 @njit(cache=True)
 def total(values: Vector, start: float) -> float:
@@ -28,7 +28,7 @@ COMPILE = """
 import resource, sys
 import numpy as np
 from loops import broken, most, total
-from logparse.numerics.compiled import is_kept
+from core.compiled import is_kept
 from pipeline.execution.compiling import compile_missing
 
 heard = []

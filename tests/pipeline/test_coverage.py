@@ -9,7 +9,7 @@ import pytest
 
 import estimation
 import logparse
-from logparse.serialization import plain, restored
+from core.serialization import plain, restored
 from pipeline.flight.coverage import measure
 from pipeline.flight.excitation import word_of
 from pipeline.results.coverage import QUANTITIES, Coverage

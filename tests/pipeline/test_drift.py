@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
+from core.serialization import plain
 from logparse.craft.frames import motor_table
-from logparse.serialization import plain
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA
 from pipeline.results.drift import Step, Trend

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
+from core.serialization import as_json, plain, restored
 from logparse import Finding, Severity
-from logparse.serialization import as_json, plain, restored
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.failure import Failure
@@ -32,7 +32,7 @@ def test_a_flight_survives_json():
 #: Eight threads that read the same entry before anybody read one.
 TOGETHER = """
 import json, sys, threading
-from logparse.serialization import restored
+from core.serialization import restored
 from pipeline.results.entry import FlightEntry
 content, gate = json.load(sys.stdin), threading.Barrier(8)
 sys.setswitchinterval(1e-6)

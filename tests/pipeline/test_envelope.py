@@ -6,8 +6,8 @@ from math import pi
 
 import numpy as np
 
-from logparse.presentation.quantity import readable
-from logparse.serialization import plain
+from core.quantity import readable
+from core.serialization import plain
 from pipeline.fleet.envelope import envelope
 from tests.pipeline.builders import covering, flown
 from tests.pipeline.coverages import coverage_of

@@ -8,8 +8,8 @@ import pytest
 
 import reports
 import sysid
+from core.serialization import plain
 from logparse import RotoridError
-from logparse.serialization import plain
 from pipeline.errors import ConfigError
 from pipeline.flight.replay import Trim, choose, load_models, replay
 from reports import write_replay

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from logparse.serialization import as_json
+from core.serialization import as_json
 from pipeline.config import AnalysisConfig
 from pipeline.errors import ConfigError
 from pipeline.flight.table_analysis import analyze_tables

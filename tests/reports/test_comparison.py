@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from logparse.serialization import as_json
+from core.serialization import as_json
 from pipeline.errors import ConfigError
 from pipeline.results.report import FleetReport
 from reports.numbers.comparison import SIGNIFICANCE, change, compare_reports

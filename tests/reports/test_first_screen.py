@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from core.parameter import Parameter
 from logparse import FlightEvent, Severity, Vehicle
 from pipeline.flight.answer import compose_answer
 from pipeline.results.answer import Picture, Tone
@@ -32,7 +33,6 @@ from reports.views.summary import answer_lines
 from sysid import Experiment, fit_thrust
 from sysid.loops.loop import Margins
 from sysid.records.motor_scaling import motor_commands
-from sysid.statistics.parameter import Parameter
 from tests.pipeline.coverages import coverage_of
 from tests.reports.made import made
 

@@ -17,9 +17,9 @@ from markupsafe import escape
 from scipy.io import loadmat
 
 import reports
+from core.quantity import column
+from core.serialization import plain
 from logparse import Finding, Severity
-from logparse.presentation.quantity import column
-from logparse.serialization import plain
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.model_report import RmseRow

@@ -1,6 +1,6 @@
 """A tuning's file and page, where nothing could be tuned: they say why, and what a log wrote stays text."""
 
-from logparse.serialization import as_json, from_json
+from core.serialization import as_json, from_json
 from reports.numbers.loops import TuningReport, tuning_report
 from reports.pages.loops import loops_page
 from sysid.loops.safety import Aim

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from logparse.presentation.quantity import (
+from core.quantity import (
     NOT_DETERMINED,
     alike,
     column,

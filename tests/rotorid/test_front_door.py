@@ -16,8 +16,8 @@ import estimation
 import pipeline
 import rotorid as ro
 import sysid
+from core.summary import Summarised
 from logparse import RotoridError
-from logparse.presentation.summary import Summarised
 from pipeline.errors import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
 

@@ -38,14 +38,14 @@ import pipeline
 
 pipeline.analyze({str(SAMPLE)!r})
 print(*sys.modules)
-from logparse.numerics.compiled import argument_types
+from core.compiled import argument_types
 from pipeline.execution.compiling import KERNELS
 
 foreseen = {{(kernel.py_func, argument_types(kernel)) for kernel in KERNELS}}
 kernels = [
     value
     for name, module in list(sys.modules.items())
-    if name.split(".")[0] in ("logparse", "estimation", "sysid", "pipeline", "simulation")
+    if name.split(".")[0] in ("core", "logparse", "estimation", "sysid", "pipeline", "simulation")
     for value in vars(module).values()
     if type(value).__name__ == "CPUDispatcher"
 ]

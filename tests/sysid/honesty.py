@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 from simulation.vehicle import Multirotor
 from sysid import Experiment, PhysicalParameters, RigidBodyModel
 from sysid.records.motor_scaling import motor_commands

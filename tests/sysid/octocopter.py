@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import fit_rigid_body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim
 
-from logparse.serialization import plain
+from core.serialization import plain
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
 from sysid.transfer_functions.closed_loop import complementary
 from sysid.transfer_functions.transfer_function import TransferFunction

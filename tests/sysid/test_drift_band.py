@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from logparse.serialization import plain
+from core.serialization import plain
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from logparse.serialization import as_json, from_json
+from core.serialization import as_json, from_json
 from sysid import TransferFunctionModel, fit_transfer_functions
 from sysid.transfer_functions.export import ExportError, coefficients, to_control, write_mat
 from sysid.transfer_functions.model_record import TransferFunctionsRecord

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.serialization import as_json, from_json
+from core.serialization import as_json, from_json
 from sysid import Experiment, ExperimentError, scan_orders
 from sysid.validation.order import recommend
 from sysid.validation.report import OrdersReport

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from core.serialization import as_json
 from logparse import RotoridError
-from logparse.serialization import as_json
 from sysid import Experiment, ExperimentError, fit_transfer_functions
 from sysid.records.experiment import horizon_steps
 from tests.sysid.simulated import TRUE, motion, simulated_record

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from core.serialization import as_json
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from logparse.serialization import as_json
-from logparse.units import STANDARD_GRAVITY
 from simulation.papers.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter, lsim
 
-from logparse.serialization import as_json, from_json
+from core.serialization import as_json, from_json
 from sysid import Experiment, fit_transfer_functions
 from sysid.transfer_functions.model_record import TransferFunctionsRecord
 from sysid.transfer_functions.transfer_function import TransferFunctionModel

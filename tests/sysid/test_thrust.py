@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.serialization import as_json, cleaned
 from logparse import MissingDataError
 from logparse.craft.frames import motor_table
-from logparse.serialization import as_json, cleaned
 from reports.views import summary
 from reports.views.models import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust

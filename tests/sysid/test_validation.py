@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from logparse.serialization import as_json, from_json
+from core.serialization import as_json, from_json
 from sysid import Experiment, ExperimentError, fit_transfer_functions, validate
 from sysid.validation.report import ValidationReport
 

@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from logparse.presentation.quantity import joined, readable
+from core.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.advice import Advice, having, names_of
 from pipeline.results.split import Exclusion

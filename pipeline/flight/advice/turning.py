@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING
 
+from core.quantity import joined
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of
-from logparse.presentation.quantity import joined
 from pipeline.results.advice import Advice
 from pipeline.results.failure import Failure
 from sysid.frequency.axes import SID_AXES

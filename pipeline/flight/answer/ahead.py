@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from logparse.presentation.quantity import number
+from core.quantity import number
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import AnswerLine, Tone

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from logparse.presentation.quantity import duration, uncertain
+from core.quantity import duration, uncertain
 from pipeline.flight.answer.words import brief
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from logparse.presentation.quantity import joined, number
+from core.quantity import joined, number
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure

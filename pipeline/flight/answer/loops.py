@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from logparse.presentation.quantity import uncertain
+from core.quantity import uncertain
 from pipeline.flight.answer.words import brief
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure, present

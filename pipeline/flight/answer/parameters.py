@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from logparse.presentation.quantity import uncertain
+from core.quantity import uncertain
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure

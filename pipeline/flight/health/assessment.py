@@ -6,8 +6,9 @@ from functools import cache, partial
 
 import numpy as np
 
+from core.parameter import Parameter
+from core.quantity import joined
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
-from logparse.presentation.quantity import joined
 from pipeline.flight.health.signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
@@ -15,7 +16,6 @@ from sysid.rotors.battery import sag_resistance
 from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
 from sysid.rotors.motor_loss import MotorLoss, find_motor_losses, read_moments
 from sysid.rotors.motor_order import find_order_change
-from sysid.statistics.parameter import Parameter
 
 #: Events after which the craft is no longer the one to model.
 _EXCHANGED = "motor-order-changed"

@@ -6,8 +6,8 @@ from math import log
 
 import numpy as np
 
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Matrix, Stack, Vector
+from core.compiled import njit
+from core.kernel_types import Matrix, Stack, Vector
 
 
 @njit(cache=True, nogil=True)

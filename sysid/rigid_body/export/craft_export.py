@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from core.serialization import as_json
 from logparse import Finding, MissingDataError, Severity
-from logparse.serialization import as_json
 from sysid.rigid_body.export.frame_json import frame_json
 from sysid.rigid_body.export.hover import HoverModel, HoverRecord, hover_model
 from sysid.rigid_body.model import RigidBodyModel

@@ -24,8 +24,8 @@ from pathlib import Path
 
 import scipy
 
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel
 

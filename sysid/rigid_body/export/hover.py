@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from core.summary import Summarised, listed
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from logparse.presentation.summary import Summarised, listed
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import command_for
 from sysid.rigid_body.model import RigidBodyModel

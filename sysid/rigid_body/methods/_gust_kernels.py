@@ -6,8 +6,8 @@ from math import exp, log, sqrt
 
 import numpy as np
 
-from logparse.numerics.compiled import njit
-from logparse.numerics.kernel_types import Matrix
+from core.compiled import njit
+from core.kernel_types import Matrix
 
 #: Variance of what is not known of the first velocity, (m/s)^2.
 _FIRST = 1e4

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.rigid_body.methods.filter_error import FilterErrorFit
 from sysid.rigid_body.methods.output_error import flight_slice

@@ -15,9 +15,9 @@ from math import exp, log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.numerics.compiled import inner, njit
-from logparse.numerics.kernel_types import Int64s, Matrix, Stack, Vector
-from logparse.units import STANDARD_GRAVITY
+from core.compiled import inner, njit
+from core.kernel_types import Int64s, Matrix, Stack, Vector
+from core.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 

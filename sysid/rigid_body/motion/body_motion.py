@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from core.recent import Recent
+from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError, Vehicle
-from logparse.numerics.recent import Recent
-from logparse.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import logged_rate

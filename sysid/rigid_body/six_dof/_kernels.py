@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse.numerics.compiled import inner, njit
-from logparse.units import STANDARD_GRAVITY
+from core.compiled import inner, njit
+from core.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import PER_INPUT, SHARED, THETA, ahead

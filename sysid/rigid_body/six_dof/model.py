@@ -28,8 +28,8 @@ from typing import Literal
 
 import numpy as np
 
+from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError
-from logparse.presentation.summary import Summarised, listed
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from logparse.units import STANDARD_GRAVITY
+from core.units import STANDARD_GRAVITY
 from simulation.survey_quadcopter import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels

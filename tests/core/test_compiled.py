@@ -13,7 +13,7 @@ import pytest
 SOURCE = """
 import sys
 import numpy as np
-from logparse.numerics.compiled import inner, njit
+from core.compiled import inner, njit
 
 @inner()
 def _twice(x):
@@ -35,7 +35,7 @@ print(total(np.ones(3, dtype=sys.argv[1])), "numba.np.arrayobj" in sys.modules)
 STARTER = """
 import json, os, runpy, sys, traceback
 import numpy
-import logparse.numerics.compiled
+import core.compiled
 from numba.core import config
 
 for line in sys.stdin:

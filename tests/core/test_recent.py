@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from logparse.numerics.recent import Recent
+from core.recent import Recent
 
 
 def test_results_are_of_the_very_objects_they_were_made_of() -> None:

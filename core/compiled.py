@@ -33,7 +33,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.environment import Environment, lookup_environment
 from numba.core.runtime.nrt import rtsys
 
-from logparse.numerics.kernel_types import examples
+from core.kernel_types import examples
 
 F = TypeVar("F", bound=Callable[..., Any])
 

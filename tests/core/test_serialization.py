@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from logparse.serialization import as_json, cleaned, from_json, lessened, plain, recorded, restored
+from core.serialization import as_json, cleaned, from_json, lessened, plain, recorded, restored
 
 
 class Curve(msgspec.Struct, frozen=True, tag_field="kind", tag="curve"):

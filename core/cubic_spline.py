@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from logparse.numerics._spline_kernels import interpolated
+from core._spline_kernels import interpolated
 
 Floats = npt.NDArray[np.float64]
 

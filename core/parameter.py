@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from logparse.presentation.quantity import NOT_DETERMINED, uncertain
+from core.quantity import NOT_DETERMINED, uncertain
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Self
 
-from logparse.lazy import lazy
+from core.lazy import lazy
 
 if TYPE_CHECKING:
     import pandas as pd

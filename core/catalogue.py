@@ -4,8 +4,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from logparse.findings import Severity
-from logparse.serialization import restored
+from core.findings import Severity
+from core.serialization import restored
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 import pandas as pd
 from rich.console import Console
 
-from logparse.presentation.table import Cell, Row, Table
+from core.table import Cell, Row, Table
 
 TABLE = Table("model", ["error (m)", "use"], [Row("a|b", ["0.120", Cell("[yes]", "good")])], texts=[1])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from logparse.numerics.cubic_spline import cubic_spline
+from core.cubic_spline import cubic_spline
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 400])

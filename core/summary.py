@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from logparse.presentation.table import Row, Table
+from core.table import Row, Table
 
 #: Longest text of one entry; the rest is in the result's own fields.
 _LONGEST = 100

@@ -1,1 +1,0 @@
-"""Compiled functions and what they are made of; splines; results kept for a moment."""

@@ -1,1 +1,0 @@
-"""How results show themselves: numbers with units, tables, a few lines."""
