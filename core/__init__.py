@@ -1,1 +1,1 @@
-"""What every package needs: units, parameters, findings, tables and numbers for people, serialisation, compiled loops."""
+"""What all packages need: units, parameters, findings, tables and numbers for people, serialisation, compiled loops."""
