@@ -2,9 +2,10 @@
 
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from core.findings import Severity
+from core.findings import Finding, Severity
 from core.serialization import restored
 
 
@@ -12,7 +13,7 @@ from core.serialization import restored
 class Entry:
     """One line of the catalogue."""
 
-    ids: tuple[str, ...]  #: Names that mean the same, as `logparse.Finding.id` has them.
+    ids: tuple[str, ...]  #: Names that mean the same, as `core.findings.Finding.id` has them.
     severities: tuple[Severity, ...]  #: Which a log may give them, worst first.
     meaning: str
     advice: str
@@ -52,3 +53,48 @@ def read_catalogue() -> Catalogue:
     """Read the catalogue."""
     file = Path(__file__).parent / "findings.toml"
     return restored(tomllib.loads(file.read_text(encoding="utf-8")), Catalogue)
+
+
+@cache
+def _entries() -> dict[str, Entry]:
+    """Lines of the catalogue by the names of their findings."""
+    return {name: each for section in read_catalogue().sections for each in section.findings for name in each.ids}
+
+
+def finding(
+    name: str,
+    reason: str,
+    *,
+    t: float,
+    end: float | None = None,
+    severity: Severity | None = None,
+    advice: str | None = None,
+    **evidence: str | float | bool | None,
+) -> Finding:
+    """Raise a finding of something that happened at a time, with severity and advice as the catalogue has them.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the catalogue; a `KeyError` where the catalogue lacks it.
+    reason : str
+        What happened, in a sentence.
+    t, end : float
+        First and last moment, s on the log's boot clock.
+    severity : Severity, optional
+        The worst that the catalogue allows, by default.
+    advice : str, optional
+        That of the catalogue, by default.
+    **evidence
+        The numbers behind the sentence.
+    """
+    entry = _entries()[name]
+    return Finding(
+        id=name,
+        severity=entry.severities[0] if severity is None else severity,
+        reason=reason,
+        advice=entry.advice if advice is None else advice,
+        evidence=evidence,
+        t=t,
+        end=t if end is None else end,
+    )

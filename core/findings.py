@@ -1,4 +1,4 @@
-"""Verdicts on a log, a trajectory or a fit, as values: never a print, never a silent drop."""
+"""Verdicts on a log, a flight, a trajectory or a fit, as values: never a print, never a silent drop."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """How much a finding matters to the models that come out."""
+    """How much a finding matters."""
 
     INFO = "info"
     WARNING = "warning"
@@ -21,9 +21,18 @@ WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
 class Finding:
     """One thing that a reader of the result should know."""
 
-    id: str  #: Stable kebab-case name, such as ``"truncated-tail"``.
-    severity: Severity  #: How much it matters.
+    id: str  #: Stable kebab-case name, such as ``"truncated-tail"``; docs/findings.md explains each.
+    #: INFO for what a healthy flight has too, WARNING for what should be looked into, ERROR for what endangers.
+    severity: Severity
     reason: str  #: What was found, in a sentence for the person who must act.
     advice: str = ""  #: What to do about it; empty when there is nothing to do.
-    #: The numbers behind the reason (byte offsets, counts, seconds).
+    #: The numbers behind the reason (byte offsets, counts, seconds), SI units unless the name says otherwise.
     evidence: Mapping[str, str | int | float | bool | None] = field(default_factory=dict)
+    #: First and last moment of what happened in a flight, s on the log's boot clock; None for what has no time.
+    t: float | None = None
+    end: float | None = None
+
+    @property
+    def notable(self) -> bool:
+        """Whether a healthy flight has no such finding."""
+        return self.severity is not Severity.INFO

@@ -1,0 +1,223 @@
+"""The account of real flights against careful readings of the same logs, made by hand without rotorid.
+
+`python -m benchmarks real_logs --readings FILE --logs DIR` prints how many rows agree, by quantity, and below them
+every disagreement in a line. FILE is a table like ../shared/logs/real/readings.tsv (READINGS.md beside it explains the
+columns), DIR the folder of its logs. Rows count whose reader was sure (high or medium).
+"""
+
+import argparse
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import logparse
+from logparse.canonical.modes import COPTER_SUBSYSTEMS
+from pipeline.flight.account import tell
+from pipeline.results.account import Account
+from pipeline.results.span import Span
+
+NAMES = ("flights", "height", "speed", "crash", "motor", "gravest", "failsafes", "battery", "vibration")
+
+#: Happenings that a sentence of the readings names, by its words; a flight of which it says that nothing broke may also
+#: have none.
+WORDS: Mapping[str, tuple[str, ...]] = {
+    r"hard landing|hard touch|landed hard|bounc|bump|firm landing|touch-down \d+\.\d s \(\d+ m/s2\)": ("hard-landing",),
+    r"full by itself|gave full throttle": ("throttle-runaway", "height-estimate-wrong"),
+    r"swung|swings": ("control-lost", "oscillation"),
+    r"failsafe|low battery|battery": ("failsafe", "battery-low"),
+    r"GPS (speed )?jump|GPS glitch|GPS lost|GPS failsafe": ("gps-lost", "gps-glitch", "failsafe"),
+    r"accelerometer noise|vibration": ("vibration",),
+    r"climbed .*flew off": ("throttle-runaway", "control-lost"),
+    r"motor \d": ("motor-fault",),
+    r"yaw authority": ("yaw-lost",),
+}
+NOTHING = re.compile(
+    r"healthy|nothing (happened|broke)|no failure|without failure|without damage|landed normally", re.IGNORECASE
+)
+#: Texts of the readings for what a log says in words, by subsystem.
+TEXTS = {"Low Battery": 6, "EKF variance": 16}
+
+
+@dataclass(frozen=True)
+class Found:
+    """A flight as the account has it."""
+
+    name: str
+    account: Account
+
+    @property
+    def flight(self) -> Span:
+        assert self.account.flight is not None
+        return self.account.flight
+
+
+def number(row: Mapping[str, str], name: str) -> float | None:
+    """Return a number of the readings; None where it is blank."""
+    try:
+        return float(row.get(name) or "")
+    except ValueError:
+        return None
+
+
+def found_flights(path: Path) -> list[Found]:
+    """Return the account of every flight of a log."""
+    accounts = []
+    for log in logparse.read_flights(path):
+        if log.flight is not None:
+            accounts.append(Found(path.name, tell(log, Span(log.flight.start, log.flight.stop))))
+    return accounts
+
+
+def paired(rows: list[dict[str, str]], found: list[Found]) -> Iterator[tuple[dict[str, str], Found | None]]:
+    """Pair each reading of a flight with the nearest account, and none twice; flights share power-ups' clocks."""
+    left = list(found)
+    for row in rows:
+        start, stop = number(row, "takeoff_s"), number(row, "landing_s")
+
+        def off(each: Found, start: float | None = start, stop: float | None = stop) -> float:
+            ends = [abs(a - b) for a, b in ((start, each.flight.start), (stop, each.flight.stop)) if a is not None]
+            return max(ends) if ends else math.inf
+
+        def overlaps(each: Found, start: float | None = start, stop: float | None = stop) -> bool:
+            first, last = start if start is not None else -math.inf, stop if stop is not None else math.inf
+            return each.flight.start < last and each.flight.stop > first
+
+        near = min(filter(overlaps, left), key=off, default=None)
+        if near is not None:
+            left.remove(near)
+        yield row, near
+
+
+def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, str]]:
+    """Yield each quantity of a reading, whether the account agrees, and both in words."""
+    account, flight = found.account, found.flight
+    start, stop = number(row, "takeoff_s"), number(row, "landing_s")
+    ends = [(start, flight.start), (stop, flight.stop)]
+    off = [abs(read - ours) for read, ours in ends if read is not None]
+    yield "flights", max(off, default=0.0) <= 2.0, f"{start}-{stop} s read, {flight.start:.1f}-{flight.stop:.1f} s here"
+    credible = number(row, "height_baro_m") or number(row, "height_gps_m")
+    if (named := re.search(r"(GPS|estimator|autopilot)[^;:]* credible", row["note"])) and "not credible" not in named[
+        0
+    ]:
+        credible = number(row, "height_gps_m" if named[1] == "GPS" else "height_autopilot_m") or credible
+    if credible is not None:
+        ours = math.nan if account.height is None else account.height.value
+        yield "height", abs(ours - credible) <= max(1.0, 0.1 * credible), f"{credible} m read, {ours:.1f} m here"
+    if (speed := number(row, "ground_speed_gps_ms")) is not None:
+        ours = math.nan if account.ground_speed is None else account.ground_speed.value
+        yield "speed", abs(ours - speed) <= max(0.5, 0.1 * speed), f"{speed} m/s read, {ours:.1f} m/s here"
+    crash = next((each for each in account.happenings if each.id == "crash"), None)
+    if row["crash"] in ("yes", "no"):
+        agrees = (crash is not None) == (row["crash"] == "yes")
+        impact = number(row, "impact_s")
+        if crash is not None and agrees and impact is not None:
+            agrees = abs((crash.t or 0.0) - impact) <= 0.5
+        here = "none" if crash is None else f"at {crash.t:.1f} s"
+        yield "crash", agrees, f"{row['crash']} {impact or ''} read, {here} here"
+    faults = {str(each.evidence.get("motor")) for each in account.notable if each.id == "motor-fault"}
+    read = {row["motor_at_fault"]} - {""}
+    yield "motor", faults == read, f"{read or 'none'} read, {faults or 'none'} here"
+    yield "gravest", *gravest(row, account)
+    yield "failsafes", *failsafes(row, account, flight)
+    yield "battery", *battery(row, account)
+    if row["vibration_max"]:
+        worst = re.match(r"([\d.]+)", row["vibration_max"])
+        ours = math.nan if account.vibration is None else account.vibration.worst
+        value = float(worst[1]) if worst else math.nan
+        yield "vibration", abs(ours - value) <= max(0.05 * value, 0.2), f"{row['vibration_max']} read, {ours:.1f} here"
+
+
+def gravest(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
+    """Return whether the story has what the reader found gravest, or nothing where nothing happened."""
+    sentence = row["first_event"]
+    named = {each for words, ids in WORDS.items() if re.search(words, sentence, re.IGNORECASE) for each in ids}
+    if row["crash"] == "yes":
+        named = {"crash"} | (named & {"motor-fault"})
+    told = {each.id for each in account.story}
+    nothing = row["crash"] != "yes" and (NOTHING.search(sentence) is not None or not named)
+    agrees = bool(told & named) or (nothing and not told)
+    return agrees, f"read: {sentence[:90]} | here: {account.headline}"
+
+
+def failsafes(row: Mapping[str, str], account: Account, flight: Span) -> tuple[bool, str]:
+    """Return whether the account has the errors and failsafes that the reader decoded in the flight."""
+    read = set()
+    for t, subsystem, code in re.findall(r"(\d+\.\d) ERR (\d+)/(\d+)", row["other_events"]):
+        if code != "0" and flight.start - 0.5 <= float(t) <= flight.stop + 0.5:
+            read.add(COPTER_SUBSYSTEMS.get(int(subsystem), subsystem))
+    for text, subsystem in TEXTS.items():
+        for t in re.findall(rf"(\d+\.\d) {text}", row["other_events"]):
+            if flight.start - 0.5 <= float(t) <= flight.stop + 0.5:
+                read.add(COPTER_SUBSYSTEMS[subsystem])
+    ours = {
+        str(each.evidence["subsystem"])
+        for each in account.notable
+        if each.id in ("failsafe", "autopilot-error") and each.evidence["subsystem"] in COPTER_SUBSYSTEMS.values()
+    }
+    return ours == read, f"{sorted(read) or 'none'} read, {sorted(ours) or 'none'} here"
+
+
+def battery(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
+    """Return whether the voltages agree to 0.15 V or 1.5 %, or both say that none was measured."""
+    read = [number(row, f"battery_{name}_V") for name in ("start", "end", "min")]
+    if all(each is None for each in read):
+        return account.battery is None, f"none read, {account.battery} here"
+    if account.battery is None:
+        return False, f"{read} read, none here"
+    ours = [account.battery.start, account.battery.end, account.battery.lowest]
+    agrees = all(a is None or abs(a - b) <= max(0.15, 0.015 * a) for a, b in zip(read, ours, strict=True))
+    return agrees, f"{read} V read, {[round(each, 2) for each in ours]} V here"
+
+
+def main(given: list[str]) -> int:
+    """Compare and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks real_logs", description=__doc__)
+    shared = Path("../shared/logs/real")
+    parser.add_argument("--readings", type=Path, default=shared / "readings.tsv")
+    parser.add_argument("--logs", type=Path, default=shared)
+    options = parser.parse_args(given)
+    if not options.readings.exists():
+        parser.error(f"there are no readings at {options.readings}")
+    with options.readings.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    agree, total, lines = Counter[str](), Counter[str](), []
+
+    def count(name: str, file: str, flight: str, agrees: bool, words: str) -> None:
+        total[name] += 1
+        agree[name] += agrees
+        if not agrees:
+            lines.append(f"{name}: {file} flight {flight}: {words}")
+
+    for file in dict.fromkeys(row["file"] for row in rows):
+        path = options.logs / file
+        if not path.exists():
+            lines.append(f"missing: {file}")
+            continue
+        flown = [row for row in rows if row["file"] == file and row["flight"] != "0"]
+        try:
+            found = found_flights(path)
+        except logparse.RotoridError as error:
+            found = []
+            if flown:
+                lines.append(f"unread: {file}: {error}")
+        used = []
+        for row, each in paired(flown, found):
+            used.append(each)
+            if row["sure"] not in ("high", "medium"):
+                continue
+            if each is None:
+                count("flights", file, row["flight"], False, f"{row['takeoff_s']}-{row['landing_s']} s read, not found")
+                continue
+            for name, agrees, words in compare(row, each):
+                count(name, file, row["flight"], agrees, words)
+        for each in found:
+            if each not in used:
+                count("flights", file, "none", False, f"invented, {each.flight.start:.1f}-{each.flight.stop:.1f} s")
+    for name in NAMES:
+        print(f"{name}: {agree[name]} of {total[name]}")
+    print("\n".join(lines))
+    return 0

@@ -1,0 +1,137 @@
+"""`tell`: the account of one flight of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from core.findings import Finding
+from logparse import FlightLog
+from pipeline.flight.account import state
+from pipeline.flight.account.attitude import attitude_happenings
+from pipeline.flight.account.ground import ground_happenings
+from pipeline.flight.account.motors import motor_happenings
+from pipeline.flight.account.power import power_happenings
+from pipeline.flight.account.readings import Readings
+from pipeline.flight.account.reports import reported_happenings
+from pipeline.flight.account.sensors import sensor_happenings
+from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
+from pipeline.results.account import Account, Phase, PhaseKind
+from pipeline.results.span import Span, around
+
+#: What breaks the craft: nothing after it serves models.
+_ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air", "fall"))
+#: Time before such a happening that is left out with it [s], and before the end of a flight in which it may still be
+#: what ended it.
+_MARGIN, _END = 0.3, 3.0
+#: What makes the speed over the ground doubtful while it lasts.
+_GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "fall"))
+#: What the log may lack, by table, and what is then not known.
+_LACKS = {
+    "baro": "no barometer: heights are of another sensor",
+    "gps": "no GPS: neither ground speed nor distance",
+    "battery": "no battery voltage",
+    "motors": "no motor outputs: motors were not looked at",
+    "imu": "no accelerometer: shocks are not seen",
+    "setpoints": "no attitude target: whether it did what was asked is not known",
+}
+
+
+def tell(log: FlightLog, flight: Span | None) -> Account:
+    """Make the account of one flight; of a log without one, what the autopilot reported on the ground."""
+    belongs = around(flight, log.flights)
+    tables = log.tables
+    unknown = tuple(words for name, words in _LACKS.items() if not tables.has(name))
+    if flight is None:
+        readings = Readings(log, Span(float("inf"), float("inf")), belongs)
+        noted = gravest_first(list(reported_happenings(readings)))
+        return Account(flight=None, happenings=noted, headline=_on_the_ground(noted), unknown=unknown)
+    readings = Readings(log, flight, belongs)
+    happenings = _ended(_happenings(readings), flight)
+    ordered = gravest_first(happenings)
+    story = tell_story(ordered)
+    lost = next((each.t for each in story if each.id in _ENDING or each.id == "control-lost"), None)
+    height, distance = state.height(readings), state.distance(readings)
+    doubtful = [(each.t, each.end or each.t) for each in ordered if each.id in _GPS_WRONG and each.t is not None]
+    speed = state.ground_speed(readings, doubtful)
+    climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
+    voltage = state.battery(readings)
+    if voltage is None and tables.has("battery"):
+        unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
+    return Account(
+        flight=flight,
+        phases=_phases(readings, story),
+        height=height,
+        distance=distance,
+        ground_speed=speed,
+        climb=climb,
+        sink=sink,
+        battery=voltage,
+        vibration=state.worst_vibration(readings),
+        gps=state.gps(readings),
+        hover=state.hover(readings),
+        motors=state.motors(readings),
+        happenings=ordered,
+        story=story,
+        headline=headline(story, flight) or uneventful(flight, height, distance, speed),
+        unknown=unknown,
+        sound=_sound(flight, ordered, story),
+    )
+
+
+def _happenings(readings: Readings) -> list[Finding]:
+    """Everything that happened, each kind by its own reading."""
+    found = [*attitude_happenings(readings), *power_happenings(readings)]
+    stop = readings.flight.stop
+    late = [each for each in found if each.t is not None and (each.end or each.t) > stop - _END]
+    touched = list(
+        ground_happenings(
+            readings,
+            out_of_control=any(each.id in ("control-lost", "yaw-lost") for each in late),
+            sank=any(each.id == "lift-lost" for each in late),
+        )
+    )
+    found += touched
+    blows = [
+        each.t for each in touched if each.id in ("crash", "hard-landing", "disarmed-in-air") and each.t is not None
+    ]
+    found += motor_happenings(readings, until=min([stop, *blows]))
+    return found + list(sensor_happenings(readings)) + list(reported_happenings(readings))
+
+
+def _ended(happenings: Iterable[Finding], flight: Span) -> list[Finding]:
+    """Leave out what only follows from a crash, after which all sensors and loops are wrong."""
+    found = list(happenings)
+    crash = min((each.t for each in found if each.id == "crash" and each.t is not None), default=None)
+    if crash is None:
+        return found
+    return [
+        each
+        for each in found
+        if each.t is None or each.t <= crash or each.id in ("crash", "failsafe", "autopilot-error")
+    ]
+
+
+def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...]) -> Span:
+    """Return the part of the flight before it broke; a crash begins with the first of its story."""
+    broke = [each for each in ordered if each.id in _ENDING and each.notable]
+    if story and story[-1].id in _ENDING:
+        broke += [each for each in story if each.id in ("control-lost", "lift-lost")]
+    stop = min([flight.stop, *(each.t - _MARGIN for each in broke if each.t is not None)])
+    return Span(flight.start, max(stop, flight.start))
+
+
+def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
+    flight, belongs = readings.flight, readings.belongs
+    fall = next((each.t for each in story if each.id in ("fall", "control-lost", "lift-lost")), None)
+    crashed = any(each.id == "crash" for each in story)
+    down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
+    phases = [Phase(PhaseKind.GROUND, belongs.start, flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
+    if down < flight.stop:
+        phases.append(Phase(PhaseKind.FALL, down, flight.stop))
+    return (*phases, Phase(PhaseKind.GROUND, flight.stop, belongs.stop))
+
+
+def _on_the_ground(noted: tuple[Finding, ...]) -> str:
+    last = max(noted, key=lambda each: each.t or 0.0, default=None)
+    said = "" if last is None else f" {last.reason} ({last.t:.1f} s)"
+    return f"The log shows no flight.{said}"

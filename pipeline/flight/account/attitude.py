@@ -1,0 +1,169 @@
+"""Whether the craft did what was asked of its attitude: control lost, yaw lost, oscillation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from core.catalogue import finding
+from core.findings import Finding
+from pipeline.flight.account.readings import Floats, Readings, stretches
+
+#: ArduCopter's crash check: 30 deg off the target; for a second, or twice as far, it is more than overshoot.
+LOST, _HELPLESS = np.radians(30.0), 1.0
+#: Rate [rad/s] by which a craft turns faster than asked, or against it, and for how long [s], when yaw is lost: a yaw
+#: stick let go leaves a craft turning for about a second.
+_YAW_EXCESS, _YAW_TIME = 1.5, 1.2
+#: Oscillation: windows [s], lowest frequency [Hz], amplitude of the rate [rad/s], part of the power above that
+#: frequency in one line, how many times the same line in the rate asked for, and for how long [s] at least: sticks
+#: thrown about (29-09-2014_2) swing a craft for a window or two.
+_WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians(20.0), 0.6, 1.5, 3.0
+#: Slowest rates [Hz] in which an oscillation can be seen.
+_SLOWEST = 20.0
+
+
+def attitude_happenings(readings: Readings) -> Iterator[Finding]:
+    """Yield what went wrong with the attitude in flight."""
+    yield from _lost(readings)
+    yield from _yaw(readings)
+    yield from _oscillations(readings)
+
+
+def _lost(readings: Readings) -> Iterator[Finding]:
+    error = readings.attitude_error
+    if error is None:
+        return
+    t, values = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
+    off = readings.flying(t) & (values > LOST)
+    # Estimates and targets that are apart for half of a flight are not of a craft that flies.
+    if np.count_nonzero(off) > 0.5 * np.count_nonzero(readings.flying(t)):
+        return
+    for first, last in stretches(t, off, join=1.5):
+        inside = (t >= first) & (t <= last)
+        worst = float(np.nanmax(values[inside]))
+        if np.count_nonzero(inside) < 2 or not (last - first >= _HELPLESS or worst > 2.0 * LOST):
+            continue
+        lasting = f" for {last - first:.0f} s" if last - first > 1.5 else ""
+        yield finding(
+            "control-lost",
+            f"The craft leaned up to {np.degrees(worst):.0f}° away from what was asked{lasting}.",
+            t=first,
+            end=last,
+            worst_rad=worst,
+        )
+
+
+def _yaw(readings: Readings) -> Iterator[Finding]:
+    """Find times in which the craft turned faster than asked, or against it, for longer than a stick needs."""
+    columns = list(readings.tables.columns("rates", ("w_z", "w_z_ref")))
+    if len(columns) < 2:
+        return
+    both = [column.to_numpy(np.float64) for column in columns]
+    known = np.isfinite(both[0]) & np.isfinite(both[1])
+    t = columns[0].index.to_numpy(np.float64)[known]
+    flown, asked = (column[known] for column in both)
+    excess = np.where(flown * asked >= 0.0, np.abs(flown) - np.abs(asked), np.abs(flown - asked))
+    on = readings.flying(t) & (excess > _YAW_EXCESS)
+    for first, last in stretches(t, on, join=0.3, shortest=_YAW_TIME):
+        worst = float(np.max(excess[(t >= first) & (t <= last)]))
+        yield finding(
+            "yaw-lost",
+            f"The craft turned up to {np.degrees(worst):.0f}°/s faster than asked for {last - first:.1f} s.",
+            t=first,
+            end=last,
+            excess_rad_s=worst,
+        )
+
+
+def _oscillations(readings: Readings) -> Iterator[Finding]:
+    """Find stretches in which a rate swings at one frequency without being asked to."""
+    for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
+        # One axis at a time: all columns of a fast loop together are nearly as large as the log.
+        flown = _rate(readings, axis)
+        if flown is None:
+            continue
+        lines = _lines(readings, *flown, axis)
+        if not len(lines):
+            continue
+        t, hz, amplitude = lines.T
+        for first, last in stretches(
+            t, (amplitude > 0.0) & ~readings.chirped(t), join=1.1 * _WINDOW, shortest=_LASTING
+        ):
+            inside = (t >= first) & (t <= last) & (amplitude > 0.0)
+            strength, frequency = float(np.median(amplitude[inside])), float(np.median(hz[inside]))
+            yield finding(
+                "oscillation",
+                f"The craft oscillated in {name} at {frequency:.1f} Hz with {np.degrees(strength):.0f}°/s.",
+                t=first - 0.5 * _WINDOW,
+                end=last + 0.5 * _WINDOW,
+                axis=name,
+                frequency_hz=frequency,
+                amplitude_rad_s=strength,
+            )
+
+
+def _rate(readings: Readings, axis: str) -> tuple[Floats, Floats] | None:
+    """Time and angular rate of an axis from the fastest table that has it."""
+    for table, column in (("rates", f"w_{axis}"), ("imu", f"gyro_{axis}")):
+        found = next(readings.tables.columns(table, (column,)), None)
+        if found is None:
+            continue
+        inside = found.loc[readings.flight.start + 1.0 : readings.flight.stop - 0.5].dropna()
+        t = inside.index.to_numpy(np.float64)
+        if len(t) > 10 and 1.0 / float(np.median(np.diff(t))) >= _SLOWEST:
+            return np.asarray(t), np.asarray(inside.to_numpy(np.float64))
+    return None
+
+
+def _asked(readings: Readings, axis: str) -> pd.Series[float] | None:
+    """Return the rate that was asked for; of logs without it the rate at which the target of the angle turned."""
+    asked = next(readings.tables.columns("rates", (f"w_{axis}_ref",)), None)
+    if asked is not None and len(known := asked.dropna()) > 10:
+        return known
+    name = {"x": "roll", "y": "pitch"}.get(axis, "")
+    target = next(readings.tables.columns("setpoints", (name,)), None) if name else None
+    if target is None or len(target := target.dropna()) <= 10:
+        return None
+    turned = np.gradient(target.to_numpy(np.float64), target.index.to_numpy(np.float64))
+    return pd.Series(turned, index=target.index)
+
+
+def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
+    """Middle [s], frequency [Hz] and amplitude [rad/s] of each window, 0 where no line stands out unasked."""
+    dt = float(np.median(np.diff(t)))
+    size = round(_WINDOW / dt)
+    grid = np.arange(t[0], t[-1], dt)
+    count = 1 + (len(grid) - size) // (size // 2) if size >= 8 and len(grid) >= size else 0
+    if count < 1:
+        return np.empty((0, 3))
+    power = _spectra(np.interp(grid, t, flown), size, count)
+    hz = np.fft.rfftfreq(size, dt)
+    band = (hz >= _LOWEST) & (hz <= 0.8 * hz[-1])
+    if np.count_nonzero(band) < 4:
+        return np.empty((0, 3))
+    power = np.where(band, power, 0.0)
+    peak = hz[np.argmax(power, axis=1)]
+    near = np.abs(hz[None, :] - peak[:, None]) <= np.maximum(1.6 / _WINDOW, 0.15 * peak)[:, None]
+    line = np.sum(np.where(near, power, 0.0), axis=1)
+    amplitude = np.sqrt(2.0 * line)
+    amplitude[(amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
+    asked = _asked(readings, axis) if amplitude.any() else None
+    if asked is not None:
+        wanted = _spectra(np.interp(grid, asked.index.to_numpy(np.float64), asked.to_numpy(np.float64)), size, count)
+        amplitude[line < _UNASKED**2 * np.sum(np.where(near & band, wanted, 0.0), axis=1)] = 0.0
+    return np.column_stack([grid[np.arange(count) * (size // 2)] + 0.5 * _WINDOW, peak, amplitude])
+
+
+def _spectra(values: Floats, size: int, count: int) -> Floats:
+    """Power of each line in half-overlapping windows; their sum is the variance. Shape (count, size // 2 + 1)."""
+    rows = np.lib.stride_tricks.sliding_window_view(values, size)[:: size // 2][:count]
+    hann, linear = np.hanning(size + 1)[:-1], np.linspace(-1.0, 1.0, size)
+    power = np.empty((count, size // 2 + 1))
+    for first in range(0, count, 1024):  # as a whole they are several times the signal
+        piece = rows[first : first + 1024]
+        flat = piece - piece.mean(axis=1, keepdims=True)
+        flat = flat - (flat @ linear / (linear @ linear))[:, None] * linear
+        power[first : first + 1024] = 2.0 * np.abs(np.fft.rfft(flat * hann, axis=1)) ** 2 / (size * np.sum(hann**2))
+    return power

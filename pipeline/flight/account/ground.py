@@ -1,0 +1,141 @@
+"""How a flight met the ground: hard landings, crashes, falls, and motors that were switched off in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.catalogue import finding
+from core.findings import Finding
+from core.units import STANDARD_GRAVITY
+from pipeline.flight.account.readings import Readings, at, g, stretches
+
+#: Specific force [m/s^2] of a shock that no manoeuvre makes.
+SHOCK = 4.0 * STANDARD_GRAVITY
+#: Lean [rad] that no craft under control has on the ground, and rate of sink [m/s] at contact that breaks legs.
+_OVER, _FAST = np.radians(45.0), 4.0
+#: Time [s] around touch-down in which the craft hits the ground, bounces and comes to rest.
+_BEFORE, _AFTER = 3.0, 5.0
+#: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
+_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.3
+#: Height [m] that a craft which was switched off in the air loses.
+_DROP = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The largest shock as a flight ends."""
+
+    t: float
+    force: float  #: m/s^2
+    sink: float  #: m/s before it; NaN where not known.
+    lean: float  #: rad, how it came to rest; NaN where not known.
+
+
+def contact(readings: Readings) -> Contact | None:
+    """Return the largest shock around the touch-down; None without an accelerometer or a touch-down in the log."""
+    if readings.force is None:
+        return None
+    stop = readings.flight.stop
+    around = readings.force.loc[stop - _BEFORE : stop + _AFTER]
+    if len(around) < 3:
+        return None
+    t = float(around.index[int(np.argmax(around.to_numpy()))])
+    sink = readings.sink
+    before = np.array([]) if sink is None else sink.loc[stop - 1.5 : min(stop, t)].dropna().to_numpy(np.float64)
+    lean = readings.lean
+    rest = np.array([]) if lean is None else lean.loc[t + 0.5 : t + _AFTER].to_numpy(np.float64)
+    return Contact(
+        t=t,
+        force=float(around.max()),
+        sink=float(np.max(before)) if len(before) else float("nan"),
+        lean=float(np.median(rest)) if len(rest) else float("nan"),
+    )
+
+
+def ground_happenings(readings: Readings, *, out_of_control: bool, sank: bool) -> Iterator[Finding]:
+    """Yield crash or hard landing, shocks in flight, falls, and disarming in the air.
+
+    `out_of_control` and `sank` say whether control or lift was lost as the flight ended.
+    """
+    off = _disarmed_in_air(readings)
+    if off is not None:
+        yield off
+    yield from _falls(readings)
+    touch = contact(readings)
+    if touch is None:
+        return
+    over = touch.lean > _OVER
+    rough = touch.force > SHOCK or touch.sink > _FAST
+    if over or (rough and (out_of_control or sank or off is not None or touch.sink > 1.5 * _FAST)):
+        yield finding(
+            "crash",
+            f"The craft hit the ground{_how(touch)}{' and came to rest on its side or back' if over else ''}.",
+            t=touch.t,
+            force_m_s2=touch.force,
+            sink_m_s=touch.sink,
+            lean_rad=touch.lean,
+        )
+    elif touch.force > SHOCK:
+        yield finding("hard-landing", f"The landing was hard{_how(touch)}.", t=touch.t, force_m_s2=touch.force)
+    yield from _touches(readings, touch.t)
+
+
+def _how(touch: Contact) -> str:
+    sink = f" at {touch.sink:.0f} m/s" if touch.sink > 1.5 else ""
+    return f"{sink} ({touch.force:.0f} m/s², {g(touch.force):.0f} g)"
+
+
+def _touches(readings: Readings, until: float) -> Iterator[Finding]:
+    """Find shocks in flight, after which the craft flew on."""
+    assert readings.force is not None
+    t, force = readings.force.index.to_numpy(np.float64), readings.force.to_numpy(np.float64)
+    on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _BEFORE)
+    for first, last in stretches(t, on, join=2.0):
+        worst = float(force[(t >= first) & (t <= last)].max())
+        yield finding(
+            "shock-in-flight", f"The craft was hit ({worst:.0f} m/s²) and flew on.", t=first, end=last, force_m_s2=worst
+        )
+
+
+def _falls(readings: Readings) -> Iterator[Finding]:
+    """Find times in which nothing carried the craft although nobody had closed the throttle."""
+    axes, throttle = readings.specific_force, readings.throttle
+    if axes is None:
+        return
+    t = axes.index.to_numpy(np.float64)
+    step = float(np.median(np.diff(t)))
+    if step > 0.2:
+        return
+    # Mean over a tenth of a second: vibration is no part of what carries.
+    size = max(round(0.1 / step), 1)
+    force = np.linalg.norm(axes.rolling(size, center=True, min_periods=1).mean().to_numpy(np.float64), axis=1)
+    usual = np.nan if throttle is None else float(throttle.loc[readings.flight.start : readings.flight.stop].median())
+    for first, last in stretches(t, readings.flying(t) & (force < _FREE), join=0.1, shortest=_FALLING):
+        asked = None if throttle is None else throttle.loc[first - 0.3 : last]
+        if asked is not None and len(asked) and float(asked.min()) < 0.75 * usual:
+            continue
+        yield finding("fall", f"The craft fell for {last - first:.1f} s: nothing carried it.", t=first, end=last)
+
+
+def _disarmed_in_air(readings: Readings) -> Finding | None:
+    events = readings.tables.events
+    if events is None:
+        return None
+    flight = readings.flight
+    near = events.loc[flight.start + 0.5 : flight.stop + 1.5]
+    off = near.index[(near["event"] == "DISARMED") | near["detail"].str.startswith("Disarming motors")]
+    if not len(off):
+        return None
+    t = float(off[0])
+    height = readings.height
+    if height is None or not len(after := height.loc[t : t + _AFTER]):
+        return None
+    lost = float(at(t, height)) - float(after.min())
+    if lost < _DROP:
+        return None
+    return finding(
+        "disarmed-in-air", f"The motors were switched off {lost:.0f} m above the ground.", t=t, height_m=lost
+    )

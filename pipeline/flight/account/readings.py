@@ -1,0 +1,236 @@
+"""The few signals of which the account of a flight is made, each as a log viewer shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from core.units import STANDARD_GRAVITY
+from logparse import FlightLog, Tables
+from logparse.craft.pwm_range import PwmRange, pwm_range
+from logparse.flights import height_above_ground, slope_down
+from logparse.numeric import NumericMessages
+from logparse.rest import ACCEL
+from pipeline.results.span import Span
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Series = "pd.Series[float]"
+
+#: Modes in which the autopilot works the throttle itself, and those that tumble on purpose or have no attitude target.
+HOLDING = frozenset(
+    # fmt: off
+    [
+        "ALT_HOLD",
+        "LOITER",
+        "AUTO",
+        "GUIDED",
+        "RTL",
+        "LAND",
+        "POSHOLD",
+        "BRAKE",
+        "CIRCLE",
+        "SPORT",
+        "DRIFT",
+        "SMART_RTL",
+        "FLOWHOLD",
+        "AUTOTUNE",
+        "POSITION",
+        "MISSION",
+        "HOLD",
+        "ALTITUDE",
+    ]
+    # fmt: on
+)
+AEROBATIC = frozenset(["ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL", "STABILIZED_ACRO", "RATE"])
+
+#: Time [s] that a craft may take to reach a new attitude target, and steps in which it is cut: what counts is the
+#: distance from the way that the target took within it, so that a stick thrown about is no loss of control.
+_FOLLOWS, _STEPS = 1.0, 10
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Signals of one flight and of the ground beside it; each is None where the log lacks it.
+
+    Times are seconds on the log's boot clock. What is read is computed once, when it is first asked for.
+    """
+
+    log: FlightLog
+    flight: Span
+    belongs: Span  #: The flight with half of the time on the ground beside it.
+
+    @property
+    def tables(self) -> Tables:
+        """Canonical tables of the log."""
+        return self.log.tables
+
+    @cached_property
+    def messages(self) -> Mapping[str, pd.DataFrame]:
+        """Messages as logged, as numbers."""
+        return NumericMessages(self.log.messages)
+
+    @cached_property
+    def limits(self) -> PwmRange:
+        """Limits of the motor outputs, as the parameters set them."""
+        return pwm_range(self.log.parameters)
+
+    @cached_property
+    def height(self) -> pd.Series[float] | None:
+        """Credible height above the ground that the flight left, m up."""
+        height = height_above_ground(self.tables)
+        return None if height is None else height - ground_before(height, self.flight)
+
+    @cached_property
+    def sink(self) -> pd.Series[float] | None:
+        """Speed down that the credible height shows over a second, m/s."""
+        return slope_down(self.height)
+
+    @cached_property
+    def force(self) -> pd.Series[float] | None:
+        """Magnitude of the specific force, m/s^2."""
+        axes = self.specific_force
+        return None if axes is None else pd.Series(np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index)
+
+    @cached_property
+    def specific_force(self) -> pd.DataFrame | None:
+        """Specific force along the body's axes, m/s^2, over the time that belongs to the flight."""
+        if self.tables.imu is None:
+            return None
+        axes = self.tables.imu.loc[self.belongs.start : self.belongs.stop, list(ACCEL)].dropna()
+        return axes if len(axes) > 2 else None
+
+    @cached_property
+    def outputs(self) -> pd.DataFrame | None:
+        """Motor outputs between their limits in flight, 0 at MOT_SPIN_MIN and 1 at MOT_SPIN_MAX."""
+        motors = self.tables.motors
+        low, high = (self.limits.pwm(each) for each in (self.limits.spin_min, self.limits.spin_max))
+        if motors is None or not high > low:
+            return None
+        inside = motors.loc[self.flight.start : self.flight.stop].dropna(how="all")
+        return (inside - low) / (high - low) if len(inside) > 2 else None
+
+    @cached_property
+    def throttle(self) -> pd.Series[float] | None:
+        """Throttle, 0..1: what the controller asked for, else the mean thrust of the motor outputs."""
+        setpoints = self.tables.setpoints
+        if setpoints is not None and len(asked := setpoints["throttle"].dropna()):
+            return asked.loc[self.belongs.start : self.belongs.stop]
+        if self.outputs is None:
+            return None
+        part, expo = self.outputs.clip(0.0, 1.0), self.limits.thrust_expo
+        # ArduPilot's curve (AP_MotorsMulticopter::apply_thrust_curve_and_volt_scaling), backwards.
+        return ((1.0 - expo) * part + expo * part**2).mean(axis=1).dropna()
+
+    @cached_property
+    def lean(self) -> pd.Series[float] | None:
+        """Angle between the thrust axis and the vertical, rad."""
+        return _lean(self.tables.attitude, self.belongs)
+
+    @cached_property
+    def lean_asked(self) -> pd.Series[float] | None:
+        """The same of the attitude target."""
+        return _lean(self.tables.setpoints, self.belongs)
+
+    @cached_property
+    def attitude_error(self) -> pd.Series[float] | None:
+        """Angle between the thrust axis flown and the way of its target, rad; NaN in modes that tumble on purpose."""
+        wanted, flown = (
+            None if table is None else table.loc[self.belongs.start : self.belongs.stop, ["roll", "pitch"]].dropna()
+            for table in (self.tables.setpoints, self.tables.attitude)
+        )
+        if wanted is None or flown is None or min(len(wanted), len(flown)) < 2:
+            return None
+        times = wanted.index.to_numpy(np.float64)
+        t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
+        way = np.stack([_axes(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1)])
+        error = _off_the_way(_axes(flown, t), way)
+        error[self.in_modes(t, AEROBATIC) | self.chirped(t)] = np.nan
+        return pd.Series(error, index=pd.Index(t))
+
+    def in_modes(self, t: Floats, names: frozenset[str]) -> Mask:
+        """Return which times lie in one of the flight modes."""
+        modes = self.tables.modes
+        if modes is None or not len(modes):
+            return np.zeros(len(t), dtype=bool)
+        place = np.searchsorted(modes.index.to_numpy(np.float64), t, side="right") - 1
+        return np.asarray((place >= 0) & modes["mode"].isin(names).to_numpy()[place.clip(0)])
+
+    def chirped(self, t: Floats) -> Mask:
+        """Return which times lie within a second of a chirp of SYSTEMID mode."""
+        chirp = self.tables.systemid
+        if chirp is None:
+            return np.zeros(len(t), dtype=bool)
+        moving = np.isfinite(chirp["target"].to_numpy(np.float64))
+        return within(t, [(a - 1.0, b + 1.0) for a, b in stretches(chirp.index.to_numpy(np.float64), moving, join=2.0)])
+
+    def flying(self, t: Floats) -> Mask:
+        """Return which times lie in the flight, the shake of lift-off left out."""
+        return (t >= self.flight.start + 0.5) & (t <= self.flight.stop)
+
+
+def ground_before(height: pd.Series[float], flight: Span) -> float:
+    """Return the level of the ground that a flight left, in the units of a height: its median over 2 s before."""
+    before = height.loc[flight.start - 2.0 : flight.start]
+    if len(before):
+        return float(before.median())
+    after = height.loc[flight.start :]
+    return float(after.iloc[0]) if len(after) else float(height.iloc[0])
+
+
+def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> list[tuple[float, float]]:
+    """Return the (first, last) times [s] of stretches of samples with `on`; interruptions up to `join` s end none."""
+    times = t[on]
+    if not len(times):
+        return []
+    cuts = np.flatnonzero(np.diff(times) > join)
+    firsts, lasts = times[np.append(0, cuts + 1)], times[np.append(cuts, len(times) - 1)]
+    return [(float(a), float(b)) for a, b in zip(firsts, lasts, strict=True) if b - a >= shortest]
+
+
+def within(t: Floats, spans: list[tuple[float, float]]) -> Mask:
+    """Return which times lie in one of the spans, bounds included."""
+    inside = np.zeros(len(t), dtype=bool)
+    for first, last in spans:
+        inside |= (t >= first) & (t <= last)
+    return inside
+
+
+def at(t: float | Floats, series: pd.Series[float]) -> Floats:
+    """Interpolate a series at times, shape (n,) or ()."""
+    return np.asarray(np.interp(t, series.index.to_numpy(np.float64), series.to_numpy(np.float64)))
+
+
+def g(force: float) -> float:
+    """Return a specific force in multiples of standard gravity."""
+    return force / STANDARD_GRAVITY
+
+
+def _lean(attitude: pd.DataFrame | None, span: Span) -> pd.Series[float] | None:
+    if attitude is None:
+        return None
+    angles = attitude.loc[span.start : span.stop, ["roll", "pitch"]].dropna()
+    cosine = np.cos(angles["roll"].to_numpy(np.float64)) * np.cos(angles["pitch"].to_numpy(np.float64))
+    return pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=angles.index) if len(angles) > 1 else None
+
+
+def _axes(attitude: pd.DataFrame, t: Floats) -> Floats:
+    """Thrust axis at times, unit vectors in a frame that turns with the heading, shape (n, 3)."""
+    roll, pitch = attitude["roll"].to_numpy(np.float64), attitude["pitch"].to_numpy(np.float64)
+    columns = np.sin(pitch) * np.cos(roll), -np.sin(roll), np.cos(pitch) * np.cos(roll)
+    axis = np.column_stack([np.interp(t, attitude.index.to_numpy(np.float64), column) for column in columns])
+    return np.asarray(axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9))
+
+
+def _off_the_way(axis: Floats, way: Floats) -> Floats:
+    """Angle [rad] between directions (n, 3) and the nearest point of a way (points, n, 3), shape (n,)."""
+    begin, leg = way[:-1], np.diff(way, axis=0)
+    part = np.sum((axis - begin) * leg, axis=2) / np.maximum(np.sum(leg**2, axis=2), 1e-12)
+    nearest = begin + np.clip(part, 0.0, 1.0)[:, :, None] * leg
+    cosine = np.sum(axis * nearest, axis=2) / np.maximum(np.linalg.norm(nearest, axis=2), 1e-9)
+    return np.asarray(np.arccos(np.clip(cosine.max(axis=0), -1.0, 1.0)))

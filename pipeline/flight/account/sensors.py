@@ -1,0 +1,228 @@
+"""Sensors and estimates that failed in flight: GPS, the autopilot's estimator, its height, vibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from core.catalogue import finding
+from core.findings import Finding, Severity
+from pipeline.flight.account.readings import Floats, Readings, at, stretches
+from pipeline.flight.account.vibration import Vibration, vibration
+
+#: Fewest satellites of a three-dimensional fix; losses closer together than this [s] are one.
+_FEWEST, _PAUSE = 4, 2.0
+#: Time without a word from the receiver [s].
+_SILENT = 2.0
+#: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
+_RADIUS, _ACCELERATION = 5.0, 10.0
+_EARTH = 6.371e6
+#: Test ratio above which ArduPilot's EKF failsafe counts (FS_EKF_THRESH), and the time [s] that it waits.
+_RATIO, _DOUBTING = 0.8, 1.0
+#: Disagreement [m] of the autopilot's height with the barometer that no pressure and no prop wash explains.
+_HEIGHT_OFF = 5.0
+#: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before.
+_STAYS, _TIMES = 5.0, 3.0
+#: Share of the flight beyond the limit that is more than moments.
+_SHARE = 0.1
+
+
+def sensor_happenings(readings: Readings) -> Iterator[Finding]:
+    """Yield what sensors and estimates did in flight that they should not."""
+    gps = readings.tables.gps
+    if gps is not None and len(gps) > 3 and (gps["fix"] >= 3.0).any():
+        yield from _gps(readings, gps)
+    yield from _jamming(readings)
+    yield from _doubts(readings)
+    yield from _height(readings)
+    yield from _vibrations(readings)
+
+
+def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
+    """Find lost fixes, silence of the receiver and jumps; a receiver that never had a fix loses nothing."""
+    t = gps.index.to_numpy(np.float64)
+    flying = readings.flying(t)
+    fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
+    with np.errstate(invalid="ignore"):
+        lost = (fix < 3.0) | (satellites < _FEWEST) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
+    pause = max(_PAUSE, 3.0 * float(np.median(np.diff(t))))
+    losses = stretches(t, lost & flying, join=pause)
+    for first, last in losses:
+        before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[(t >= first) & (t <= last)]
+        counted = ""
+        if np.isfinite(before).any() and np.isfinite(inside).any():
+            had, left = float(np.nanmedian(before)), float(np.nanmin(inside))
+            counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
+        lasting = f"for {last - first:.1f} s" if last > first else "for a moment"
+        yield finding(
+            "gps-lost",
+            f"GPS lost its fix {lasting}{counted}.",
+            severity=Severity.ERROR if last - first > 5.0 else Severity.WARNING,
+            t=first,
+            end=last,
+        )
+    yield from _silence(readings, t, losses)
+    jump = _jumps(gps)
+    near = np.zeros(len(t), dtype=bool)
+    for first, last in losses:
+        near |= (t > first - 1.0) & (t < last + pause)
+    glitches = stretches(t, (jump > _RADIUS) & flying & ~near, join=10.0)
+    for first, last in glitches:
+        worst = float(jump[(t >= first) & (t <= last)].max())
+        yield finding(
+            "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst
+        )
+
+
+def _jumps(gps: pd.DataFrame) -> Floats:
+    """Distance by which each fix leaves what the one before and its speed foretell, m; 0 where none is known."""
+    t = gps.index.to_numpy(np.float64)
+    lat, lon, v_n, v_e = (gps[name].to_numpy(np.float64) for name in ("lat", "lon", "v_n", "v_e"))
+    dt = np.diff(t)
+    miss = (
+        np.hypot(_EARTH * np.diff(lat) - v_n[:-1] * dt, _EARTH * np.diff(lon) * np.cos(lat[1:]) - v_e[:-1] * dt)
+        - 0.5 * _ACCELERATION * dt**2
+    )
+    miss[~np.isfinite(miss) | (dt > 2.0)] = 0.0
+    return np.concatenate(([0.0], np.maximum(miss, 0.0)))
+
+
+def _silence(readings: Readings, t: Floats, losses: list[tuple[float, float]]) -> Iterator[Finding]:
+    """Find times in flight without a word from the receiver while the log went on."""
+    others = readings.tables.times("attitude")
+    if others is None:
+        return
+    first, last = readings.flight.start, readings.flight.stop
+    limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
+    inside = np.concatenate(([max(first, t[0])], t[(t > first) & (t < last)], [last]))
+    for k in np.flatnonzero(np.diff(inside) > limit):
+        begin, end = float(inside[k]), float(inside[k + 1])
+        between = np.concatenate(([begin], others[(others > begin) & (others < end)], [end]))
+        # Where the other tables stop too, it is the log that is silent.
+        if float(np.max(np.diff(between))) > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b in losses):
+            continue
+        yield finding(
+            "gps-lost",
+            f"The GPS receiver was silent for {end - begin:.1f} s.",
+            severity=Severity.ERROR if end - begin > 5.0 else Severity.WARNING,
+            t=begin,
+            end=end,
+        )
+
+
+def _jamming(readings: Readings) -> Iterator[Finding]:
+    """Report what a receiver itself says of jamming (PX4 sensor_gps.jamming_state: 2 warning, 3 critical)."""
+    name = next((each for each in ("vehicle_gps_position", "sensor_gps") if each in readings.messages), None)
+    if name is None or "jamming_state" not in readings.messages[name]:
+        return
+    frame = readings.messages[name]
+    t, state = frame.index.to_numpy(np.float64), frame["jamming_state"].to_numpy(np.float64)
+    for first, last in stretches(t, readings.flying(t) & (state >= 2.0), join=_PAUSE):
+        worst = float(state[(t >= first) & (t <= last)].max())
+        yield finding(
+            "gps-lost",
+            f"The GPS receiver reported jamming for {last - first:.1f} s.",
+            severity=Severity.ERROR if worst > 2.0 else Severity.WARNING,
+            t=first,
+            end=last,
+        )
+
+
+def _doubts(readings: Readings) -> Iterator[Finding]:
+    """Find test ratios of the estimator beyond the limit of its failsafe."""
+    name = next((each for each in ("XKF4", "NKF4") if each in readings.messages), None)
+    if name is None:
+        return
+    frame = readings.messages[name]
+    lane = next((column for column in ("C", "Core") if column in frame), None)
+    if lane is not None:
+        # The lane that flies; where the message does not tell, the first.
+        frame = frame[frame[lane] == (frame["PI"].iloc[-1] if "PI" in frame else frame[lane].min())]
+    t = frame.index.to_numpy(np.float64)
+    for column, what in {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}.items():
+        if column not in frame or len(t) < 3:
+            continue
+        values = frame[column].to_numpy(np.float64)
+        for first, last in stretches(t, readings.flying(t) & (values > _RATIO), join=5.0, shortest=_DOUBTING):
+            worst = float(np.nanmax(values[(t >= first) & (t <= last)]))
+            yield finding(
+                "estimator-doubt",
+                f"The autopilot doubted its {what} for {last - first:.0f} s (test ratio up to {worst:.1f}).",
+                t=first,
+                end=last,
+                quantity=what,
+                ratio=worst,
+            )
+
+
+def _height(readings: Readings) -> Iterator[Finding]:
+    """Find an autopilot whose own height left the barometer's for more than a moment."""
+    tables = readings.tables
+    if tables.ekf is None or tables.baro is None:
+        return
+    flight = readings.flight
+    height, barometer = -tables.ekf["p_d"].dropna().loc[flight.start : flight.stop], tables.baro["alt"].dropna()
+    if len(height) < 10 or len(barometer.loc[flight.start : flight.stop]) < 10:
+        return
+    t = height.index.to_numpy(np.float64)
+    off = height.to_numpy(np.float64) - at(t, barometer)
+    off -= float(np.median(off[: max(len(off) // 20, 3)]))
+    for first, last in stretches(t, np.abs(off) > _HEIGHT_OFF, join=5.0, shortest=2.0)[:1]:
+        inside = (t >= first) & (t <= last)
+        worst = float(off[inside][int(np.argmax(np.abs(off[inside])))])
+        side = "above" if worst > 0.0 else "below"
+        yield finding(
+            "height-estimate-wrong",
+            f"The autopilot's own height was up to {abs(worst):.0f} m {side} the barometer's.",
+            t=first,
+            end=last,
+            height_error_m=worst,
+        )
+
+
+def _vibrations(readings: Readings) -> Iterator[Finding]:
+    """Find vibration beyond the published limit, or that rose and stayed."""
+    measured = vibration(readings)
+    if measured is None:
+        return
+    t, level = measured.t, measured.level
+    inside = readings.flying(t) & (t < readings.flight.stop - 1.0)
+    rise = _rise(t[inside], level[inside], measured)
+    if rise is not None:
+        usual, risen, since = rise
+        yield finding(
+            "vibration",
+            f"Vibration rose from {usual:.1f} to {risen:.0f} m/s² and stayed.",
+            severity=Severity.ERROR,
+            t=since,
+            end=readings.flight.stop,
+            level_m_s2=risen,
+        )
+        return
+    strong = stretches(t, inside & (level > measured.harmful), join=5.0)
+    if strong and np.mean(level[inside] > measured.harmful) > _SHARE:
+        worst = float(level[inside].max())
+        yield finding(
+            "vibration",
+            f"Vibration was up to {worst:.0f} m/s², beyond {measured.harmful:.0f} m/s² which nearly always harms.",
+            severity=Severity.WARNING,
+            t=strong[0][0],
+            end=strong[-1][1],
+            level_m_s2=worst,
+        )
+
+
+def _rise(t: Floats, level: Floats, measured: Vibration) -> tuple[float, float, float] | None:
+    """Return what vibration was, what it became and since when; None where it did not rise for good."""
+    if len(t) < 20:
+        return None
+    # The largest prefix whose 95th percentile nearly everything after exceeds several times.
+    for begin in np.arange(t[0] + 10.0, t[-1] - _STAYS, 0.5):
+        k = int(np.searchsorted(t, begin))
+        later = level[k:][t[k:] < begin + _STAYS]
+        risen, usual = float(np.percentile(later, 20.0)) if len(later) else 0.0, float(np.percentile(level[:k], 95.0))
+        if risen > _TIMES * usual and risen > measured.advised / 3.0:
+            return usual, float(np.median(level[k:])), float(begin)
+    return None

@@ -1,0 +1,210 @@
+"""The state of the craft in numbers that never move: height, speed, battery, vibration, GPS, hover throttle, motors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from pipeline.flight.account.power import cells, real_voltage
+from pipeline.flight.account.readings import Readings, ground_before, within
+from pipeline.flight.account.vibration import vibration
+from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
+from sysid.rotors.battery import sag_resistance
+
+#: Steady hover: climb [m/s] and lean [rad] below these; the first and last of it [s] that are compared, and the least.
+_STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
+#: Fixes that tell speed: satellites, dilution, and acceleration [m/s^2] beyond which a fix jumps.
+_SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
+#: Share of the range of an output below its upper limit that counts as being at it.
+_AT_LIMIT = 0.99
+_EARTH = 6.371e6
+
+
+def height(readings: Readings) -> Reading | None:
+    """Return the largest height above the ground that the flight left, with what every source says of it."""
+    tables = readings.tables
+    sources = {
+        "barometer": None if tables.baro is None else tables.baro["alt"],
+        "autopilot": None if tables.ekf is None else -tables.ekf["p_d"],
+        "GPS": None if tables.gps is None else tables.gps["alt"].where(tables.gps["fix"] >= 3.0),
+    }
+    gains: dict[str, tuple[float, float]] = {}
+    for name, series in sources.items():
+        known = None if series is None else series.dropna()
+        if known is not None and (gain := _gain(known, readings)) is not None:
+            gains[name] = gain
+    if not gains:
+        return None
+    source = next(iter(gains))
+    value, t = gains.pop(source)
+    return Reading(value=value, unit="m", t=t, source=source, others={name: gain for name, (gain, _) in gains.items()})
+
+
+def _gain(series: pd.Series[float], readings: Readings) -> tuple[float, float] | None:
+    """Largest half-second median of a height above the ground before the flight, m, and when; None of a constant."""
+    inside = series.loc[readings.flight.start : readings.flight.stop]
+    t = inside.index.to_numpy(np.float64)
+    if len(t) < 3 or float(inside.max()) == float(inside.min()):
+        return None
+    size = max(round(0.5 / max(float(np.median(np.diff(t))), 1e-3)), 1)
+    smooth = inside.rolling(size, center=True, min_periods=1).median()
+    top = int(np.argmax(smooth.to_numpy()))
+    return float(smooth.iloc[top]) - ground_before(series, readings.flight), float(t[top])
+
+
+def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
+    """Return the largest horizontal speed by GPS, a median of three fixes, jumps and doubtful stretches left out."""
+    gps = readings.tables.gps
+    if gps is None:
+        return None
+    rows = gps.loc[readings.flight.start : readings.flight.stop]
+    good = (rows["fix"] >= 3.0) & ~(rows["hdop"] >= _DILUTION) & ~(rows["satellites"] < _SATELLITES)
+    good &= ~within(rows.index.to_numpy(np.float64), [(first - 1.0, last + 1.0) for first, last in doubtful])
+    rows = rows[good & rows["v_n"].notna() & rows["v_e"].notna()]
+    if len(rows) < 3:
+        return None
+    t = rows.index.to_numpy(np.float64)
+    speed = pd.Series(np.hypot(rows["v_n"].to_numpy(np.float64), rows["v_e"].to_numpy(np.float64)), index=rows.index)
+    change = np.hypot(np.diff(rows["v_n"]), np.diff(rows["v_e"])) / np.maximum(np.diff(t), 1e-3)
+    calm = np.concatenate(([True], change <= _JUMP)) & np.concatenate((change <= _JUMP, [True]))
+    smooth = speed[calm].rolling(3, center=True).median().dropna()
+    if not len(smooth):
+        return None
+    return Reading(
+        value=float(smooth.max()), unit="m/s", t=float(smooth.index[int(np.argmax(smooth.to_numpy()))]), source="GPS"
+    )
+
+
+def distance(readings: Readings) -> Reading | None:
+    """Return the largest horizontal distance from the take-off by GPS."""
+    gps = readings.tables.gps
+    if gps is None:
+        return None
+    rows = gps.loc[readings.flight.start : readings.flight.stop]
+    rows = rows[(rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)]
+    if len(rows) < 3:
+        return None
+    lat, lon = rows["lat"].to_numpy(np.float64), rows["lon"].to_numpy(np.float64)
+    away = pd.Series(_EARTH * np.hypot(lat - lat[0], (lon - lon[0]) * np.cos(lat[0])), index=rows.index)
+    smooth = away.rolling(3, center=True).median().dropna()
+    return Reading(
+        value=float(smooth.max()), unit="m", t=float(smooth.index[int(np.argmax(smooth.to_numpy()))]), source="GPS"
+    )
+
+
+def climb_and_sink(readings: Readings, until: float) -> tuple[Reading | None, Reading | None]:
+    """Return the fastest climb and sink of the credible height before a fall or the touch-down at `until`."""
+    if readings.sink is None:
+        return None, None
+    down = readings.sink.loc[readings.flight.start : until].dropna()
+    if len(down) < 3:
+        return None, None
+    up, low = int(np.argmin(down.to_numpy())), int(np.argmax(down.to_numpy()))
+    times = down.index.to_numpy(np.float64)
+    return (
+        Reading(value=-float(down.iloc[up]), unit="m/s", t=float(times[up]), source="height over a second"),
+        Reading(value=float(down.iloc[low]), unit="m/s", t=float(times[low]), source="height over a second"),
+    )
+
+
+def battery(readings: Readings) -> BatteryReading | None:
+    """Return voltages before, after and in flight; None where no battery is measured."""
+    voltage = real_voltage(readings)
+    if voltage is None:
+        return None
+    flight = readings.flight
+    before, inside = voltage.loc[flight.start - 5.0 : flight.start], voltage.loc[flight.start : flight.stop]
+    after = voltage.loc[flight.stop + 1.0 : flight.stop + 5.0]
+    start = float((before if len(before) else inside.iloc[:3]).median())
+    table = readings.tables.battery
+    flown = None if table is None else table.loc[flight.start : flight.stop]
+    columns = [] if flown is None else [flown.index, flown["voltage"], flown["current"]]
+    return BatteryReading(
+        start=start,
+        end=float(after.median()) if len(after) else float(inside.iloc[-1]),
+        lowest=float(inside.min()),
+        lowest_t=float(inside.index[int(np.argmin(inside.to_numpy()))]),
+        cells=cells(start),
+        sag=sag_resistance(*(each.to_numpy(np.float64) for each in columns)) if columns else None,
+    )
+
+
+def worst_vibration(readings: Readings) -> VibrationReading | None:
+    """Return the worst vibration of the flight, when, and how often accelerometers clipped."""
+    measured = vibration(readings)
+    if measured is None:
+        return None
+    inside = (measured.t >= readings.flight.start) & (measured.t <= readings.flight.stop)
+    if not inside.any():
+        return None
+    axes, t = np.nan_to_num(measured.axes[inside]), measured.t[inside]
+    row, axis = (int(each) for each in np.unravel_index(int(np.argmax(axes)), axes.shape))
+    clips = None
+    if measured.clips is not None:
+        counts = measured.clips[inside]
+        clips = int(np.nanmax(counts[-1] - counts[0])) if np.isfinite(counts[[0, -1]]).any() else None
+    return VibrationReading(
+        worst=float(axes[row, axis]),
+        t=float(t[row]),
+        axis="XYZ"[axis] if axes.shape[1] == 3 else "",
+        clips=clips,
+        advised=measured.advised,
+        harmful=measured.harmful,
+        source=measured.source,
+    )
+
+
+def gps(readings: Readings) -> GpsReading | None:
+    """Return satellites and share of fixes in flight; None without a receiver."""
+    table = readings.tables.gps
+    rows = None if table is None else table.loc[readings.flight.start : readings.flight.stop]
+    if rows is None or not len(rows):
+        return None
+    satellites = rows["satellites"].dropna()
+    return GpsReading(
+        satellites_least=int(satellites.min()) if len(satellites) else None,
+        satellites_median=int(satellites.median()) if len(satellites) else None,
+        fix_share=float(((rows["fix"] >= 3.0) & rows["lat"].notna()).mean()),
+    )
+
+
+def hover(readings: Readings) -> HoverReading | None:
+    """Return the throttle of the first and the last steady hover; None where less than ten seconds are steady."""
+    throttle, sink, lean = readings.throttle, readings.sink, readings.lean
+    if throttle is None or sink is None:
+        return None
+    inside = throttle.loc[readings.flight.start + 1.0 : readings.flight.stop - 1.0]
+    t = inside.index.to_numpy(np.float64)
+    if len(t) < 10:
+        return None
+    steady = np.abs(np.interp(t, sink.index.to_numpy(np.float64), sink.to_numpy(np.float64))) < _STEADY
+    if lean is not None:
+        steady &= np.interp(t, lean.index.to_numpy(np.float64), lean.to_numpy(np.float64)) < _UPRIGHT
+    step = float(np.median(np.diff(t)))
+    count = round(_ENDS / max(step, 1e-3))
+    values = inside.to_numpy(np.float64)[steady]
+    if len(values) * step < _FEWEST:
+        return None
+    last = float(np.median(values[-count:]))
+    # In Copter 3.4 and later, and in logs without a throttle, it is a share of the full thrust.
+    linear = "MOT_SPIN_MAX" in readings.log.parameters
+    return HoverReading(
+        start=float(np.median(values[:count])), end=last, thrust_to_weight=1.0 / last if linear and last > 0.0 else None
+    )
+
+
+def motors(readings: Readings) -> MotorsReading | None:
+    """Return how hard each motor worked; None without motor outputs."""
+    outputs = readings.outputs
+    if outputs is None or not outputs.shape[1]:
+        return None
+    mean = {str(name).removeprefix("m"): float(outputs[name].mean()) for name in outputs if outputs[name].notna().any()}
+    if not mean:
+        return None
+    return MotorsReading(
+        mean=mean,
+        hardest=max(mean, key=lambda name: mean[name]),
+        at_limit=float((outputs >= _AT_LIMIT).any(axis=1).mean()),
+    )

@@ -1,0 +1,108 @@
+"""The story of a flight: of all that happened the gravest, with what led to it and what followed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from core.findings import WORST_FIRST, Finding, Severity
+from core.quantity import duration, number
+from pipeline.flight.account.words import clause, clock, short_clock
+from pipeline.results.account import Reading
+from pipeline.results.span import Span
+
+#: Kinds of happenings by gravity: what broke the craft, what took control of it, what took its senses, what wears it.
+GRAVITY = (
+    "crash",
+    "motor-fault",
+    "disarmed-in-air",
+    "fall",
+    "lift-lost",
+    "throttle-runaway",
+    "control-lost",
+    "failsafe",
+    "yaw-lost",
+    "gps-lost",
+    "oscillation",
+    "hard-landing",
+    "vibration",
+    "battery-low",
+    "height-estimate-wrong",
+    "shock-in-flight",
+    "gps-glitch",
+    "autopilot-error",
+    "estimator-doubt",
+)
+#: What comes of something else: of these a cause is looked for.
+_CONSEQUENCES = frozenset(("crash", "hard-landing", "fall", "control-lost", "lift-lost"))
+#: What leads to something else.
+_CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "estimator-doubt", "gps-glitch", "autopilot-error"}
+#: What is to be known, and no story by itself unless it is an error: what came to nothing, or was so from the start.
+_REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error", "estimator-doubt"))
+#: Time [s] between the end of one happening and the beginning of another that it led to.
+_LED_TO = 3.0
+
+
+def gravest_first(happenings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Order what happened by severity, then by gravity of its kind, then by time."""
+
+    def rank(each: Finding) -> tuple[int, int, float]:
+        kind = GRAVITY.index(each.id) if each.id in GRAVITY else len(GRAVITY)
+        return WORST_FIRST.index(each.severity), kind, each.t or 0.0
+
+    return tuple(sorted(happenings, key=rank))
+
+
+def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return the gravest happening with what led to it, causes first; empty where nothing notable happened."""
+    gravest = next((each for each in ordered if not _is_remark(each)), None)
+    if gravest is None or not gravest.notable:
+        return ()
+    chain = [gravest]
+    while chain[0].id in _CONSEQUENCES:
+        before = [each for each in ordered if each.id in _CAUSES and each.notable and _leads(each, chain[0])]
+        if not before:
+            break
+        # The first of those that lead on, for it began what followed; of the same moment the graver.
+        chain.insert(0, min(before, key=lambda each: (each.t or 0.0, GRAVITY.index(each.id))))
+    return tuple(chain)
+
+
+def _is_remark(happening: Finding) -> bool:
+    return happening.id in _REMARKS and happening.severity is not Severity.ERROR
+
+
+def _leads(cause: Finding, effect: Finding) -> bool:
+    assert cause.t is not None
+    assert effect.t is not None
+    return (
+        cause is not effect
+        and cause.t < effect.t
+        and effect.t - (cause.end if cause.end is not None else cause.t) <= _LED_TO
+    )
+
+
+def headline(story: Sequence[Finding], flight: Span | None) -> str:
+    """Write the story in one sentence: the cause with its time, then what came of it."""
+    if not story:
+        return ""
+    first, *rest = story
+    assert first.t is not None
+    parts = [f"At {clock(first.t, flight)} {clause(first.reason)}"]
+    parts += [f"{clause(each.reason)} at {short_clock(each.t or 0.0, flight)}" for each in rest]
+    return "; ".join(parts) + "."
+
+
+def uneventful(
+    flight: Span | None, height: Reading | None, distance: Reading | None, ground_speed: Reading | None
+) -> str:
+    """Write that nothing happened: how long, how high, how far, how fast."""
+    if flight is None:
+        return "The log shows no flight."
+    parts = [f"Nothing happened in {duration(flight.duration)} of flight"]
+    if height is not None:
+        parts.append(f"up to {number(height.value, 2)} m high")
+    if distance is not None:
+        parts.append(f"{number(distance.value, 2)} m away")
+    if ground_speed is not None:
+        parts.append(f"{number(ground_speed.value, 2)} m/s over the ground")
+    return ", ".join(parts) + "."

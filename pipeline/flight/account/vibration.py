@@ -1,0 +1,90 @@
+"""Vibration over a flight, as the autopilot measures it or as a fast IMU shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import scipy
+
+from pipeline.flight.account.readings import Floats, Readings
+
+#: Limits [m/s^2]: normally acceptable below the first, nearly always harmful above the other.
+_ARDUPILOT = (30.0, 60.0, "ArduPilot wiki, Measuring Vibration")
+_PX4 = (4.905, 9.81, "PX4 Flight Review, accel_vibration_metric")
+#: Filters of ArduPilot's own measure, Hz (AP_InertialSensor: 5 Hz floor, 2 Hz smoothing), and the slowest samples from
+#: which it can be computed.
+_FLOOR, _SMOOTH, _FAST = 5.0, 2.0, 90.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vibration:
+    """Vibration of the first accelerometer over time."""
+
+    t: Floats  #: shape (n,), s
+    axes: Floats  #: shape (n, 3) by body axis, or (n, 1) where the log has one number for all, m/s^2
+    clips: Floats | None  #: shape (n, k), counters of samples at the sensor's range; None where not logged.
+    advised: float
+    harmful: float
+    source: str
+
+    @property
+    def level(self) -> Floats:
+        """The worst axis at each time, m/s^2, shape (n,)."""
+        return np.asarray(np.max(np.nan_to_num(self.axes), axis=1))
+
+
+def vibration(readings: Readings) -> Vibration | None:
+    """Read VIBE, VIBRATION or, of PX4, vehicle_imu_status; else compute it from a fast IMU; None where neither is."""
+    messages = readings.messages
+    for name, axes in (
+        ("VIBE", ["VibeX", "VibeY", "VibeZ"]),
+        ("VIBRATION", ["vibration_x", "vibration_y", "vibration_z"]),
+        ("vehicle_imu_status", ["accel_vibration_metric"]),
+    ):
+        if name in messages and set(axes) <= set(messages[name].columns):
+            return _logged(messages[name], axes, _PX4 if len(axes) == 1 else _ARDUPILOT)
+    return _measured(readings)
+
+
+def _logged(frame: pd.DataFrame, axes: list[str], limits: tuple[float, float, str]) -> Vibration | None:
+    if "IMU" in frame:
+        frame = frame[frame["IMU"] == frame["IMU"].min()]
+    clips = [column for column in frame.columns if str(column).lower().startswith("clip")]
+    if not len(frame):
+        return None
+    return Vibration(
+        t=frame.index.to_numpy(np.float64),
+        axes=frame[axes].to_numpy(np.float64),
+        clips=frame[clips].to_numpy(np.float64) if clips else None,
+        advised=limits[0],
+        harmful=limits[1],
+        source=limits[2],
+    )
+
+
+def _measured(readings: Readings) -> Vibration | None:
+    """Measure vibration as ArduPilot does: what is faster than 5 Hz, squared, smoothed at 2 Hz, its root."""
+    rows = readings.specific_force
+    if rows is None or len(rows) < 100:
+        return None
+    t = rows.index.to_numpy(np.float64)
+    step = float(np.median(np.diff(t)))
+    if not 0.0 < step <= 1.0 / _FAST:
+        return None
+    force = rows.to_numpy(np.float64)
+    level = np.sqrt(_smoothed((force - _smoothed(force, _FLOOR * step)) ** 2, _SMOOTH * step))
+    # Ten rows a second, as autopilots write VIBE; filters settle within the first second.
+    kept = slice(round(1.0 / step), None, max(round(0.1 / step), 1))
+    source = f"{_ARDUPILOT[2]}; computed from the logged accelerations, of which filters have taken a part"
+    return Vibration(
+        t=t[kept], axes=level[kept], clips=None, advised=_ARDUPILOT[0], harmful=_ARDUPILOT[1], source=source
+    )
+
+
+def _smoothed(values: Floats, cutoff: float) -> Floats:
+    """Filter columns by one pole; `cutoff` is in samples."""
+    part = 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff))
+    start = (1.0 - part) * values[:1]
+    return np.asarray(scipy.signal.lfilter([part], [1.0, part - 1.0], values, axis=0, zi=start)[0])

@@ -1,0 +1,147 @@
+"""The account of a flight: when it flew, what it read, what happened, causes before consequences, gravest first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from core.findings import Finding, Severity
+from pipeline.results.span import Span
+
+if TYPE_CHECKING:
+    from core.parameter import Parameter
+
+
+class PhaseKind(StrEnum):
+    """What the craft did in a phase."""
+
+    GROUND = "ground"
+    FLIGHT = "flight"
+    FALL = "fall"
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A stretch of time in which the craft did one thing, s on the log's boot clock."""
+
+    kind: PhaseKind
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A number that anyone can read in a log viewer."""
+
+    value: float  #: In `unit`.
+    unit: str
+    t: float | None = None  #: When it was read, s; None for what holds for the whole flight.
+    source: str = ""  #: Which sensor or message it is of.
+    others: Mapping[str, float] = field(default_factory=dict)  #: What other sources say of the same, by source.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatteryReading:
+    """Voltages before lift-off, after touch-down and the lowest in flight, V."""
+
+    start: float
+    end: float
+    lowest: float
+    lowest_t: float
+    cells: int | None = None  #: None where the voltage before the flight is that of no number of full cells.
+    sag: Parameter | None = None  #: Resistance by which the voltage sags, ohm; None where current is not logged.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VibrationReading:
+    """The worst vibration of a flight, as the autopilot measures it."""
+
+    worst: float  #: m/s^2.
+    t: float
+    axis: str  #: Of the body; empty where the log has one number for all.
+    clips: int | None  #: How often an accelerometer hit its range; None where not logged.
+    advised: (
+        float  #: Published limits, m/s^2: normally acceptable below the first, nearly always harmful above the other.
+    )
+    harmful: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GpsReading:
+    """Satellites in flight and the share of time with a three-dimensional fix."""
+
+    satellites_least: int | None
+    satellites_median: int | None
+    fix_share: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoverReading:
+    """How much of the full throttle hovering takes, 0..1."""
+
+    start: float  #: Over the first steady hover.
+    end: float  #: Over the last.
+    thrust_to_weight: float | None  #: Full thrust over the weight; None where throttle is no share of the thrust.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorsReading:
+    """How hard each motor worked, 0..1 of the range between its limits."""
+
+    mean: Mapping[str, float]  #: By motor, over the flight.
+    hardest: str
+    at_limit: float  #: Share of the flight with a motor at its upper limit.
+
+    @property
+    def spread(self) -> float:
+        """Difference between the motor that works hardest and the one that works least."""
+        return max(self.mean.values()) - min(self.mean.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Account:
+    """What happened in one flight, or in a log without one."""
+
+    flight: Span | None
+    phases: tuple[Phase, ...] = ()
+    #: What a pilot reads off; None where the log does not tell.
+    height: Reading | None = None  #: Above the ground that the flight left, m.
+    distance: Reading | None = None  #: Largest horizontal distance from the take-off, m.
+    ground_speed: Reading | None = None  #: Largest horizontal speed, m/s.
+    climb: Reading | None = None  #: Fastest climb and sink, m/s.
+    sink: Reading | None = None
+    battery: BatteryReading | None = None
+    vibration: VibrationReading | None = None
+    gps: GpsReading | None = None
+    hover: HoverReading | None = None
+    motors: MotorsReading | None = None
+    happenings: tuple[Finding, ...] = ()  #: Each with its time; the gravest first, what is only to be known last.
+    story: tuple[Finding, ...] = ()  #: The gravest with what led to it and what followed, in the order of time.
+    headline: str = ""  #: The story in a sentence, or that nothing happened.
+    unknown: tuple[str, ...] = ()  #: What the log does not tell, a clause each.
+    #: The part of the flight before anything broke, which serves models; None without a flight.
+    sound: Span | None = None
+
+    @property
+    def cause(self) -> Finding | None:
+        """What the story began with; None where nothing happened."""
+        return self.story[0] if self.story else None
+
+    @property
+    def gravest(self) -> Finding | None:
+        """What mattered most; None where nothing happened."""
+        first = self.happenings[0] if self.happenings else None
+        return first if first is not None and first.notable else None
+
+    @property
+    def notable(self) -> tuple[Finding, ...]:
+        """Happenings that a healthy flight does not have, the gravest first."""
+        return tuple(each for each in self.happenings if each.notable)
+
+    @property
+    def severity(self) -> Severity:
+        """Severity of the gravest."""
+        return Severity.INFO if self.gravest is None else self.gravest.severity
