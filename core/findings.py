@@ -1,7 +1,7 @@
 """Verdicts on a log, a flight, a trajectory or a fit, as values: never a print, never a silent drop."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 
@@ -36,3 +36,16 @@ class Finding:
     def notable(self) -> bool:
         """Whether a healthy flight has no such finding."""
         return self.severity is not Severity.INFO
+
+
+def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return each kind of finding once, in order: the first keeps its words and gains how many there were (`count`)."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault(finding.id, []).append(finding)
+    return tuple(first if not more else _counted(first, len(more)) for first, *more in kinds.values())
+
+
+def _counted(first: Finding, more: int) -> Finding:
+    again = f"{first.reason.rstrip('.')}; {more} more such."
+    return replace(first, reason=again, evidence={**first.evidence, "count": 1 + more})

@@ -11,8 +11,6 @@ from core.lazy import exports
 
 if TYPE_CHECKING:
     from logparse.craft.frames import Motor, Vehicle
-    from logparse.events.event import FlightEvent
-    from logparse.events.timeline import flight_events
     from logparse.flights import Flight
     from logparse.given import GivenLogs, logs_of
     from logparse.log import FlightLog, check_is_log, read_flights, read_log, read_power_ups
@@ -25,7 +23,6 @@ __all__ = [
     "Boot",
     "Finding",
     "Flight",
-    "FlightEvent",
     "FlightLog",
     "Geodetic",
     "GivenLogs",
@@ -39,7 +36,6 @@ __all__ = [
     "Tables",
     "Vehicle",
     "check_is_log",
-    "flight_events",
     "logs_of",
     "read_flights",
     "read_log",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.findings import Finding
-from logparse import health
+from logparse import completeness
 from logparse.craft.frames import Vehicle
 from logparse.flights import Flight
 from logparse.tables import COLUMNS, Tables
@@ -63,7 +63,7 @@ class Inspection:
     flights: tuple[Flight, ...]
     tables: tuple[TableSummary, ...]  #: Canonical tables that the log has.
     messages: tuple[MessageSummary, ...]  #: All messages, most frequent first.
-    findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `health.check`, worst first.
+    findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `completeness.check`, worst first.
 
 
 def inspect(log: "FlightLog") -> Inspection:
@@ -88,7 +88,7 @@ def inspect(log: "FlightLog") -> Inspection:
         shown = slice(log.flight.start, log.flight.stop)
     # In this order, in which each long table is built once.
     findings = log.findings
-    findings += health.check(log)
+    findings += completeness.check(log)
     tables = [summarise(name, log.tables, shown) for name in COLUMNS if log.tables.has(name)]
     return Inspection(
         file=log.name,

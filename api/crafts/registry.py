@@ -357,7 +357,7 @@ def _craft(session: Session, record: CraftRecord) -> Craft:
         .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc())
         .limit(1)
     )
-    health = next((line for line in newest or [] if line["purpose"] == "Healthy"), None)
+    health = next((line for line in newest or [] if line["purpose"] == "Happened"), None)
     since = datetime.now(UTC) - _RECENT
     alerts = session.scalar(select(func.count()).where(AlertRecord.craft_id == record.id, AlertRecord.created > since))
     here = f"/api/v1/crafts/{record.id}"

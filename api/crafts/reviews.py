@@ -104,7 +104,7 @@ def _of_health(flights: Sequence[FlightRecord]) -> list[dict[str, Any]]:
         }
         for flight in flights
         for line in flight.answers
-        if line["purpose"] == "Healthy" and line["tone"] == "bad"
+        if line["purpose"] == "Happened" and line["tone"] == "bad"
     ]
 
 

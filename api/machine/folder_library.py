@@ -164,7 +164,7 @@ _ONLY = "flight"
 
 
 def _of_lines(lines: Sequence[AnswerLine]) -> str:
-    return next((line.word for line in lines if line.purpose == "Healthy"), NOT_DETERMINED)
+    return next((line.word for line in lines if line.purpose == "Happened"), NOT_DETERMINED)
 
 
 def _report(file: Path) -> FlightReport | None:

@@ -15,7 +15,7 @@ from logparse.canonical.instances import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
 from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
-from pipeline.flight.health.signals import thin
+from pipeline.flight.signals import thin
 from pipeline.results.craft_review import CraftReview, Note
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange

@@ -24,7 +24,7 @@ forms = APIRouter(include_in_schema=False, dependencies=from_our_forms)
 _PAGE, _UNFOLDED, _CHOICES = 25, 30, 200
 
 #: Answers of a flight that its line shows.
-_PURPOSES = ("Healthy", "Loops", "Predict ahead")
+_PURPOSES = ("Happened", "Loops", "Predict ahead")
 
 
 @router.head("/crafts")

@@ -44,7 +44,7 @@ def read_found(file: Path) -> Found:
         line
         for flight in flights
         for line in (() if flight.answer is None else flight.answer.lines)
-        if line.purpose == "Healthy"
+        if line.purpose == "Happened"
     ]
     worst = min(lines, key=lambda line: _TONES.index(line.tone), default=None)
     return Found(

@@ -34,7 +34,7 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
     {
         "read": Stage("reading the log", 0.02),
         "tables": Stage("decoding messages", 0.02),
-        "health": Stage("checking the log", 0.01),
+        "account": Stage("telling what happened", 0.01),
         "flight": Stage("looking for the flight", 0.0),
         "rotation": Stage("measuring how the craft turns", 0.05),
         "loops": Stage("looking at the control loops", 0.0),

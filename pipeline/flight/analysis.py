@@ -12,25 +12,27 @@ import scipy
 import estimation
 import logparse
 import sysid
-from logparse import Boot, Finding, FlightLog, MissingDataError, Tables, health
+from core.findings import once
+from logparse import Boot, Finding, FlightLog, MissingDataError, Severity, Tables, completeness
 from pipeline.config import AnalysisConfig
 from pipeline.execution import second
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
+from pipeline.flight.account import tell
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.flight_loops import assess_loops
-from pipeline.flight.health.assessment import assess_health, health_findings
-from pipeline.flight.health.logged import logged_rates
-from pipeline.flight.health.repetition import without_repetition
 from pipeline.flight.identification import identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
+from pipeline.flight.logged import logged_rates
 from pipeline.flight.part import busiest, part_findings
 from pipeline.flight.rotation import find_rotation
+from pipeline.flight.signals import flight_signals
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
+from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage, LoggedRate
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
@@ -145,18 +147,19 @@ def _analyze(
     if isinstance(tables, Failure):
         stages.raise_unforeseen("tables")
         raise MissingDataError(tables.reason)
-    checked = present(stages.run("health", lambda _: health.check(log))) or ()
+    checked = present(stages.run("account", lambda _: completeness.check(log))) or ()
     flight = stages.run("flight", lambda _: _flight(log, checked))
     if isinstance(progress, Overall):
         expected = expected_seconds(log, present(flight))
         progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
-    timeline = stages.run("health", lambda _: assess_health(log, present(flight)))
+    account = stages.run("account", lambda _: tell(log, present(flight)))
+    signals = flight if isinstance(flight, Failure) else stages.run("account", lambda _: flight_signals(log, flight))
     # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
     rates = (
-        None if isinstance(flight, Failure) else present(stages.run("health", lambda _: logged_rates(tables, flight)))
+        None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
     )
-    sound = flight if isinstance(timeline, Failure) or timeline.sound is None else timeline.sound
-    part = sound if isinstance(sound, Failure) else stages.run("health", lambda _: busiest(log, sound))
+    sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
+    part = sound if isinstance(sound, Failure) else stages.run("account", lambda _: busiest(log, sound))
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
     aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, part, apart))
@@ -202,13 +205,14 @@ def _analyze(
         coverage=coverage,
         motor_order=order,
         trims=trims,
-        health=timeline,
+        account=account,
+        signals=signals,
         rotation=done.rotation,
         loops=done.loops,
         findings=(
             *log.findings,
             *checked,
-            *(() if isinstance(timeline, Failure) else health_findings(timeline)),
+            *(() if isinstance(account, Failure) else _left_out(account)),
             *(part_findings(sound, part) if isinstance(sound, Span) and isinstance(part, Span) else ()),
             *findings_of(done.rotation),
             *weak,
@@ -218,8 +222,7 @@ def _analyze(
         timings=stages.timings,
     )
     advice = present(stages.run("advice", lambda _: for_flight(result)))
-    findings = without_repetition((*result.findings, *stages.findings[told:]))
-    result = replace(result, advice=advice or (), findings=findings)
+    result = replace(result, advice=advice or (), findings=once((*result.findings, *stages.findings[told:])))
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
 
 
@@ -242,7 +245,7 @@ def _without_trajectory(
     log.tables.release()
     rotation = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
     loops = stages.run("loops", lambda _: assess_loops(log, sound))
-    motors = stages.run("health", lambda _: _motors(log, log.tables, sound))
+    motors = stages.run("account", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
     return _WithoutTrajectory(rotation, loops, motors, replace(stages, progress=silent, unforeseen={}))
 
@@ -351,6 +354,21 @@ def _measured(
     )
     log.tables.release()
     return coverage
+
+
+def _left_out(account: Account) -> tuple[Finding, ...]:
+    """Explain which part of the flight serves no models, and why."""
+    cause, sound = account.cause, account.sound
+    if account.flight is None or cause is None or sound is None or sound.stop >= account.flight.stop:
+        return ()
+    return (
+        Finding(
+            "unsound-flight-excluded",
+            Severity.WARNING,
+            f"From {sound.stop:.1f} s on nothing trains or judges models: {cause.reason}",
+            evidence={"from_s": sound.stop, "event": cause.id, "event_s": cause.t},
+        ),
+    )
 
 
 def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:

@@ -14,8 +14,8 @@ import numpy as np
 
 import sysid
 from pipeline.flight.excitation import excitation_of
-from pipeline.flight.health.logged import log_health
 from pipeline.flight.kinds import RIGID_BODY_KEY
+from pipeline.flight.logged import log_health
 from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, TimeMap, Wind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from logparse import FlightLog
-from logparse.events.attitude import DEVIATING
 from pipeline.results.loops import FlightLoops
 from pipeline.results.span import Span
 from sysid.loops.evidence import find_oscillation
@@ -13,6 +12,8 @@ from sysid.loops.settings import AXES
 
 #: Fewest samples of asked and flown attitude that make an RMS.
 _FEWEST = 50
+#: Median error [rad] with which no craft flies: one of both attitudes is wrong.
+_APART = np.radians(15.0)
 
 
 def assess_loops(log: FlightLog, sound: Span) -> FlightLoops:
@@ -43,7 +44,7 @@ def _tracking(log: FlightLog, span: Span) -> dict[str, float]:
         if min(len(asked), len(flown)) < _FEWEST:
             continue
         difference = asked.to_numpy() - np.interp(asked.index, flown.index, flown)
-        if np.median(np.abs(difference)) > DEVIATING:
+        if np.median(np.abs(difference)) > _APART:
             continue  # no craft flies like that: one of both is wrong, and the timeline says so
         errors[axis] = float(np.sqrt(np.mean(difference**2)))
     return errors

@@ -52,6 +52,7 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         parameters=tuple(flight_parameters(result)),
         responses=tuple(response_curves(result)),
         trims=result.trims,
+        account=present(result.account),
         findings=_findings(result),
         timings=dict(result.timings),
     )

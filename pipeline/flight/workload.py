@@ -32,7 +32,7 @@ def expected_seconds(log: FlightLog, flight: Span | None) -> Mapping[str, float]
         The flight to analyse.
     """
     tables, megabytes = log.tables, 1e-6 * log.path.stat().st_size
-    seconds = {"read": 0.05 + 0.012 * megabytes, "tables": 0.03, "health": 0.08 + 0.03 * megabytes}
+    seconds = {"read": 0.05 + 0.012 * megabytes, "tables": 0.03, "account": 0.08 + 0.03 * megabytes}
     fixes = 0 if tables.gps is None else int((tables.gps["fix"].to_numpy(np.float64) >= 3.0).sum())
     covered = _covered(tables.times("imu"))
     seconds["trajectory"] = 0.2 + 0.006 * covered if fixes > _FIXES else 0.15 + 0.0015 * covered

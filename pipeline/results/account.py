@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from core.findings import Finding, Severity
+from core.parameter import Parameter
 from pipeline.results.span import Span
-
-if TYPE_CHECKING:
-    from core.parameter import Parameter
 
 
 class PhaseKind(StrEnum):

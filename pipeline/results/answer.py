@@ -1,4 +1,4 @@
-"""What a flight says, by purpose: a word, a number with its error and a few words each, for the first screen."""
+"""The first screen of a flight: a line for each purpose with a word, a number with its error and a few words."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ class Tone(StrEnum):
 
 
 class Picture(StrEnum):
-    """The plot that matters most of a flight."""
+    """The signal that shows what happened, or how the best model predicts."""
 
     MOTORS = "motors"
     ATTITUDE = "attitude"
+    RATES = "rates"
+    VIBRATION = "vibration"
+    BATTERY = "battery"
+    GPS = "gps"
     PREDICTION = "prediction"
     ALTITUDE = "altitude"
 
@@ -42,9 +46,10 @@ class AnswerLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """The answers of one flight."""
+    """The first screen of one flight."""
 
     lines: tuple[AnswerLine, ...]  #: Flown, healthy, loops, predict ahead, parameters, simulate.
     picture: Picture  #: The plot to show beside them.
     around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
+    next: str = ""  #: What to do next, in a sentence or two.
     model: str = ""  #: Key of the model whose prediction it shows; empty where it shows none.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from logparse import Finding
+from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage
 from pipeline.results.span import Span
 from sysid.rotors.steady_trims import SteadyTrims
@@ -84,6 +85,7 @@ class FlightSummary:
     parameters: tuple[FlightParameter, ...] = ()
     responses: tuple[ResponseCurve, ...] = ()  #: Of the axes whose gain the flight tells.
     trims: SteadyTrims | None = None  #: As of the result of the flight.
+    account: Account | None = None  #: What happened, and what was read.
     findings: tuple[Finding, ...] = ()  #: What the log, the trajectory and the fits had to say.
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds that each stage took.
 

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
+    from pipeline.results.account import Account
     from pipeline.results.advice import Advice
     from pipeline.results.answer import Answer
     from pipeline.results.coverage import Coverage
-    from pipeline.results.health import FlightHealth
     from pipeline.results.loops import FlightLoops
     from pipeline.results.rotation import RotationResult
+    from pipeline.results.signals import FlightSignals
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
     from sysid.rotors.motor_order import MotorOrder
@@ -152,7 +153,8 @@ class FlightResult(Summarised):
     motor_order: MotorOrder | None = None
     #: What the controller steadily asked of the motors; None where the log does not tell.
     trims: SteadyTrims | None = None
-    health: FlightHealth | Failure  #: What happened, by time, and which part of the flight serves models.
+    account: Account | Failure  #: What happened, what was read, and which part of the flight serves models.
+    signals: FlightSignals | Failure  #: Lines of the analysed flight for plots.
     #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     rotation: RotationResult | Failure
     loops: FlightLoops | Failure  #: Oscillations, and how closely the attitude followed what was asked.
@@ -187,7 +189,7 @@ class FlightResult(Summarised):
         """Why there is no flight, trajectory and the like, by the stage that failed; a model says so itself."""
         return reasons(
             self.flight,
-            self.health,
+            self.account,
             self.rotation,
             self.loops,
             self.trajectory,

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from core.parameter import Parameter
-from logparse import Finding, FlightEvent, Severity, Vehicle
+from logparse import Finding, Severity, Vehicle
 from pipeline.config import AnalysisConfig
+from pipeline.results.account import Account
 from pipeline.results.advice import Advice
 from pipeline.results.answer import Answer
 from pipeline.results.coverage import Coverage, Excitation, LogHealth, Wind
@@ -90,16 +90,6 @@ class TrajectoryReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HealthReport:
-    """Events in the order of time, the part of the flight that serves models, and why motors were not looked at."""
-
-    events: tuple[FlightEvent, ...]
-    sound: Span | None
-    motors_missing: str
-    sag: Parameter | None = None  #: Resistance by which the battery's voltage sags, ohm.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FlightReport:
     """One log, analysed as far as its content allows; `missing` says why a stage gave nothing."""
 
@@ -117,7 +107,7 @@ class FlightReport:
     parameters: tuple[ParameterRow, ...] | None
     trajectory: TrajectoryReport | None
     coverage: Coverage | None
-    health: HealthReport | None
+    account: Account | None
     rotation: RotationReport | None
     loops: FlightLoops | None
     answer: Answer | None

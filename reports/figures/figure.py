@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.flight.health.signals import thin
+from pipeline.flight.signals import thin
 from pipeline.results.span import Span
 from reports.figures.packing import compact, pack
 

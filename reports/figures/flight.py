@@ -128,11 +128,12 @@ def _heights(states: pd.DataFrame) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
     """Mark where notable events began, one mark for each kind and second."""
-    events = () if isinstance(result.health, Failure) else result.health.notable
-    inside = [event for event in events if states.index[0] <= event.t <= states.index[-1]][:_MOST_EVENTS]
+    account = present(result.account)
+    known = [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
+    inside = [(each, t) for each, t in known if states.index[0] <= t <= states.index[-1]][:_MOST_EVENTS]
     if not inside:
         return []
-    at = np.clip(states.index.searchsorted([event.t for event in inside]), 0, len(states) - 1)
+    at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)
     return [
         {
             "type": "scatter",
@@ -140,7 +141,7 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
             "x": rounded(states["p_e"].to_numpy(float)[at], 2),
             "y": rounded(states["p_n"].to_numpy(float)[at], 2),
             "name": "events",
-            "text": [plotly_text(f"{event.id.replace('-', ' ')}, {event.t:.1f} s") for event in inside],
+            "text": [plotly_text(f"{each.id.replace('-', ' ')}, {t:.1f} s") for each, t in inside],
             "marker": {"symbol": "x", "size": 10, "color": "@bad"},
             "hovertemplate": "%{text}<extra></extra>",
         }
@@ -258,8 +259,8 @@ def motors(result: FlightResult) -> Figure | None:
     axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
     modes = _modes(result)
     modes["annotations"] += labels
-    health = present(result.health)
-    limits = [] if health is None or health.signals is None else health.signals.motor_limits.values()
+    signals = present(result.signals)
+    limits = [] if signals is None else signals.motor_limits.values()
     modes["shapes"] += [
         limit_line(value, f"y{number + 1 if number else ''}")
         for number in range(count)

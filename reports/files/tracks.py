@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pymap3d
 
-from pipeline.results.failure import Failure
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 
 #: Most points of a track, and the least time between two of them [s].
@@ -97,12 +97,13 @@ def _utc(start: datetime | None, t: float) -> datetime | None:
 
 def _events(result: FlightResult, points: list[_Point]) -> list[tuple[str, str, _Point]]:
     """Name, sentence and place of each notable event."""
-    if isinstance(result.health, Failure):
+    account = present(result.account)
+    if account is None:
         return []
     times = np.array([point.t for point in points])
     found = []
-    for event in result.health.notable:
-        if times[0] - 1.0 <= event.t <= times[-1] + 5.0:
+    for event in account.notable:
+        if event.t is not None and times[0] - 1.0 <= event.t <= times[-1] + 5.0:
             nearest = points[int(np.argmin(np.abs(times - event.t)))]
             found.append((event.id.replace("-", " "), f"{event.t:.1f} s: {event.reason}", nearest))
     return found

@@ -34,7 +34,6 @@ from pipeline.results.report import (
     CraftReport,
     FlightReport,
     FlownReport,
-    HealthReport,
     LogReport,
     ModeSpan,
     OriginReport,
@@ -48,7 +47,6 @@ from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
 
 if TYPE_CHECKING:
     from logparse import Finding
-    from pipeline.results.health import FlightHealth
     from pipeline.results.verdict import Verdict
     from sysid import Model, PhysicalParameters, Validation
     from sysid.records.excitation import Coherence
@@ -73,7 +71,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             parameters=None if isinstance(result.parameters, Failure) else parameter_rows(result.parameters),
             trajectory=_trajectory(result),
             coverage=present(result.coverage),
-            health=_health(present(result.health)),
+            account=present(result.account),
             rotation=None if isinstance(result.rotation, Failure) else result.rotation.report(),
             loops=present(result.loops),
             answer=present(result.answer),
@@ -342,13 +340,6 @@ def _trajectory(result: FlightResult) -> TrajectoryReport | None:
         sigma_median={str(name): float(value) for name, value in sigma.items()},
         diagnostics=dict(trajectory.diagnostics),
     )
-
-
-def _health(health: FlightHealth | None) -> HealthReport | None:
-    """List the events of a flight in the order of time, and which part of it serves models."""
-    if health is None:
-        return None
-    return HealthReport(events=health.events, sound=health.sound, motors_missing=health.motors_missing, sag=health.sag)
 
 
 def _findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -99,7 +99,7 @@ def answers_of(report: FlightReport) -> list[Quantity]:
 
 def health_of(report: FlightReport) -> list[HealthEvent]:
     """List what happened in a flight, and what the log and the fits had to say of it."""
-    events = () if report.health is None else report.health.events
+    happenings = () if report.account is None else report.account.happenings
     found = [
         HealthEvent(
             id=event.id,
@@ -108,9 +108,9 @@ def health_of(report: FlightReport) -> list[HealthEvent]:
             end_s=event.end,
             reason=event.reason,
             advice=event.advice,
-            provenance=_provenance(report, event.source or "events of the log"),
+            provenance=_provenance(report, "account of the flight"),
         )
-        for event in events
+        for event in happenings
     ]
     return found + [
         HealthEvent(

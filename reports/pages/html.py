@@ -22,14 +22,14 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
 from reports.figures.figure import Figure
 from reports.figures.flight import flight_figures
-from reports.figures.health import health_figures
 from reports.figures.models import horizon_figure, off_by_default
+from reports.figures.signals import signal_figures
 from reports.views import summary
 from reports.views import tables as views
+from reports.views.account import ShownAccount, shown_account
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import details
 from reports.views.first_screen import first_figures
-from reports.views.health import Timeline, timeline
 from reports.views.model_board import Board, model_board
 from reports.views.models import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
 from reports.views.parameters import ShownCoherence, ShownParameters, coherence, parameters
@@ -49,11 +49,12 @@ class FlightPage:
     facts: str
     board: Board
     answer: Sequence[summary.ShownAnswer]
+    next_step: str
     first_figures: Sequence[Figure]
     predicted: Sequence[Figure]
     flight_figures: Sequence[Figure]
-    health_figures: Sequence[Figure]
-    timeline: Timeline | None
+    signal_figures: Sequence[Figure]
+    account: ShownAccount | None
     sentences: Sequence[str]
     verdicts: Sequence[views.ShownVerdict]
     missing: Sequence[tuple[str, str]]
@@ -91,7 +92,7 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
     figures = [figure for figure in flight_figures(result, hidden) if figure.id not in shown]
     predicted = [figure for figure in figures if figure.id == "prediction"]
     figures = [figure for figure in figures if figure.id != "prediction"]
-    healthy = health_figures(result)
+    signals = signal_figures(result)
     ahead = horizon_figure(numbers.models, hidden=hidden)
     board = model_board(result.models, hidden)
     turning = rotation_view(present(result.rotation), result.log.path.name)
@@ -103,11 +104,12 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         facts=summary.facts(numbers),
         board=board,
         answer=summary.answer_lines(numbers.answer),
+        next_step="" if numbers.answer is None else numbers.answer.next,
         first_figures=first,
         predicted=predicted,
         flight_figures=figures,
-        health_figures=healthy,
-        timeline=timeline(numbers.health),
+        signal_figures=signals,
+        account=shown_account(numbers.account),
         sentences=summary.sentences(numbers),
         verdicts=views.verdicts(numbers.models),
         missing=views.missing_stages(numbers),
@@ -124,7 +126,7 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         excitation=excitation(numbers.coverage),
         details=details(numbers),
     )
-    every = [*first, *predicted, *figures, *healthy, *([] if ahead is None else [ahead]), *board.every, *turned]
+    every = [*first, *predicted, *figures, *signals, *([] if ahead is None else [ahead]), *board.every, *turned]
     return render("flight.html", every, page, script_file)
 
 

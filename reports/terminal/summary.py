@@ -17,7 +17,6 @@ from pipeline.results.rotation_report import RotationReport
 from pipeline.results.verdict import Verdict
 from reports.numbers.rows import average
 from reports.views import summary
-from reports.views.health import sentence
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.
 _LONGEST_CELL, _LONGEST_HEALTH = 24, 34
@@ -45,8 +44,8 @@ def overview(numbers: FlightReport | FleetReport, width: int = 120) -> Renderabl
 
 def _one_flight(numbers: FlightReport) -> Group:
     parts: list[RenderableType] = [Text(numbers.name, style="bold"), *answer_rows(numbers.answer)]
-    if numbers.health is not None and any(event.notable for event in numbers.health.events):
-        parts += [Text(sentence(numbers.health), style="yellow"), Text()]
+    if numbers.answer is not None and numbers.answer.next:
+        parts += [Text(f"Next: {numbers.answer.next}"), Text()]
     if line := rotation_line(numbers.rotation):
         parts += [Text(line), Text()]
     models = _models(numbers.models)

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.findings import Finding
 from pipeline.results.answer import Picture
-from pipeline.results.failure import Failure, present
+from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figures.figure import (
@@ -25,7 +26,7 @@ from reports.figures.figure import (
     time_axis,
 )
 from reports.figures.flight import altitude, track
-from reports.figures.health import attitude_figure
+from reports.figures.signals import signal_figure
 
 _HEIGHT = 270
 _SIDE_HEIGHT = 330
@@ -69,10 +70,9 @@ def _matters(result: FlightResult) -> Figure | None:
     around = None if answer is None else answer.around
     drawn = {
         Picture.MOTORS: lambda: _motors(result),
-        Picture.ATTITUDE: lambda: attitude_figure(result),
         Picture.PREDICTION: lambda: _prediction(result),
         Picture.ALTITUDE: lambda: altitude(result),
-    }[picture]()
+    }.get(picture, lambda: signal_figure(result, str(picture)))()
     if drawn is None:
         return None
     layout = dict(drawn.layout)
@@ -93,19 +93,17 @@ def _matters(result: FlightResult) -> Figure | None:
 
 
 def _names(result: FlightResult, around: Span) -> list[Drawn]:
-    """Name the events above their lines, what endangered first, as many as do not cover each other."""
-    events = () if isinstance(result.health, Failure) else result.health.notable
-    inside = [event for event in events if around.start <= event.t <= around.stop]
+    """Name what happened above its line, the gravest first, as many as do not cover each other."""
     names: list[Drawn] = []
     taken: list[tuple[float, float]] = []
-    for event in sorted(inside, key=lambda each: (str(each.severity) != "error", each.t)):
+    for event, t in _notable(result):
         text = event.id.replace("-", " ")
         width = _LETTER * len(text) * around.duration
-        ends = event.t + width > around.stop
-        low, high = (event.t - width, event.t) if ends else (event.t, event.t + width)
-        if all(high <= other[0] or low >= other[1] for other in taken):
+        ends = t + width > around.stop
+        low, high = (t - width, t) if ends else (t, t + width)
+        if around.start <= t <= around.stop and all(high <= other[0] or low >= other[1] for other in taken):
             taken.append((low, high))
-            names.append(band_label(Span(event.t, event.t), text) | {"xanchor": "right" if ends else "left"})
+            names.append(band_label(Span(t, t), text) | {"xanchor": "right" if ends else "left"})
     return names
 
 
@@ -129,28 +127,33 @@ def _motors(result: FlightResult) -> Figure | None:
         line(table.index, table.iloc[:, k].to_numpy(float), str(name).removeprefix("m"), f"@c{k % 8 + 1}", 1.4, 0)
         for k, name in enumerate(table.columns)
     ]
-    signals = None if isinstance(result.health, Failure) else result.health.signals
+    signals = present(result.signals)
     shapes = [] if signals is None else [limit_line(each, "y") for each in signals.motor_limits.values()]
     shapes += _happened(result)
     layout = layout_of(xaxis=time_axis(span), yaxis={"title": {"text": "output (µs)"}}, shapes=shapes)
     return Figure("first-motors", _CAPTIONS["motors"], data, layout, _HEIGHT)
 
 
+def _notable(result: FlightResult) -> list[tuple[Finding, float]]:
+    """List what happened with its times, the gravest first."""
+    account = present(result.account)
+    return [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
+
+
 def _happened(result: FlightResult) -> list[Drawn]:
-    """Draw a line at each event that endangered the flight."""
-    events = () if isinstance(result.health, Failure) else result.health.notable
+    """Draw a line at each happening that endangered the flight."""
     return [
         {
             "type": "line",
             "xref": "x",
             "yref": "paper",
-            "x0": event.t,
-            "x1": event.t,
+            "x0": t,
+            "x1": t,
             "y0": 0,
             "y1": 1,
             "line": {"color": "@bad", "width": 1.5, "dash": "dot"},
         }
-        for event in events[:20]
+        for event, t in _notable(result)[:20]
         if str(event.severity) == "error"
     ]
 

@@ -54,21 +54,21 @@ def _said(flights: Sequence[FlightInShort], purpose: str) -> list[tuple[str, Sho
 
 
 def _healthy(flights: Sequence[FlightInShort]) -> ShownAnswer:
-    said = _said(flights, "Healthy")
+    said = _said(flights, "Happened")
     bad, care, good = (
         [(name, shown) for name, shown in said if shown.line.tone is tone] for tone in (Tone.BAD, Tone.CARE, Tone.GOOD)
     )
     total = len(flights)
     if not bad and not care:
         word, tone = ("yes", Tone.GOOD) if len(good) == total else ("not known of all", Tone.UNKNOWN)
-        return _line("Healthy", word, tone, f"{len(good)} of {total}", "flights without an event")
+        return _line("Happened", word, tone, f"{len(good)} of {total}", "flights without an event")
     worst = bad or care
     name, shown = worst[0]
     what = summary.brief_health(shown).text
     kind = "in danger" if bad else "to look into"
     more = f"; {len(care)} more to look into" if bad and care else ""
     word, tone = ("no", Tone.BAD) if bad else ("check", Tone.CARE)
-    return _line("Healthy", word, tone, f"{len(worst)} of {total}", f"{kind}, such as {name}: {what}{more}")
+    return _line("Happened", word, tone, f"{len(worst)} of {total}", f"{kind}, such as {name}: {what}{more}")
 
 
 def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer:

@@ -80,7 +80,7 @@ class BriefAnswer:
 def brief(answer: Answer | None) -> BriefAnswer:
     """Return the answers of a flight in as few words as a table of flights has room for."""
     said = answers(answer)
-    healthy, loops, ahead = (said.get(purpose) for purpose in ("Healthy", "Loops", "Predict ahead"))
+    healthy, loops, ahead = (said.get(purpose) for purpose in ("Happened", "Loops", "Predict ahead"))
     return BriefAnswer(
         healthy=Brief() if healthy is None else brief_health(healthy),
         loops=Brief() if loops is None or not loops.number else _followed(loops),

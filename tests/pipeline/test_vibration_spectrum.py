@@ -8,9 +8,9 @@ import pytest
 
 import logparse
 from logparse import Tables
-from pipeline.flight.health.vibration import vibration_spectrum
+from pipeline.flight.spectrum import vibration_spectrum
 from pipeline.results.span import Span
-from reports.figures.health import peaks_in_words
+from reports.figures.signals import peaks_in_words
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs" / "real"
 FLIGHT = Span(0.0, 60.0)

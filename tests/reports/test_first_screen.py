@@ -16,10 +16,10 @@ from pipeline.results.answer import Picture, Tone
 from pipeline.results.coverage import Wind
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
-from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal
 from pipeline.results.loops import FlightLoops
 from pipeline.results.report import FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
+from pipeline.results.signals import FlightHealth, FlightSignals, Panel, Signal
 from pipeline.results.span import Span
 from reports.numbers.fleet import in_short
 from reports.numbers.flight import flight_report
@@ -47,7 +47,7 @@ def event(identity: str, t: float, severity: Severity = Severity.ERROR, **eviden
 def health(*events: FlightEvent, cause: FlightEvent | None = None) -> FlightHealth:
     t = np.arange(40.0, 100.0, 0.1)
     asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
-    signals = HealthSignals(
+    signals = FlightSignals(
         attitude=tuple(Panel(title=axis, unit="rad", signals=(asked, flown)) for axis in ("roll", "pitch", "yaw")),
         vibration=(
             Panel(

@@ -10,7 +10,7 @@ import pytest
 
 from logparse import FlightEvent, Severity
 from pipeline.results.failure import Failure
-from pipeline.results.health import FlightHealth
+from pipeline.results.signals import FlightHealth
 from reports.files.parameters import COLUMNS, write_parameters
 from reports.files.tracks import FILES, write_track
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from core.findings import Finding
-from logparse import FlightLog
+from logparse import FlightLog, Tables
 from pipeline.flight.account import state
 from pipeline.flight.account.attitude import attitude_happenings
 from pipeline.flight.account.ground import ground_happenings
@@ -38,14 +38,17 @@ _LACKS = {
 
 def tell(log: FlightLog, flight: Span | None) -> Account:
     """Make the account of one flight; of a log without one, what the autopilot reported on the ground."""
-    belongs = around(flight, log.flights)
-    tables = log.tables
-    unknown = tuple(words for name, words in _LACKS.items() if not tables.has(name))
-    if flight is None:
-        readings = Readings(log, Span(float("inf"), float("inf")), belongs)
-        noted = gravest_first(list(reported_happenings(readings)))
-        return Account(flight=None, happenings=noted, headline=_on_the_ground(noted), unknown=unknown)
-    readings = Readings(log, flight, belongs)
+    if flight is not None:
+        return account_of(Readings.of(log, flight))
+    nowhere = Span(float("inf"), float("inf"))
+    readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
+    noted = gravest_first(list(reported_happenings(readings)))
+    return Account(flight=None, happenings=noted, headline=_on_the_ground(noted), unknown=_unknown(log.tables))
+
+
+def account_of(readings: Readings) -> Account:
+    """Make the account of one flight of its readings."""
+    flight, tables, unknown = readings.flight, readings.tables, _unknown(readings.tables)
     happenings = _ended(_happenings(readings), flight)
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
@@ -76,6 +79,10 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
         unknown=unknown,
         sound=_sound(flight, ordered, story),
     )
+
+
+def _unknown(tables: Tables) -> tuple[str, ...]:
+    return tuple(words for name, words in _LACKS.items() if not tables.has(name))
 
 
 def _happenings(readings: Readings) -> list[Finding]:

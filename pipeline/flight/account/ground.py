@@ -79,7 +79,13 @@ def ground_happenings(readings: Readings, *, out_of_control: bool, sank: bool) -
             lean_rad=touch.lean,
         )
     elif touch.force > SHOCK:
-        yield finding("hard-landing", f"The landing was hard{_how(touch)}.", t=touch.t, force_m_s2=touch.force)
+        yield finding(
+            "hard-landing",
+            f"The landing was hard{_how(touch)}.",
+            t=touch.t,
+            force_m_s2=touch.force,
+            sink_m_s=touch.sink,
+        )
     yield from _touches(readings, touch.t)
 
 

@@ -15,6 +15,8 @@ from pipeline.flight.account.readings import HOLDING, Readings, at, stretches
 FULL, _LASTING, _LEVEL = 0.9, 1.0, np.radians(15.0)
 #: Sink [m/s] that is more than the noise of a barometer's slope over a second.
 _SINKING = 1.0
+#: Part of the barometer's climb below which the autopilot took its own height for one that does not climb.
+_BEHIND = 0.5
 #: Voltage below which lithium cells are damaged [V], and time below it [s] that is more than a punch (BATT_LOW_TIMER).
 _EMPTY, _TIMER = 3.0, 10.0
 #: Share of its voltage that a battery sags at least when motors run; less is the supply of a board, or a constant.
@@ -63,7 +65,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
 
 
 def _estimate_off(readings: Readings, first: float, last: float) -> float | None:
-    """By how much [m] the autopilot's height fell behind the barometer's in a stretch; None below a metre."""
+    """By how much [m] the autopilot's height fell behind the barometer's in a stretch; None where it climbed as well."""
     tables = readings.tables
     if tables.ekf is None or tables.baro is None:
         return None
@@ -72,8 +74,7 @@ def _estimate_off(readings: Readings, first: float, last: float) -> float | None
         return None
     begin = max(readings.flight.start, first - 2.0)
     gains = [float(at(last, each) - at(begin, each)) for each in (height, barometer)]
-    behind = gains[1] - gains[0]
-    return behind if behind > 1.0 else None
+    return gains[1] - gains[0] if gains[0] < _BEHIND * gains[1] else None
 
 
 def real_voltage(readings: Readings) -> pd.Series[float] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,41 +11,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from core.units import STANDARD_GRAVITY
-from logparse import FlightLog, Tables
+from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.flights import height_above_ground, slope_down
+from logparse.flights import slope_down
 from logparse.numeric import NumericMessages
 from logparse.rest import ACCEL
-from pipeline.results.span import Span
+from pipeline.results.span import Span, around
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Series = "pd.Series[float]"
 
 #: Modes in which the autopilot works the throttle itself, and those that tumble on purpose or have no attitude target.
 HOLDING = frozenset(
-    # fmt: off
-    [
-        "ALT_HOLD",
-        "LOITER",
-        "AUTO",
-        "GUIDED",
-        "RTL",
-        "LAND",
-        "POSHOLD",
-        "BRAKE",
-        "CIRCLE",
-        "SPORT",
-        "DRIFT",
-        "SMART_RTL",
-        "FLOWHOLD",
-        "AUTOTUNE",
-        "POSITION",
-        "MISSION",
-        "HOLD",
-        "ALTITUDE",
-    ]
-    # fmt: on
+    (
+        *("ALT_HOLD", "LOITER", "AUTO", "GUIDED", "RTL", "LAND", "POSHOLD", "BRAKE", "CIRCLE", "SPORT", "DRIFT"),
+        *("SMART_RTL", "FLOWHOLD", "AUTOTUNE", "POSITION", "MISSION", "HOLD", "ALTITUDE"),
+    )
 )
 AEROBATIC = frozenset(["ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL", "STABILIZED_ACRO", "RATE"])
 
@@ -61,30 +42,27 @@ class Readings:
     Times are seconds on the log's boot clock. What is read is computed once, when it is first asked for.
     """
 
-    log: FlightLog
+    tables: Tables
+    messages: Mapping[str, pd.DataFrame]  #: As logged, as numbers.
+    vehicle: Vehicle
     flight: Span
     belongs: Span  #: The flight with half of the time on the ground beside it.
 
-    @property
-    def tables(self) -> Tables:
-        """Canonical tables of the log."""
-        return self.log.tables
-
-    @cached_property
-    def messages(self) -> Mapping[str, pd.DataFrame]:
-        """Messages as logged, as numbers."""
-        return NumericMessages(self.log.messages)
+    @classmethod
+    def of(cls, log: FlightLog, flight: Span) -> Readings:
+        """Return the readings of one flight of a log."""
+        return cls(log.tables, NumericMessages(log.messages), log.vehicle, flight, around(flight, log.flights))
 
     @cached_property
     def limits(self) -> PwmRange:
         """Limits of the motor outputs, as the parameters set them."""
-        return pwm_range(self.log.parameters)
+        return pwm_range(self.tables.parameters)
 
     @cached_property
     def height(self) -> pd.Series[float] | None:
         """Credible height above the ground that the flight left, m up."""
-        height = height_above_ground(self.tables)
-        return None if height is None else height - ground_before(height, self.flight)
+        found = next((each for _, each in height_sources(self.tables)), None)
+        return None if found is None else found - ground_before(found, self.flight)
 
     @cached_property
     def sink(self) -> pd.Series[float] | None:
@@ -172,6 +150,23 @@ class Readings:
     def flying(self, t: Floats) -> Mask:
         """Return which times lie in the flight, the shake of lift-off left out."""
         return (t >= self.flight.start + 0.5) & (t <= self.flight.stop)
+
+
+def height_sources(tables: Tables) -> Iterator[tuple[str, pd.Series[float]]]:
+    """Yield the heights that a log has, the most credible first, m up; a constant is none.
+
+    The barometer wanders by a metre or two; the autopilot's own height runs away with vibration or a bad GPS.
+    """
+    for source, table, name, sign in (
+        ("barometer", tables.baro, "alt", 1.0),
+        ("autopilot", tables.ekf, "p_d", -1.0),
+        ("GPS", tables.gps, "alt", 1.0),
+    ):
+        height = None if table is None else (sign * table[name]).dropna()
+        if height is not None and source == "GPS" and tables.gps is not None:
+            height = height[tables.gps["fix"].loc[height.index].to_numpy() >= 3.0]
+        if height is not None and len(height) > 5 and float(height.max()) > float(height.min()):
+            yield source, height
 
 
 def ground_before(height: pd.Series[float], flight: Span) -> float:

@@ -51,10 +51,10 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     losses = stretches(t, lost & flying, join=pause)
     for first, last in losses:
         before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[(t >= first) & (t <= last)]
-        counted = ""
-        if np.isfinite(before).any() and np.isfinite(inside).any():
-            had, left = float(np.nanmedian(before)), float(np.nanmin(inside))
-            counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
+        had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
+        left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
+        counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
+        counted += ", all at once, as when it is jammed" if had - left >= _FEWEST else ""
         lasting = f"for {last - first:.1f} s" if last > first else "for a moment"
         yield finding(
             "gps-lost",
@@ -62,6 +62,8 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
             severity=Severity.ERROR if last - first > 5.0 else Severity.WARNING,
             t=first,
             end=last,
+            satellites_before=had,
+            satellites_least=left,
         )
     yield from _silence(readings, t, losses)
     jump = _jumps(gps)
@@ -135,7 +137,7 @@ def _doubts(readings: Readings) -> Iterator[Finding]:
     name = next((each for each in ("XKF4", "NKF4") if each in readings.messages), None)
     if name is None:
         return
-    frame = readings.messages[name]
+    frame = readings.messages[name].sort_index(kind="stable")
     lane = next((column for column in ("C", "Core") if column in frame), None)
     if lane is not None:
         # The lane that flies; where the message does not tell, the first.
@@ -224,5 +226,7 @@ def _rise(t: Floats, level: Floats, measured: Vibration) -> tuple[float, float, 
         later = level[k:][t[k:] < begin + _STAYS]
         risen, usual = float(np.percentile(later, 20.0)) if len(later) else 0.0, float(np.percentile(level[:k], 95.0))
         if risen > _TIMES * usual and risen > measured.advised / 3.0:
-            return usual, float(np.median(level[k:])), float(begin)
+            quiet = np.flatnonzero((level <= 1.5 * usual) & (t < begin + 0.5))
+            since = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
+            return usual, float(np.median(level[k:])), since
     return None

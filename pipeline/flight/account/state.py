@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.flight.account.power import cells, real_voltage
-from pipeline.flight.account.readings import Readings, ground_before, within
+from pipeline.flight.account.readings import Readings, ground_before, height_sources, within
 from pipeline.flight.account.vibration import vibration
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
@@ -24,17 +24,9 @@ _EARTH = 6.371e6
 
 def height(readings: Readings) -> Reading | None:
     """Return the largest height above the ground that the flight left, with what every source says of it."""
-    tables = readings.tables
-    sources = {
-        "barometer": None if tables.baro is None else tables.baro["alt"],
-        "autopilot": None if tables.ekf is None else -tables.ekf["p_d"],
-        "GPS": None if tables.gps is None else tables.gps["alt"].where(tables.gps["fix"] >= 3.0),
+    gains = {
+        name: gain for name, known in height_sources(readings.tables) if (gain := _gain(known, readings)) is not None
     }
-    gains: dict[str, tuple[float, float]] = {}
-    for name, series in sources.items():
-        known = None if series is None else series.dropna()
-        if known is not None and (gain := _gain(known, readings)) is not None:
-            gains[name] = gain
     if not gains:
         return None
     source = next(iter(gains))
@@ -43,10 +35,10 @@ def height(readings: Readings) -> Reading | None:
 
 
 def _gain(series: pd.Series[float], readings: Readings) -> tuple[float, float] | None:
-    """Largest half-second median of a height above the ground before the flight, m, and when; None of a constant."""
+    """Largest half-second median of a height above the ground before the flight, m, and when."""
     inside = series.loc[readings.flight.start : readings.flight.stop]
     t = inside.index.to_numpy(np.float64)
-    if len(t) < 3 or float(inside.max()) == float(inside.min()):
+    if len(t) < 3:
         return None
     size = max(round(0.5 / max(float(np.median(np.diff(t))), 1e-3)), 1)
     smooth = inside.rolling(size, center=True, min_periods=1).median()
@@ -141,15 +133,11 @@ def worst_vibration(readings: Readings) -> VibrationReading | None:
         return None
     axes, t = np.nan_to_num(measured.axes[inside]), measured.t[inside]
     row, axis = (int(each) for each in np.unravel_index(int(np.argmax(axes)), axes.shape))
-    clips = None
-    if measured.clips is not None:
-        counts = measured.clips[inside]
-        clips = int(np.nanmax(counts[-1] - counts[0])) if np.isfinite(counts[[0, -1]]).any() else None
     return VibrationReading(
         worst=float(axes[row, axis]),
         t=float(t[row]),
         axis="XYZ"[axis] if axes.shape[1] == 3 else "",
-        clips=clips,
+        clips=measured.clipped(inside),
         advised=measured.advised,
         harmful=measured.harmful,
         source=measured.source,
@@ -189,7 +177,7 @@ def hover(readings: Readings) -> HoverReading | None:
         return None
     last = float(np.median(values[-count:]))
     # In Copter 3.4 and later, and in logs without a throttle, it is a share of the full thrust.
-    linear = "MOT_SPIN_MAX" in readings.log.parameters
+    linear = "MOT_SPIN_MAX" in readings.tables.parameters
     return HoverReading(
         start=float(np.median(values[:count])), end=last, thrust_to_weight=1.0 / last if linear and last > 0.0 else None
     )

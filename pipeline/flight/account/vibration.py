@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from pipeline.flight.account.readings import Floats, Readings
+from pipeline.flight.account.readings import Floats, Mask, Readings
 
 #: Limits [m/s^2]: normally acceptable below the first, nearly always harmful above the other.
 _ARDUPILOT = (30.0, 60.0, "ArduPilot wiki, Measuring Vibration")
@@ -34,6 +34,13 @@ class Vibration:
         """The worst axis at each time, m/s^2, shape (n,)."""
         return np.asarray(np.max(np.nan_to_num(self.axes), axis=1))
 
+    def clipped(self, inside: Mask) -> int | None:
+        """Return how often an accelerometer hit its range at these times; None where not logged."""
+        counts = None if self.clips is None else self.clips[inside]
+        if counts is None or not len(counts) or not np.isfinite(counts[[0, -1]]).any():
+            return None
+        return int(np.nanmax(counts[-1] - counts[0]))
+
 
 def vibration(readings: Readings) -> Vibration | None:
     """Read VIBE, VIBRATION or, of PX4, vehicle_imu_status; else compute it from a fast IMU; None where neither is."""
@@ -49,6 +56,7 @@ def vibration(readings: Readings) -> Vibration | None:
 
 
 def _logged(frame: pd.DataFrame, axes: list[str], limits: tuple[float, float, str]) -> Vibration | None:
+    frame = frame.sort_index(kind="stable")  # damage moves time stamps
     if "IMU" in frame:
         frame = frame[frame["IMU"] == frame["IMU"].min()]
     clips = [column for column in frame.columns if str(column).lower().startswith("clip")]

@@ -8,9 +8,10 @@ import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from core.findings import Finding
 from core.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
-from pipeline.results.advice import Advice, having, names_of
+from pipeline.results.advice import Advice, names_of
 from pipeline.results.split import Exclusion
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
 
@@ -34,6 +35,8 @@ FEW_HEADINGS = 3
 ENOUGH = 4
 
 #: Chirps of ArduCopter's SYSTEMID mode at the mixer, by axis.
+#: Share of a flight with a motor at its limit that is more than a manoeuvre.
+_AT_LIMIT = 0.05
 _SID_AXIS = {"roll": 10.0, "pitch": 11.0, "yaw": 12.0, "thrust": 13.0}
 _CHIRP = {"SID_MAGNITUDE": 0.05, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 15.0, "SID_T_REC": 70.0}
 
@@ -121,34 +124,37 @@ def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> 
 def _conditions(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Advise on vibration, saturation and battery."""
     total = len(flights)
-    shaken = having(flights, "vibration", "accelerometer-clipping")
-    shaken = [f for f in shaken if _severity(f, "vibration", "accelerometer-clipping") != "info"]
+    shaken = [flight for flight in flights if any(each.id == "vibration" for each in _happened(flight))]
     if shaken:
-        levels = [
-            vibration.p95
-            for flight in shaken
-            if flight.coverage is not None and (vibration := flight.coverage.health.vibration) is not None
-        ]
-        reached = f"vibration reaches {max(levels):.0f} m/s² (95 %), or " if levels else ""
+        worst = max(flight.account.vibration.worst for flight in shaken if flight.account and flight.account.vibration)
         yield Advice(
             id="soften-mount",
             rank=10,
             do="Balance the propellers and soften the mount of the autopilot",
-            why=f"in {names_of(shaken, total)} {reached}the accelerometer clips",
+            why=f"in {names_of(shaken, total)} vibration reaches {worst:.0f} m/s²",
             gain="accelerations without bias, on which thrust, drag and the trajectory rest",
             flights=tuple(flight.name for flight in shaken),
         )
-    full = [flight for flight in having(flights, "motors-saturated") if _severity(flight, "motors-saturated") != "info"]
-    if full:
-        share = max(_evidence(flight, "motors-saturated", "share") for flight in full)
+    limited = {
+        flight.name: motors.at_limit
+        for flight in flights
+        if flight.account is not None and (motors := flight.account.motors) is not None and motors.at_limit > _AT_LIMIT
+    }
+    if limited:
+        full = [flight for flight in flights if flight.name in limited]
         yield Advice(
             id="less-throttle",
             rank=14,
             do="Fly lighter, with a fuller battery, or with gentler climbs",
-            why=f"in {names_of(full, total)} a motor is at its limit for up to {100.0 * share:.0f} % of the time",
+            why=f"in {names_of(full, total)} a motor is at its limit for up to "
+            f"{100.0 * max(limited.values()):.0f} % of the time",
             gain="the craft answers as its models say; what was flown at the limit tells nothing of them",
-            flights=tuple(flight.name for flight in full),
+            flights=tuple(limited),
         )
+
+
+def _happened(flight: FlightSummary) -> tuple[Finding, ...]:
+    return () if flight.account is None else flight.account.notable
 
 
 def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
@@ -291,12 +297,3 @@ def _more(envelope: Envelope) -> Iterator[Advice]:
         why=f"the joint models rest on {k} flight{'s' if k > 1 else ''}",
         gain=f"scatter between flights adds {then:.0f} % instead of {now:.0f} % to the error on unseen ones",
     )
-
-
-def _severity(flight: FlightSummary, *names: str) -> str:
-    found = {str(finding.severity) for finding in flight.findings if finding.id in names}
-    return next((each for each in ("error", "warning", "info") if each in found), "")
-
-
-def _evidence(flight: FlightSummary, name: str, key: str) -> float:
-    return max((float(f.evidence.get(key) or 0.0) for f in flight.findings if f.id == name), default=0.0)

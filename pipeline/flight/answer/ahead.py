@@ -25,12 +25,13 @@ def ahead(result: FlightResult) -> AnswerLine:
     able = {key: use for key, use in uses.items() if use.horizon_s is not None}
     if not able:
         judged = any(use.judged for use in uses.values())
+        several = f"{len(fitted)} models were tried; none predicts" if len(fitted) > 1 else "the model does not predict"
         text = (
-            f"none of {len(fitted)} model{'s' if len(fitted) > 1 else ''} halves the error of constant velocity"
+            f"{several} this flight better than half of what constant velocity errs"
             if judged
             else brief(next((each.missing for each in fitted if each.missing), "too little flight was held out"))
         )
-        word, tone = ("no", Tone.BAD) if judged else ("not judged", Tone.UNKNOWN)
+        word, tone = ("none holds", Tone.UNKNOWN) if judged else ("not judged", Tone.UNKNOWN)
         return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text)
     best = max(able, key=lambda key: able[key].horizon_s or 0.0)
     reach, sigma = able[best].reach_s, able[best].reach_sigma_s

@@ -1,50 +1,47 @@
-"""What a flight says, by purpose: `compose_answer` chooses words and numbers that cannot contradict each other.
-
-Every word follows from a number by a rule that stands in the file of its line; texts are short, because all six lines,
-the heading and the captions of two plots must be read in ten seconds. Full reasons stand further down in a report.
-"""
+"""The first screen of a flight: what happened, the state of the craft, how it turns, models that hold, what next."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from logparse.craft.frames import OTHER_CRAFT
 from pipeline.flight.answer.ahead import ahead
-from pipeline.flight.answer.flown import flown
-from pipeline.flight.answer.healthy import healthy
+from pipeline.flight.answer.craft_state import happened, state_lines
 from pipeline.flight.answer.loops import loops
+from pipeline.flight.answer.next_step import next_step
 from pipeline.flight.answer.parameters import parameters
 from pipeline.flight.answer.picture import picture_of, shown_model
-from pipeline.flight.answer.simulator import simulate
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 
-#: Purposes that no log of the ground and of no other robot serves, with their word.
-_UNFIT = {"Loops": "not known", "Predict ahead": "no model", "Parameters": "not known", "Simulate": "no"}
-
 
 def compose_answer(result: FlightResult) -> Answer:
-    """Sum a flight up for its first screen.
-
-    Parameters
-    ----------
-    result : FlightResult
-        Complete but for its answer.
-    """
+    """Sum a flight up for its first screen; `result` is complete but for its answer."""
     model = shown_model(result)
     picture, around = picture_of(result, model)
-    unfit = _unfit(result)
-    if unfit:
-        rest = tuple(
-            AnswerLine(purpose=purpose, word=word, tone=Tone.UNKNOWN, text=unfit) for purpose, word in _UNFIT.items()
-        )
+    account = result.account
+    if isinstance(account, Failure):
+        lines = [AnswerLine(purpose="Happened", word="", tone=Tone.UNKNOWN, text=f"Not known: {account.reason}")]
     else:
-        rest = (loops(result), ahead(result), parameters(result), simulate(result))
-    lines = (flown(result), healthy(result), *rest)
-    return Answer(lines=lines, picture=picture, around=around, model=model if picture is Picture.PREDICTION else "")
+        lines = [happened(account), *state_lines(account)]
+    return Answer(
+        lines=(*lines, *_identified(result)),
+        picture=picture,
+        around=around,
+        model=model if picture is Picture.PREDICTION else "",
+        next=next_step(result),
+    )
 
 
-def _unfit(result: FlightResult) -> str:
-    """Explain in a clause why nothing can be fitted to a log at all; empty where it can be tried."""
-    if result.log.vehicle.firmware in OTHER_CRAFT:
-        return f"only for multirotors, this is {result.log.vehicle.firmware}"
-    return "needs a flight" if isinstance(result.flight, Failure) else ""
+def _identified(result: FlightResult) -> Iterator[AnswerLine]:
+    """Yield how it turns and which models hold, where anything is determined; what was tried in vain is one line."""
+    if isinstance(result.flight, Failure) or result.log.vehicle.firmware in OTHER_CRAFT:
+        return
+    turning = loops(result)
+    if turning is not None:
+        yield turning
+    known = parameters(result)
+    if known is not None:
+        yield known
+    yield ahead(result)

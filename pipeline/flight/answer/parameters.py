@@ -5,18 +5,13 @@ from __future__ import annotations
 import math
 import re
 
-import numpy as np
-
 from core.quantity import uncertain
-from pipeline.flight.answer.words import brief, changed_load
+from pipeline.flight.answer.words import changed_load
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
-from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress
 
-#: Fewest blocks of a flight for a mean over them.
-_FEWEST_BLOCKS = 5
 #: Parameters of the first screen: name, and rows of `PhysicalParameters.table` in order of preference.
 _SHOWN = (
     ("thrust", ("thrust over mass",)),
@@ -25,8 +20,8 @@ _SHOWN = (
 )
 
 
-def parameters(result: FlightResult) -> AnswerLine:
-    """Answer with thrust first; where nothing is determined, with the motors' mean output."""
+def parameters(result: FlightResult) -> AnswerLine | None:
+    """Answer with thrust first; None where nothing is determined."""
     known: list[tuple[str, float, float, str]] = []
     unknown = []
     for label, rows in _SHOWN:
@@ -38,25 +33,11 @@ def parameters(result: FlightResult) -> AnswerLine:
             what = _divided(name, in_full) + (" per motor" if label == "thrust" else "")
             known.append((what, known_value, error, _unit(in_full)))
     if not known:
-        needed = (result.thrust, result.parameters)
-        reasons = (each.reason for each in needed if isinstance(each, Failure))
-        reason = next(reasons, "the flight determines none of them")
-        value, sigma = _mean_output(result) or (None, None)
-        return AnswerLine(
-            purpose="Parameters",
-            word="not known" if value is None else "hardly",
-            tone=Tone.UNKNOWN,
-            text=brief(reason) if value is None else "mean motor output only",
-            value=value,
-            sigma=sigma,
-            unit="" if value is None else "µs",
-        )
+        return None
     what, value, sigma, unit = known[0]
     parts = [what]
     parts += [f"{name} {uncertain(known_value, error, its_unit)}" for name, known_value, error, its_unit in known[1:]]
     text = ", ".join(parts)
-    if unknown:
-        text += f"; {' and '.join(unknown)} not determined"
     disagree = not isinstance(result.parameters, Failure) and bool(result.parameters.findings)
     if disagree:
         text += "; methods disagree"
@@ -67,19 +48,6 @@ def parameters(result: FlightResult) -> AnswerLine:
     word = "known" if complete else "disputed" if disagree or changed else "partly"
     tone = Tone.GOOD if complete else Tone.CARE
     return AnswerLine(purpose="Parameters", word=word, tone=tone, text=text, value=value, sigma=sigma, unit=unit)
-
-
-def _mean_output(result: FlightResult) -> tuple[float, float] | None:
-    """Return the mean output of all motors in the air, µs, with its standard error over blocks of the flight."""
-    if result.motors is None or isinstance(result.flight, Failure):
-        return None
-    rows = result.motors.loc[result.flight.start : result.flight.stop].mean(axis=1).dropna()
-    blocks = rows.groupby(np.floor(rows.index.to_numpy(np.float64) / BLOCK_SECONDS)).mean().to_numpy(np.float64)
-    if len(blocks) < _FEWEST_BLOCKS:
-        return None
-    fit = regress([np.ones((len(blocks), 1))], [blocks])
-    (mean,), (sigma,) = fit.values, fit.sigma
-    return float(mean), float(sigma)
 
 
 def _row(result: FlightResult, parameter: str) -> tuple[float, float, str] | None:

@@ -1,8 +1,9 @@
-"""The plot that matters most of a flight, and the model that it shows."""
+"""The signal that shows what happened; in a flight where nothing did, how the best model predicts."""
 
 from __future__ import annotations
 
-from pipeline.flight.answer.healthy import during, led_to
+from collections.abc import Mapping
+
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Picture
 from pipeline.results.failure import Failure, present
@@ -10,30 +11,43 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from pipeline.results.verdict import Trust
 
-#: Time shown before and after an event, s.
+#: Time shown before and after what happened, s.
 _BEFORE, _AFTER = 8.0, 6.0
+#: The signal that shows each kind of happening; height where none is named.
+_SHOWS: Mapping[str, Picture] = {
+    "motor-fault": Picture.MOTORS,
+    "control-lost": Picture.ATTITUDE,
+    "oscillation": Picture.RATES,
+    "yaw-lost": Picture.MOTORS,
+    "vibration": Picture.VIBRATION,
+    "battery-low": Picture.BATTERY,
+    "gps-lost": Picture.GPS,
+    "gps-glitch": Picture.GPS,
+    "crash": Picture.ATTITUDE,
+}
+_FAILSAFES: Mapping[str, Picture] = {"FAILSAFE_BATTERY": Picture.BATTERY, "FAILSAFE_GPS": Picture.GPS}
 
 
 def picture_of(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
-    """Choose the plot that matters most: what failed, else how the models predict, else how the attitude followed."""
-    health = present(result.health)
-    signals = None if health is None else health.signals
-    event = health.cause if health is not None else None
-    if event is None and health is not None and not isinstance(result.flight, Failure):
-        event = next((each for each in during(health, result.flight) if str(each.severity) == "error"), None)
-    if event is not None and health is not None and not isinstance(result.flight, Failure):
-        first = led_to(event, health) or event
-        around = Span(max(first.t - _BEFORE, result.flight.start), event.t + _AFTER)
-        by_motors = first.id in ("motor-loss", "motor-at-limit") or not _asked(result)
-        if by_motors and result.motors is not None and result.motors.shape[1]:
-            return Picture.MOTORS, around
-        if signals is not None and signals.attitude:
-            return Picture.ATTITUDE, around
-    if model:
-        return Picture.PREDICTION, None
-    if signals is not None and signals.attitude:
-        return Picture.ATTITUDE, None
-    return Picture.ALTITUDE, None
+    """Choose the plot of the first screen, and the stretch of time that it shows; None for the whole flight."""
+    account, flight = present(result.account), present(result.flight)
+    if account is not None and flight is not None and (cause := account.cause) is not None and cause.t is not None:
+        last = account.story[-1]
+        end = max(last.t or cause.t, min(last.end or cause.t, cause.t + 20.0))
+        around = Span(max(cause.t - _BEFORE, flight.start - 2.0), end + _AFTER)
+        picture = _SHOWS.get(cause.id, Picture.ALTITUDE)
+        picture = _FAILSAFES.get(str(cause.evidence.get("subsystem")), picture)
+        return (picture if _drawn(result, picture) else Picture.ALTITUDE), around
+    return (Picture.PREDICTION if model else Picture.ALTITUDE), None
+
+
+def _drawn(result: FlightResult, picture: Picture) -> bool:
+    """Return whether the log has the signal."""
+    if picture is Picture.MOTORS:
+        return result.motors is not None and result.motors.shape[1] > 0
+    if picture is Picture.ALTITUDE or isinstance(result.signals, Failure):
+        return False
+    return bool(getattr(result.signals, str(picture)))
 
 
 def shown_model(result: FlightResult) -> str:
@@ -45,9 +59,3 @@ def shown_model(result: FlightResult) -> str:
         if each.predictions and uses.free_run.trust in (Trust.YES, Trust.LIMITED) and reach > furthest:
             best, furthest = each.key, reach
     return best
-
-
-def _asked(result: FlightResult) -> bool:
-    """Return whether asked and flown attitude are known."""
-    health = present(result.health)
-    return health is not None and health.signals is not None and bool(health.signals.attitude)

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from logparse import Tables
-from pipeline.results.health import Notch, Peak, Spectrum
+from pipeline.results.signals import Notch, Peak, Spectrum
 from pipeline.results.span import Span
 from sysid.records.periodogram import densities, welch
 

@@ -4,10 +4,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from pipeline.flight.health.assessment import assess_health, health_findings
 
 import logparse
-from pipeline.flight.health.assessment import assess_health, health_findings
-from pipeline.results.health import FlightHealth
+from pipeline.results.signals import FlightHealth
 from pipeline.results.span import Span
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"

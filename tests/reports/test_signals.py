@@ -4,16 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from reports.views.health import sentence, timeline
 
 from logparse import FlightEvent, Severity, read_log
-from pipeline.flight.health.signals import health_signals, thin
-from pipeline.results.health import FlightHealth, HealthSignals, Panel, Signal, Spectrum
+from pipeline.flight.signals import flight_signals, thin
 from pipeline.results.report import HealthReport
+from pipeline.results.signals import FlightHealth, FlightSignals, Panel, Signal, Spectrum
 from pipeline.results.span import Span
-from reports.figures.health import health_figures
+from reports.figures.signals import signal_figures
 from reports.numbers.flight import flight_report
 from reports.pages.html import flight_page
-from reports.views.health import sentence, timeline
 
 
 def event(identity, t, severity=Severity.WARNING, reason="It happened.", **more):
@@ -32,7 +32,7 @@ def health():
             event("motor-at-limit", 55.0),
         ),
         sound=Span(40.0, 59.7),
-        signals=HealthSignals(
+        signals=FlightSignals(
             attitude=(Panel(title="roll", unit="rad", signals=(asked, flown)),),
             vibration=(Panel(title="vibration", unit="m/s²", signals=(flown,), limits={"limit": 30.0}),),
             spectrum=Spectrum(source="gyro", unit="rad/s", hz=hz, amplitudes={"roll": 1.0 / hz}, filters={"F": 20.0}),
@@ -47,7 +47,7 @@ def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
     times = rows.index.to_numpy().copy()
     times[[50, 51]] = times[[51, 50]]
     log.messages.replace("VIBE", rows.set_axis(times))
-    (panel,) = health_signals(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03)).vibration
+    (panel,) = flight_signals(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03)).vibration
     assert all((np.diff(signal.t) > 0.0).all() for signal in panel.signals)
 
 
@@ -57,7 +57,7 @@ def test_a_heading_about_south_does_not_jump():
     t = np.arange(len(rows)) * 0.1
     flown, asked = 180.0 + 5.0 * np.sin(t), 180.0 + 5.0 * np.sin(t + 0.1)
     log.messages.replace("ATT", rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0))
-    panel = health_signals(log, log.flight).attitude[2]
+    panel = flight_signals(log, log.flight).attitude[2]
     assert panel.title == "yaw"
     by_name = {signal.name: signal.y for signal in panel.signals}
     for values in by_name.values():
@@ -73,7 +73,7 @@ def test_turns_before_take_off_do_not_count():
     t = rows.index.to_numpy()
     carried = np.interp(t, [t[0], start], [0.0, 790.0])
     log.messages.replace("ATT", rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0))
-    panel = health_signals(log, log.flight).attitude[2]
+    panel = flight_signals(log, log.flight).attitude[2]
     for signal in panel.signals:
         assert np.degrees(np.median(signal.y)) == pytest.approx(70.0, abs=1.0)
 
@@ -93,14 +93,14 @@ def test_thinning_keeps_every_peak():
 
 
 def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, health):
-    figures = {figure.id: figure for figure in health_figures(dataclasses.replace(flight, health=health))}
+    figures = {figure.id: figure for figure in signal_figures(dataclasses.replace(flight, health=health))}
     assert set(figures) == {"health-attitude", "health-vibration", "health-spectrum"}
     attitude = figures["health-attitude"]
     assert max(v for v in attitude.data[0]["y"] if v is not None) == pytest.approx(np.degrees(0.1), abs=0.01)
     assert "°" in attitude.layout["yaxis"]["title"]["text"]
     # Notable events are marked, quiet ones are not.
     assert {shape["x0"] for shape in attitude.layout["shapes"]} == {55.0, 60.0}
-    assert health_figures(flight) == []
+    assert signal_figures(flight) == []
 
 
 def test_the_page_shows_the_timeline_escaped(flight, health):

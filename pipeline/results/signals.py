@@ -1,4 +1,4 @@
-"""What happened in a flight, and which part of it can serve models."""
+"""Lines over a flight for its plots, and the spectrum of its vibration."""
 
 from __future__ import annotations
 
@@ -9,10 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from core.parameter import Parameter
-    from logparse import FlightEvent
-    from pipeline.results.span import Span
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +69,8 @@ class Spectrum:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HealthSignals:
-    """What the health of a flight is judged by, as lines: each group is one plot, empty where it was not logged."""
+class FlightSignals:
+    """What a flight is judged by, as lines: each group is one plot, empty where it was not logged."""
 
     attitude: tuple[Panel, ...] = ()
     rates: tuple[Panel, ...] = ()
@@ -85,22 +81,3 @@ class HealthSignals:
     compass: tuple[Panel, ...] = ()
     spectrum: Spectrum | None = None
     motor_limits: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightHealth:
-    """Timeline of a flight, with the part of it that trains and judges models."""
-
-    events: tuple[FlightEvent, ...]  #: In the order of time, those on the ground before and after the flight included.
-    #: The part of the analysed flight before a motor failed or control was lost for good; the whole flight where
-    #: nothing of the kind happened, None without a flight.
-    sound: Span | None
-    cause: FlightEvent | None = None  #: Why the rest is left out; None where nothing is.
-    motors_missing: str = ""  #: Why failing motors could not be looked for; empty where they were.
-    sag: Parameter | None = None  #: Resistance by which the battery's voltage sags, ohm; None without a battery.
-    signals: HealthSignals | None = None  #: Lines of the analysed flight for plots; None without a flight.
-
-    @property
-    def notable(self) -> tuple[FlightEvent, ...]:
-        """Events that a healthy flight does not have."""
-        return tuple(event for event in self.events if event.notable)

@@ -1,4 +1,4 @@
-"""The plots by which the health of a flight is judged: asked and flown, vibration, battery, estimator, GPS, compass."""
+"""The plots by which a flight is judged: asked and flown, vibration, battery, estimator, GPS, compass."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from core.parameter import Parameter
 from core.quantity import joined, number, uncertain
-from pipeline.results.failure import Failure
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from pipeline.results.health import FlightHealth, Panel, Peak, Spectrum
+from pipeline.results.signals import Panel, Peak, Spectrum
 from pipeline.results.span import Span
 from reports.figures.figure import (
     Drawn,
@@ -53,12 +53,12 @@ _ALONE = {
 }
 
 
-def health_figures(result: FlightResult) -> list[Figure]:
+def signal_figures(result: FlightResult) -> list[Figure]:
     """Draw what the health of the flight rests on; a plot whose data is missing is left out."""
-    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
+    if isinstance(result.signals, Failure) or isinstance(result.flight, Failure):
         return []
-    signals = result.health.signals
-    marks = _marks(result.health, result.flight)
+    signals = result.signals
+    marks = _marks(result)
     figures = [
         _stacked(name, panels, result.flight, marks)
         for name, panels in (
@@ -73,7 +73,7 @@ def health_figures(result: FlightResult) -> list[Figure]:
         if panels
     ]
     figures = [
-        replace(each, caption=f"{each.caption} {_sagging(result.health.sag)}") if each.id == "health-battery" else each
+        replace(each, caption=f"{each.caption} {_sagging(_sag(result))}") if each.id == "health-battery" else each
         for each in figures
     ]
     if signals.spectrum is not None:
@@ -91,10 +91,15 @@ def _sagging(sag: Parameter | None) -> str:
 
 def attitude_figure(result: FlightResult) -> Figure | None:
     """Draw attitude asked for and flown; None where it was not logged."""
-    if isinstance(result.health, Failure) or result.health.signals is None or isinstance(result.flight, Failure):
+    return signal_figure(result, "attitude")
+
+
+def signal_figure(result: FlightResult, name: str) -> Figure | None:
+    """Draw one group of lines, such as ``"vibration"``; None where it was not logged."""
+    if isinstance(result.signals, Failure) or isinstance(result.flight, Failure):
         return None
-    panels = result.health.signals.attitude
-    return _stacked("attitude", panels, result.flight, _marks(result.health, result.flight)) if panels else None
+    panels: Sequence[Panel] = getattr(result.signals, name)
+    return _stacked(name, panels, result.flight, _marks(result)) if panels else None
 
 
 def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn]) -> Figure:
@@ -135,9 +140,15 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn
     return Figure(f"health-{name}", caption, data, layout, 120 + 110 * len(panels))
 
 
-def _marks(health: FlightHealth, flight: Span) -> list[Drawn]:
-    """Draw each notable event as a line where it began."""
-    times = sorted({round(event.t, 1) for event in health.notable if flight.start <= event.t <= flight.stop + 5.0})
+def _sag(result: FlightResult) -> Parameter | None:
+    account = present(result.account)
+    return None if account is None or account.battery is None else account.battery.sag
+
+
+def _marks(result: FlightResult) -> list[Drawn]:
+    """Draw each notable happening as a line where it began."""
+    account = present(result.account)
+    times = sorted({round(each.t, 1) for each in (() if account is None else account.notable) if each.t is not None})
     return [
         {
             "type": "line",

@@ -1,4 +1,4 @@
-"""What a log lacks for identification, what is wrong with the flight in it, and how to log better next time."""
+"""What a log lacks for identification, and how to log better next time."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pandas as pd
 
 from core.findings import Finding, Severity
-from core.units import numbers
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import LONGEST_GAP, height_above_ground, held
@@ -34,8 +33,6 @@ _NEEDED = (
 _MOTORS_RATE, _IMU_RATE = 5.0, 20.0
 #: Gap [s] in flight that estimation notices.
 _GAP = 1.0
-#: Vibration [m/s^2] above which ArduPilot's documentation calls for action.
-_VIBRATION = 30.0
 
 
 def check(log: "FlightLog") -> tuple[Finding, ...]:
@@ -48,8 +45,7 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
     Returns
     -------
     tuple of Finding
-        Missing tables with the parameter that logs them, low rates, gaps in flight, GPS quality, saturated or idle
-        motors, vibration and clipping, errors that the autopilot reported in flight.
+        Missing tables with the parameter that logs them, low rates, gaps in flight.
     """
     flight = log.flight
     findings = list(_advised(log, list(_lacking(log))))
@@ -65,10 +61,6 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
         )
         return tuple(findings)
     findings += _gaps(log, flight)
-    findings += _fixes(log, flight)
-    findings += _saturation(log, flight)
-    findings += _vibration(log, flight)
-    findings += _errors(log, flight)
     return tuple(findings)
 
 
@@ -200,152 +192,3 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
                 else "Use a faster card or log fewer messages (DSF.Dp counts what the autopilot dropped).",
                 {"count": count, "longest": float(gaps.max()), "t": where},
             )
-
-
-def _fixes(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    gps = log.tables.gps
-    if gps is None:
-        return
-    fixes = gps.loc[flight.start : flight.stop]
-    if not len(fixes):
-        return
-    good = float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean())
-    if good < 0.98:
-        yield Finding(
-            "gps-no-fix",
-            Severity.ERROR if good < 0.5 else Severity.WARNING,
-            f"GPS has a three-dimensional fix in only {100 * good:.0f} % of the flight.",
-            "Wait for a fix before take-off and fly under open sky.",
-            {"share": good},
-        )
-    hdop = float(fixes["hdop"].median())
-    if hdop > 2.0:
-        yield Finding(
-            "gps-poor",
-            Severity.WARNING,
-            f"The horizontal dilution of precision is {hdop:.1f} in the median: positions wander by metres.",
-            "Fly when and where more satellites are in view.",
-            {"hdop": hdop},
-        )
-
-
-def _saturation(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    motors = log.tables.motors
-    if motors is None or log.format == "ulog":
-        return
-    values = motors.loc[flight.start : flight.stop].to_numpy()
-    levels = pwm_range(log.parameters)
-    top, bottom = levels.pwm(levels.spin_max), levels.pwm(levels.spin_min)
-    span = levels.pwm_max - levels.pwm_min
-    with np.errstate(invalid="ignore"):
-        high = float((values >= top - 0.01 * span).any(axis=1).mean()) if len(values) else 0.0
-        low = float((values <= bottom + 0.005 * span).any(axis=1).mean()) if len(values) else 0.0
-    if high > 0.01:
-        yield Finding(
-            "motors-saturated",
-            Severity.WARNING if high > 0.05 else Severity.INFO,
-            f"In {100 * high:.0f} % of the flight a motor is at its upper limit ({top:.0f} us): "
-            "there the craft does not answer linearly.",
-            "Fly less aggressively, lighter, or with a fuller battery.",
-            {"share": high, "limit": top},
-        )
-    if low > 0.05:
-        yield Finding(
-            "motors-at-idle",
-            Severity.INFO,
-            f"In {100 * low:.0f} % of the flight a motor is at its lower limit ({bottom:.0f} us).",
-            "",
-            {"share": low, "limit": bottom},
-        )
-
-
-def vibration(log: "FlightLog", start: float, stop: float) -> dict[str, float] | None:
-    """Vibration as the autopilot measures it, worst axis, and how often the accelerometer hit its range.
-
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    start, stop : float
-        The stretch of time, s.
-
-    Returns
-    -------
-    dict or None
-        ``p95`` [m/s^2], ``above`` (part of the time above what calls for action) and ``clips``; None where not logged.
-    """
-    name, axes = ("VIBE", ("VibeX", "VibeY", "VibeZ"))
-    if "VIBRATION" in log.messages:
-        name, axes = ("VIBRATION", ("vibration_x", "vibration_y", "vibration_z"))
-    if name not in log.messages:
-        return None
-    frame = log.messages[name]
-    frame = frame[(frame.index >= start) & (frame.index <= stop)]
-    if not len(frame) or not set(axes) <= set(frame.columns):
-        return None
-    worst = np.column_stack([numbers(frame, axis) for axis in axes]).max(axis=1)
-    worst = worst[np.isfinite(worst)]
-    if not len(worst):
-        return None
-    clips = [column for column in frame.columns if str(column).lower().startswith("clip")]
-    # The counters run for each accelerometer by itself.
-    by = "IMU" if "IMU" in frame else None
-    parts = [part for _, part in frame.groupby(by)] if by else [frame]
-    count = max(
-        (float(counter[-1] - counter[0]) for part in parts for column in clips if len(counter := _known(part, column))),
-        default=0.0,
-    )
-    return {
-        "p95": float(np.percentile(worst, 95.0)),
-        "above": float((worst > _VIBRATION).mean()),
-        "clips": count,
-    }
-
-
-def _known(rows: pd.DataFrame, column: str) -> npt.NDArray[np.float64]:
-    values = numbers(rows, column)
-    return values[np.isfinite(values)]
-
-
-def _vibration(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    measured = vibration(log, flight.start, flight.stop)
-    if measured is None:
-        return
-    share, worst, count = measured["above"], measured["p95"], measured["clips"]
-    if share > 0.05:
-        yield Finding(
-            "vibration",
-            Severity.WARNING,
-            f"Vibration is above {_VIBRATION:.0f} m/s^2 in {100 * share:.0f} % of the flight (95th percentile "
-            f"{worst:.0f}): accelerations are biased.",
-            "Balance the propellers and soften the mount of the autopilot.",
-            {"share": share, "p95": worst},
-        )
-    if count > 0:
-        yield Finding(
-            "accelerometer-clipping",
-            Severity.WARNING if count > 100 else Severity.INFO,
-            f"The accelerometer hit its range {count:.0f} times in flight.",
-            "Soften the mount of the autopilot, or look for a crash in the log.",
-            {"count": int(count)},
-        )
-
-
-def _errors(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    events = log.tables.events
-    if events is None:
-        return
-    errors = events.loc[flight.start : flight.stop]
-    errors = errors[(errors["event"] == "ERROR") & ~errors["detail"].str.endswith(" 0")]
-    if len(errors):
-        kinds = sorted(set(errors["detail"]))
-        yield Finding(
-            "autopilot-errors",
-            Severity.WARNING,
-            f"The autopilot reported {len(errors)} error{'s' if len(errors) > 1 else ''} in flight: "
-            + ", ".join(kinds[:6])
-            + (" ..." if len(kinds) > 6 else "")
-            + ".",
-            "Leave the time around them out of the fit.",
-            {"count": len(errors), "first": float(errors.index[0])},
-        )

@@ -1,4 +1,4 @@
-"""Lines by which the health of a flight is judged, thinned for plots such that no peak is lost."""
+"""Lines by which a flight is judged, thinned for plots such that no peak is lost."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
 from logparse.craft.pwm_range import pwm_range
-from logparse.events.vibration import vibration_levels
 from logparse.numeric import NumericMessages
-from pipeline.flight.health.vibration import vibration_spectrum
-from pipeline.results.health import HealthSignals, Panel, Signal
+from pipeline.flight.account.readings import Readings
+from pipeline.flight.account.vibration import vibration
+from pipeline.flight.spectrum import vibration_spectrum
+from pipeline.results.signals import FlightSignals, Panel, Signal
 from pipeline.results.span import Span
 
 Floats = NDArray[np.float64]
@@ -24,7 +25,7 @@ _MOST = 3000
 _RATIO = 0.8
 
 
-def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
+def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
     """Gather the lines of one flight.
 
     Parameters
@@ -34,7 +35,7 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
     """
     tables, messages = log.tables, NumericMessages(log.messages)
     levels = pwm_range(log.parameters)
-    return HealthSignals(
+    return FlightSignals(
         attitude=_asked_and_flown(
             tables, flight, ("setpoints", "attitude"), {name: (name, name) for name in ("roll", "pitch", "yaw")}, "rad"
         ),
@@ -48,7 +49,7 @@ def health_signals(log: FlightLog, flight: Span) -> HealthSignals:
             },
             "rad/s",
         ),
-        vibration=_vibration(messages, tables, flight),
+        vibration=_vibration(log, flight),
         battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")})
         + _power(tables.battery, flight),
         estimator=_ratios(messages, flight),
@@ -164,19 +165,14 @@ def _power(battery: pd.DataFrame | None, flight: Span) -> tuple[Panel, ...]:
     return _panel("power", "W", [_line("power", watts, flight)]) if len(watts) and float(watts.max()) > 0.0 else ()
 
 
-def _vibration(messages: Mapping[str, pd.DataFrame], tables: Tables, flight: Span) -> tuple[Panel, ...]:
-    found = vibration_levels(messages, tables.imu)
-    if not found:
+def _vibration(log: FlightLog, flight: Span) -> tuple[Panel, ...]:
+    measured = vibration(Readings.of(log, flight))
+    if measured is None:
         return ()
-    first = found[0]
-    limits = {"advised limit": first.acceptable, "harmful": first.harmful}
-    if len(first.axes) == 1:
-        named = ((f"accelerometer {each.number}", each.frame[each.axes[0]]) for each in found)
-        return _panel("vibration", "m/s²", [_line(name, column, flight) for name, column in named], limits)
-    frame = first.frame
-    if "IMU" in frame:
-        frame = frame[frame["IMU"] == frame["IMU"].min()]
-    lines = [_line(axis, frame[column], flight) for axis, column in zip("xyz", first.axes, strict=True)]
+    limits = {"advised limit": measured.advised, "harmful": measured.harmful}
+    names = "xyz" if measured.axes.shape[1] == 3 else ("accelerometer 1",)
+    columns = (pd.Series(column, index=measured.t) for column in measured.axes.T)
+    lines = [_line(name, column, flight) for name, column in zip(names, columns, strict=True)]
     return _panel("vibration", "m/s²", lines, limits)
 
 

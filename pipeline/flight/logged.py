@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from logparse import health
+from pipeline.flight.account.readings import Readings
+from pipeline.flight.account.vibration import vibration
 from pipeline.results.coverage import BatteryUse, GpsQuality, LoggedRate, LogHealth, PositionSigma, Vibration
 
 if TYPE_CHECKING:
@@ -54,11 +55,11 @@ def log_health(
     """
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
-    parameters, vibration = log.parameters, health.vibration(log, flight.start, flight.stop)
+    parameters = log.parameters
     return LogHealth(
         rates=logged_rates(log.tables, flight) if rates is None else rates,
         gps=_gps(log.tables, flight),
-        vibration=None if vibration is None else Vibration(**vibration),
+        vibration=_vibration(log, flight),
         battery=_battery(log.tables, flight),
         position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
         settings={
@@ -100,6 +101,18 @@ def _gps(tables: Tables, flight: Span) -> GpsQuality | None:
     return GpsQuality(
         fix_part=float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean()),
         **{name: float(values.median()) for name, values in known.items() if len(values)},
+    )
+
+
+def _vibration(log: FlightLog, flight: Span) -> Vibration | None:
+    measured = vibration(Readings.of(log, flight))
+    inside = None if measured is None else (measured.t >= flight.start) & (measured.t <= flight.stop)
+    if measured is None or inside is None or not inside.any():
+        return None
+    return Vibration(
+        p95=float(np.percentile(measured.level[inside], 95.0)),
+        above=float((measured.level[inside] > measured.advised).mean()),
+        clips=measured.clipped(inside) or 0,
     )
 
 

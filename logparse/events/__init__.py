@@ -1,1 +1,0 @@
-"""What happened in a flight, by time: reports of the autopilot, and what its sensors and outputs show."""

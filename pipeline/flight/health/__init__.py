@@ -1,1 +1,0 @@
-"""How healthy a flight was, and how well it was logged."""
