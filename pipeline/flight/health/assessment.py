@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
-
 import numpy as np
 
 from core.parameter import Parameter
-from core.quantity import joined
 from logparse import Finding, FlightEvent, FlightLog, MissingDataError, Severity, flight_events
 from pipeline.flight.health.signals import health_signals
 from pipeline.results.health import FlightHealth
 from pipeline.results.span import Span, around
 from sysid.rotors.battery import sag_resistance
-from sysid.rotors.motor_dropout import Dropout, MotorDropouts, find_motor_dropouts
-from sysid.rotors.motor_loss import MotorLoss, find_motor_losses, read_moments
-from sysid.rotors.motor_order import find_order_change
+from sysid.rotors.motor_faults import MotorFault, find_motor_faults
 
 #: Events after which the craft is no longer the one to model.
-_EXCHANGED = "motor-order-changed"
-_ENDING = ("crash", "disarmed-in-air", "motor-loss", _EXCHANGED)
+_ENDING = ("crash", "disarmed-in-air", "motor-loss")
 #: Time before such an event that is left out with it, s: a change is timed to a few tenths of a second.
 _MARGIN = 0.3
-#: Time for which a craft out of control still tells its motors apart, s: later it tumbles, or lies on the ground.
-_TUMBLING = 2.0
 #: Time between the end of a loss of control and the crash that it led to, s.
 _LED_TO = 2.0
-#: Time before a landing in which the ground pushes, s; a log has none whose motor outputs end within `_CUT` seconds of
-#: the flight, unless the autopilot said so within `_LANDED` seconds before.
-_LANDING, _CUT, _LANDED = 2.0, 0.3, 4.0
 
 
 def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
@@ -46,13 +35,10 @@ def assess_health(log: FlightLog, flight: Span | None) -> FlightHealth:
     missing = ""
     try:
         if flight is not None:
-            aloft = _ends_aloft(log, flight)
-            events += _exchanged(log, flight.start, _undisturbed(flight, events, aloft=aloft))
-            moments_until = cache(partial(read_moments, log.tables, log.vehicle, flight.start))
-            losses = find_motor_losses(moments_until(_undisturbed(flight, events, aloft=aloft)), log.vehicle)
-            events += [_motor_event(loss, losses) for loss in losses]
-            dropouts = find_motor_dropouts(moments_until(_controlled(flight, events)), log.tables, log.vehicle)
-            events += [_dropout_event(each, one) for each in dropouts for one in each.dropouts]
+            lost = [each.t for each in events if each.id in ("crash", "disarmed-in-air") and each.t > flight.start]
+            stop = min([*lost, flight.stop])
+            faults = find_motor_faults(log.tables, log.vehicle, flight.start, stop)
+            events += [_motor_event(fault, faults) for fault in faults]
     except MissingDataError as error:
         missing = str(error)
     events.sort(key=lambda event: event.t)
@@ -93,110 +79,37 @@ def health_findings(health: FlightHealth) -> tuple[Finding, ...]:
     )
 
 
-def _ends_aloft(log: FlightLog, flight: Span) -> bool:
-    """Return whether the log ends with the flight and nothing says that it landed: power was cut, or the file."""
-    motors, said = log.tables.motors, log.tables.events
-    if motors is None or len(motors) < 2 or float(motors.index[-1]) - flight.stop > _CUT:
-        return False
-    if said is None:
-        return True
-    landed = said["event"].loc[flight.stop - _LANDED :].isin(["LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED"])
-    return not bool(landed.any())
-
-
-def _undisturbed(flight: Span, events: list[FlightEvent], *, aloft: bool = False) -> float:
-    """Last moment of a flight at which its motors can be compared, s: before it is lost, hits the ground or lands."""
-    blows = [
-        event.t - 0.1
-        for event in events
-        if event.id in ("crash", "disarmed-in-air", _EXCHANGED) and flight.start < event.t < flight.stop + 2.0
-    ]
-    tumbles = [
-        event.t + _TUMBLING
-        for event in events
-        if event.id == "loss-of-control" and event.duration > _TUMBLING and flight.start < event.t < flight.stop
-    ]
-    return min([*blows, *tumbles[:1], flight.stop if aloft else flight.stop - _LANDING])
-
-
-def _controlled(flight: Span, events: list[FlightEvent]) -> float:
-    """Last moment of a flight at which a motor's dropout can be told from what else is wrong, s."""
-    wrong = [
-        event.t
-        for event in events
-        if event.id in ("loss-of-control", "motor-loss", "attitude-not-held", "oscillation") and event.t > flight.start
-    ]
-    return min([*wrong, _undisturbed(flight, events)])
-
-
-def _exchanged(log: FlightLog, start: float, stop: float) -> list[FlightEvent]:
-    """Name outputs that changed places in flight, which else looks like a motor that weakens."""
-    change = find_order_change(log.tables, log.vehicle, start, stop)
-    if change is None:
-        return []
-    what = ", ".join(f"{name} follows what the mixer asks of {other}" for name, other in change.follows.items())
-    return [
-        FlightEvent(
-            id=_EXCHANGED,
-            t=change.t,
-            end=stop,
-            severity=Severity.ERROR,
-            reason=f"Motor outputs change places at {change.t:.0f} s: from then on {what}.",
-            advice="No craft does this in flight: look for what changed the log, or SERVOn_FUNCTION.",
-            evidence={"motors": ", ".join(change.follows), "follow": ", ".join(change.follows.values())},
+def _motor_event(fault: MotorFault, faults: tuple[MotorFault, ...]) -> FlightEvent:
+    others = f" (or {', '.join(map(str, fault.alternatives))})" if fault.alternatives else ""
+    thrust = f"{100.0 * fault.loss:.0f} ± {max(100.0 * fault.sigma, 1.0):.0f} % of its thrust"
+    evidence = {"motor": fault.motor, "score": fault.score}
+    if fault.kind == "pulse":
+        count = sum(each.kind == "pulse" and each.motor == fault.motor for each in faults)
+        return FlightEvent(
+            id="motor-dropout",
+            t=fault.t,
+            end=fault.end,
+            severity=Severity.ERROR if fault.loss >= 0.5 else Severity.WARNING,
+            reason=f"Motor {fault.motor} lacked {thrust} for {fault.end - fault.t:.1f} s, then recovered"
+            f"{f' (one of {count} times)' if count > 1 else ''}: {fault.evidence}.",
+            advice=f"Look for a dry solder joint or a loose plug at motor {fault.motor} or its ESC; do not fly before.",
+            evidence=evidence | {"missing_thrust": fault.loss, "missing_thrust_sigma": fault.sigma, "times": count},
         )
-    ]
-
-
-def _dropout_event(dropouts: MotorDropouts, one: Dropout) -> FlightEvent:
-    count = len(dropouts.dropouts)
-    again = f" (one of {count} times)" if count > 1 else ""
-    return FlightEvent(
-        id="motor-dropout",
-        t=one.t,
-        end=one.end,
-        severity=Severity.ERROR if one.loss >= 0.5 else Severity.WARNING,
-        reason=f"Motor {dropouts.motor} gave {100.0 * one.loss:.0f} ± {100.0 * one.sigma:.0f} % less thrust than asked "
-        f"for {one.end - one.t:.1f} s, then recovered{again}.",
-        advice=f"Look for a dry solder joint or a loose plug at motor {dropouts.motor} and its ESC; do not fly before.",
-        evidence={
-            "motor": dropouts.motor,
-            "missing_thrust": one.loss,
-            "missing_thrust_sigma": one.sigma,
-            "times": count,
-            "score": one.score,
-        },
-    )
-
-
-def _motor_event(loss: MotorLoss, losses: tuple[MotorLoss, ...]) -> FlightEvent:
-    others = f" (or {', '.join(map(str, loss.alternatives))})" if loss.alternatives else ""
-    points = 100.0 * (1.0 - loss.output)
-    gone = loss.loss > 0.9
-    at_once = sorted(one.motor for one in losses if abs(one.t - loss.t) < 1.0)
-    several, together = len(at_once) > 1, joined([str(motor) for motor in at_once])
-    what = "lost all its thrust" if gone else f"lost {points:.0f} % of its output"
-    missing = "" if gone else f": {100.0 * loss.loss:.0f} ± {100.0 * loss.sigma:.1f} % of its thrust is missing"
+    if fault.loss > 0.95:
+        what = "lost all its thrust"
+    elif fault.kind == "step":
+        what = f"lost {100.0 * (1.0 - fault.output):.0f} % of its output, {thrust},"
+    else:
+        what = f"lacked {thrust}"
     return FlightEvent(
         id="motor-loss",
-        t=loss.t,
-        end=loss.end,
+        t=fault.t,
+        end=fault.end,
         severity=Severity.ERROR,
-        reason=f"Motors {together} are out of balance at once from {loss.t:.1f} s on: as if motor {loss.motor} {what}"
-        f"{missing.replace(':', ',')}."
-        if several
-        else f"Motor {loss.motor}{others} {what} from {loss.t:.1f} s on{missing}.",
-        advice="Motors do not fail together: look for a blow, for what moved, such as an arm or battery, and at wires."
-        if several
-        else f"Inspect motor {loss.motor}, its propeller, ESC, plugs and solder joints.",
-        evidence={
-            "motor": loss.motor,
-            "thrust_loss": loss.loss,
-            "thrust_loss_sigma": loss.sigma,
-            "output_loss": 1.0 - loss.output,
-            "score": loss.score,
-        }
-        | ({"at_once": together} if several else {}),
+        reason=f"Motor {fault.motor}{others} {what} from {fault.t:.1f} s on: {fault.evidence}.",
+        advice=f"Inspect motor {fault.motor}, its propeller, ESC, plugs and solder joints.",
+        evidence=evidence
+        | {"thrust_loss": fault.loss, "thrust_loss_sigma": fault.sigma, "output_loss": 1.0 - fault.output},
     )
 
 
