@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from logparse import Tables, Vehicle
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import commands_for, motor_pwm
-from sysid.rotors.motor_faults.moments import OF_A_FALL, Flags, Moments, read_moments
+from sysid.rotors.motor_faults.moments import MEMORY, OF_A_FALL, Flags, Moments, long_run_variance, read_moments
 
 Kind = Literal["limit", "step", "pulse"]
 
@@ -40,13 +40,11 @@ SMALLEST, SURE = 0.10, 8.0
 #: Part of the best change of all moments that one motor must explain, and of its own explanation that none of the
 #: others may reach if it is to be named alone.
 ONE_MOTOR, ALIKE = 0.8, 0.85
-#: Time over which noise may be correlated, s.
-_MEMORY = 3.0
 
 #: Shortest time before and after a step [s].
 _BEFORE, _AFTER = 3.0, 0.4
 #: Chance that noise makes as large a score by itself. Shortly after the take-off noise is hardly known: its variance
-#: then comes from as many independent pieces as there were times `_MEMORY` before the change, and Student's
+#: then comes from as many independent pieces as there were times `MEMORY` before the change, and Student's
 #: distribution asks for more than `SURE` in the first 18 s.
 _BY_CHANCE = 1e-4
 #: The same score with the change itself still in the noise.
@@ -224,7 +222,7 @@ def _step(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
         if score < sure or loss > 1.5 or fits.part[row, column] < one_motor or not allowed[max(row - 2, 0)]:
             return None
         variances = _variances(left.without(row, column, loss), moments)
-    if score < scipy.stats.t.isf(_BY_CHANCE, (t[row] - t[0]) / _MEMORY) or not _sharp(moments, row, column, loss):
+    if score < scipy.stats.t.isf(_BY_CHANCE, (t[row] - t[0]) / MEMORY) or not _sharp(moments, row, column, loss):
         return None
     size, sigma = _size(left, variances, row, column)
     if size < _SIGMAS * sigma:
@@ -289,15 +287,7 @@ def _output(thrust: float, loss: float, vehicle: Vehicle) -> float:
 
 
 def _variances(residuals: Sequence[Floats], moments: Moments) -> list[float]:
-    """Return the variance of each correlated residual's mean, times the number of samples (Newey and West 1987)."""
-    count, found = len(moments.t), []
-    lags = int(min(count // 4, np.ceil(_MEMORY / moments.step)))
-    weights = 1.0 - np.arange(1, lags) / max(lags, 1)
-    for residual in residuals:
-        own = float(residual @ residual) / count
-        covariances = np.array([float(residual[lag:] @ residual[:-lag]) / count for lag in range(1, lags)])
-        found.append(max(own + 2.0 * float(weights @ covariances), 0.2 * own, 1e-12))
-    return found
+    return [long_run_variance(residual, moments.step) for residual in residuals]
 
 
 def _pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:

@@ -33,6 +33,11 @@ _NEAR = 0.01
 #: Columns of `Moments.columns` that a craft out of control keeps: its airspeed is unlike any before.
 OF_A_FALL = (0, 1, 2, 3)
 
+#: Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.
+_WILD = 1e4
+#: Time over which noise may be correlated, s.
+MEMORY = 3.0
+
 Flags = NDArray[np.bool_]
 
 
@@ -85,9 +90,10 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     if tables.imu is None:
         raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
     outputs = tables.motors.loc[start + _LIFT_OFF : stop, names].dropna()
-    motion = tables.imu.loc[start : stop + 0.5]
-    if motion.isna().to_numpy().any():  # a copy of a long log's IMU is half as large as the log
-        motion = motion.dropna()
+    motion = tables.imu.loc[start : stop + 0.5, ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
+    measured = (motion.abs() < _WILD).all(axis=1)
+    if not measured.all():  # a copy of a long log's IMU is half as large as the log
+        motion = motion[measured]
     t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
     if min(len(t), len(at)) < _FEWEST:
         return None
@@ -97,7 +103,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
     # Means over the interval around each output, and what rates change by within it.
     width = 0.5 * float(np.median(np.diff(t)))
-    moved = motion[["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]].to_numpy(np.float64)
+    moved = motion.to_numpy(np.float64)
     integral = np.zeros_like(moved)
     np.cumsum(0.5 * np.diff(at)[:, None] * (moved[1:] + moved[:-1]), axis=0, out=integral[1:])
 
@@ -122,3 +128,13 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
             for a in axes
         ],
     )
+
+
+def long_run_variance(residual: Floats, step: float) -> float:
+    """Return the variance of a correlated residual's mean, times the number of samples (Newey and West 1987)."""
+    count = len(residual)
+    lags = int(min(count // 4, np.ceil(MEMORY / step)))
+    own = float(residual @ residual) / count
+    weights = 1.0 - np.arange(1, lags) / max(lags, 1)
+    covariances = np.array([float(residual[lag:] @ residual[:-lag]) / count for lag in range(1, lags)])
+    return max(own + 2.0 * float(weights @ covariances), 0.2 * own, 1e-12)
