@@ -22,7 +22,7 @@ from scipy.special import ndtri as normal_ppf
 from logparse import Finding, Severity
 from pipeline.fleet.places import day_of, places_of
 from pipeline.flight.flight_parameters import BATTERY
-from sysid.rotors.steady_imbalance import changed_motor
+from sysid.rotors.motor_faults.trims import changed_motor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

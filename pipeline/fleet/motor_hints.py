@@ -15,7 +15,7 @@ from pipeline.results.flight import FlightResult
 from pipeline.storage.kept import read_result
 from pipeline.storage.manifest import FLIGHTS
 from pipeline.storage.store import ENTRY, Store
-from sysid.rotors.steady_imbalance import weak_from_start
+from sysid.rotors.motor_faults.trims import weak_from_start
 
 
 def settle_hints(flights: Sequence[FlightEntry], store: Store, publish: Publish | None) -> tuple[FlightEntry, ...]:

@@ -39,9 +39,8 @@ from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.loops import FlightLoops
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
-from sysid.rotors.motor_order import MotorOrder, motor_order
-from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
-from sysid.rotors.steady_trims import SteadyTrims
+from sysid.rotors.motor_faults.outputs import check_outputs
+from sysid.rotors.motor_faults.trims import SteadyTrims, steady_trims, weak_from_start
 from sysid.rotors.thrust import thrust_changes
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 
@@ -51,8 +50,8 @@ SHORTEST_EXPERIMENT = 20.0
 #: Stages that take time beside the others where a log is analysed alone.
 ASIDE = ("rotation", "loops")
 
-#: What motor outputs tell: their order, their trims, and whether one is weak.
-_Motors = tuple[MotorOrder | None, SteadyTrims | None, tuple[Finding, ...]]
+#: What motor outputs tell: their trims, and whether they are in order and none is weak.
+_Motors = tuple[SteadyTrims | None, tuple[Finding, ...]]
 
 
 def analyze(
@@ -183,7 +182,7 @@ def _analyze(
     coverage = _measured(log, trajectory, flight, fitted, rates, stages)
     done = aside()
     stages.take(done.stages)
-    order, trims, weak = (None, None, ()) if isinstance(done.motors, Failure) else done.motors
+    trims, of_motors = (None, ()) if isinstance(done.motors, Failure) else done.motors
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
     told = len(stages.findings)
@@ -203,7 +202,6 @@ def _analyze(
         thrust=fitted.thrust,
         parameters=fitted.parameters,
         coverage=coverage,
-        motor_order=order,
         trims=trims,
         account=account,
         signals=signals,
@@ -215,8 +213,8 @@ def _analyze(
             *(() if isinstance(account, Failure) else _left_out(account)),
             *(part_findings(sound, part) if isinstance(sound, Span) and isinstance(part, Span) else ()),
             *findings_of(done.rotation),
-            *weak,
-            *findings_of(estimated, fitted.thrust, fitted.parameters, order, *fitted.experiments.values()),
+            *of_motors,
+            *findings_of(estimated, fitted.thrust, fitted.parameters, *fitted.experiments.values()),
             *stages.findings,
         ),
         timings=stages.timings,
@@ -417,22 +415,21 @@ def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
 
     What trims say of a motor must hold in the other flights of the log too.
     """
-    order: MotorOrder | None = None
-    trims: SteadyTrims | None = None
     vehicle, beside = log.vehicle, []
     with suppress(MissingDataError):
-        order = motor_order(tables, vehicle, sound.start, sound.stop)
-    # Of outputs in another order trims tell nothing.
-    if order is None or not order.findings:
-        with suppress(MissingDataError):
-            trims = steady_trims(tables, vehicle, sound.start, sound.stop)
+        # Of outputs in another order trims tell nothing.
+        if found := check_outputs(tables, vehicle, sound.start, sound.stop):
+            return None, found
+    trims: SteadyTrims | None = None
+    with suppress(MissingDataError):
+        trims = steady_trims(tables, vehicle, sound.start, sound.stop)
     if trims is None:
-        return order, None, ()
+        return None, ()
     for other in log.flights:
         if other != log.flight:
             with suppress(MissingDataError):
                 beside.append(steady_trims(tables, vehicle, other.start, other.stop))
-    return order, trims, weak_from_start(trims, [each for each in beside if each is not None])
+    return trims, weak_from_start(trims, [each for each in beside if each is not None])
 
 
 def _sha256(path: Path) -> str:

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from pipeline.results.signals import FlightSignals
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
-    from sysid.rotors.motor_order import MotorOrder
-    from sysid.rotors.steady_trims import SteadyTrims
+    from sysid.rotors.motor_faults.trims import SteadyTrims
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,8 +148,6 @@ class FlightResult(Summarised):
     parameters: PhysicalParameters | Failure  #: By every method, from the first part of the flight.
     #: How fast, how high, in which wind it flew, how it moved and how well that was logged.
     coverage: Coverage | Failure
-    #: Whether motor outputs are those that the mixer asked for; None where the log does not tell.
-    motor_order: MotorOrder | None = None
     #: What the controller steadily asked of the motors; None where the log does not tell.
     trims: SteadyTrims | None = None
     account: Account | Failure  #: What happened, what was read, and which part of the flight serves models.

@@ -7,7 +7,7 @@ from pipeline.fleet.motor_hints import settle_hints
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.kept import read_result, write_result
 from pipeline.storage.store import FolderStore
-from sysid.rotors.steady_imbalance import weak_from_start
+from sysid.rotors.motor_faults.trims import weak_from_start
 from tests.pipeline.builders import flown
 from tests.reports.conftest import made_flight
 from tests.sysid.trimmed_flights import REAL, trimmed

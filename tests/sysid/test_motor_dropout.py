@@ -1,17 +1,15 @@
 """Motors that drop out for moments are named with number and second; gusts, sticks and lasting losses are not."""
 
-import numpy as np
 import pytest
 
-from sysid.rotors.motor_dropout import find_motor_dropouts
-from sysid.rotors.motor_loss import read_moments
+from sysid.rotors.motor_faults import find_motor_faults
 from tests.sysid.failing_motor import Fault, craft, fly
 
 FRAMES = [("quad", "x"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
 
 
 def dropouts_in(tables, vehicle, start, stop):
-    return find_motor_dropouts(read_moments(tables, vehicle, start, stop), tables, vehicle)
+    return [one for one in find_motor_faults(tables, vehicle, start, stop) if one.kind == "pulse"]
 
 
 @pytest.mark.parametrize(("frame_class", "frame_type"), FRAMES)
@@ -23,12 +21,11 @@ def test_dropouts_of_a_motor_are_named_with_its_number_and_their_seconds(frame_c
     for seed in range(20):
         motor = 1 + seed % len(vehicle.motors)
         tables = fly(vehicle, seed, *(Fault(motor, t, 0.5, t + 1.0) for t in times))
-        for each in dropouts_in(tables, vehicle, 0.0, 40.0):
-            assert each.motor == motor
-            for one in each.dropouts:
-                assert min(abs(one.t - t) for t in times) < 1.0
-                assert 0.25 <= one.loss <= 1.0
-                found += 1
+        for one in dropouts_in(tables, vehicle, 0.0, 40.0):
+            assert one.motor == motor
+            assert min(abs(one.t - t) for t in times) < 1.0
+            assert 0.25 <= one.loss <= 1.0
+            found += 1
         named += 1
     assert found >= 0.6 * 3 * named  # 0.81 of 180 with six motors, more with others
 
@@ -37,18 +34,19 @@ def test_dropouts_of_a_motor_are_named_with_its_number_and_their_seconds(frame_c
 def test_sound_motors_in_gusts_drop_out_never(frame_class, frame_type):
     vehicle = craft(frame_class, frame_type)
     for seed in range(20):
-        assert dropouts_in(fly(vehicle, 50 + seed, gust=0.01, drift=0.03), vehicle, 0.0, 40.0) == ()
+        assert dropouts_in(fly(vehicle, 50 + seed, gust=0.01, drift=0.03), vehicle, 0.0, 40.0) == []
 
 
 def test_a_lasting_loss_is_no_dropout():
     vehicle = craft("quad", "x")
     found = dropouts_in(fly(vehicle, 5, Fault(2, 20.0, 0.6)), vehicle, 0.0, 40.0)
-    assert all(one.t > 19.0 for each in found for one in each.dropouts)
-    assert all(len(each.dropouts) < 2 for each in found)
+    assert all(one.t > 19.0 for one in found)
+    assert len(found) < 2
 
 
 def test_sigma_is_the_loss_over_its_score():
     vehicle = craft("quad", "x")
-    (each,) = dropouts_in(fly(vehicle, 1, Fault(3, 15.0, 0.4, 16.0), Fault(3, 25.0, 0.4, 26.0)), vehicle, 0.0, 40.0)
-    assert each.worst.sigma == pytest.approx(each.worst.loss / each.worst.score)
-    assert np.all(np.diff([one.t for one in each.dropouts]) > 0.0)
+    found = dropouts_in(fly(vehicle, 1, Fault(3, 15.0, 0.4, 16.0), Fault(3, 25.0, 0.4, 26.0)), vehicle, 0.0, 40.0)
+    assert [one.sigma for one in found] == pytest.approx([one.loss / one.score for one in found])
+    assert len(found) == 2
+    assert found[0].t < found[1].t

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError, Vehicle
-from sysid.rotors.steady_imbalance import steady_trims, weak_from_start
+from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
 from tests.sysid.trimmed_flights import REAL, trimmed
 

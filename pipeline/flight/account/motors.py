@@ -1,13 +1,50 @@
-"""Motors that failed, weakened or dropped out."""
+"""Motors that gave less thrust than their outputs asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from core.findings import Finding
+from core.catalogue import finding
+from core.findings import Finding, Severity
+from logparse import MissingDataError
 from pipeline.flight.account.readings import Readings
+from sysid.rotors.motor_faults import MotorFault, find_motor_faults
+
+#: Part of the thrust above which a motor that fails is said to have lost all of it, and gives way for a moment only
+#: where it is below.
+_ALL, _GRAVE = 0.95, 0.5
 
 
 def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
-    """Yield motors at fault before `until`, the first blow or the touch-down."""
-    yield from ()
+    """Yield motors at fault before `until`, the first blow or touch-down; none where frame or outputs are missing."""
+    try:
+        faults = find_motor_faults(readings.tables, readings.vehicle, readings.flight.start, until)
+    except MissingDataError:
+        return
+    for fault in faults:
+        again = sum(each.motor == fault.motor and each.kind == "pulse" for each in faults)
+        yield finding(
+            "motor-fault",
+            f"{_sentence(fault, again)}: {fault.evidence}.",
+            severity=Severity.WARNING if fault.kind == "pulse" and fault.loss < _GRAVE else Severity.ERROR,
+            advice=f"Inspect motor {fault.motor}, its propeller, ESC, plugs and solder joints before the next flight.",
+            t=fault.t,
+            end=fault.end,
+            motor=fault.motor,
+            kind=fault.kind,
+            thrust_loss=fault.loss,
+            thrust_loss_sigma=fault.sigma,
+            output_loss=1.0 - fault.output,
+        )
+
+
+def _sentence(fault: MotorFault, again: int) -> str:
+    others = f" (or {', '.join(map(str, fault.alternatives))})" if fault.alternatives else ""
+    thrust = f"{100.0 * fault.loss:.0f} ± {max(100.0 * fault.sigma, 1.0):.0f} % of its thrust"
+    if fault.kind == "pulse":
+        times = f", one of {again} times" if again > 1 else ""
+        return f"Motor {fault.motor} lacked {thrust} for {fault.end - fault.t:.1f} s{times}"
+    if fault.loss > _ALL:
+        return f"Motor {fault.motor}{others} lost all its thrust"
+    output = f" ({100.0 * (1.0 - fault.output):.0f} % of its output)" if fault.kind == "step" else ""
+    return f"Motor {fault.motor}{others} lost {thrust}{output}"

@@ -1,89 +1,82 @@
 """A motor that is weak from the beginning of a flight, by what the controller steadily asks of all motors.
 
-The controller restores the moments in three ways only (roll, pitch, yaw), and the mixer spreads each over all motors.
-With the mixer's factors as orthonormal columns Q (motors, 3) and the motors' mean thrusts s over their mean, the trims
-``z = Q^T s`` hold all that it does. A motor k that gives the part d less than it is told leads to ``z = d s_k q_k``,
-with q_k the k-th row of Q: to roll, pitch and yaw in one proportion. A centre of gravity beside the middle leads to
-roll and pitch only, in any direction; motors twisted about their arms to yaw only. So one motor is named where it
-explains all three and neither of the others does. Both together may be in a motor's proportion by chance: trims of 0.1
-to 0.3 are ordinary on real craft, of which one in 29 flights is, so that this is no more than a hint, and a motor that
-is weak stays weak: where other flights of the craft are known, either all of them together or the change against the
-others must name the motor too.
+Of the moments of `sysid.rotors.motor_faults.moments` this is what neither turning nor airspeed explain: a motor k that
+gives the part d less than it is told leads to ``z_a = d f_ak s_k`` about each axis a, with s_k its thrust over the mean
+of all. A centre of gravity beside the middle leads to roll and pitch only, in any direction; motors twisted about their
+arms to yaw only. So one motor is named where it explains all three and neither of the others does. Both together may be
+in a motor's proportion by chance: trims of 0.1 to 0.3 are ordinary on real craft, of which one in 29 flights is, so
+that this is no more than a hint, and a motor that is weak stays weak: where other flights of the craft are known,
+either all of them together or the change against the others must name the motor too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT, factors_of
-from sysid.records.motor_scaling import curve, motor_commands
-from sysid.rotors.steady_trims import SteadyTrims
+from sysid.rotors.motor_faults.moments import long_run_variance, read_moments
 
 #: Thrust of motors of one kind at one signal differs by this part (standard deviation).
 ALIKE = 0.03
-
 #: Trims of one craft differ by this from flight to flight (standard deviation): loads and batteries lie elsewhere.
 AGAIN = 0.015
-
 #: Part of the trims by which a motor's pattern may err: thrust curves, limits of the mixer.
 PATTERN = 0.05
-
 #: Time after lift-off and before landing that is left out, and the shortest flight that tells, s.
-_LIFT_OFF, _SHORTEST = 4.0, 20.0
-#: Rates [rad/s] and specific forces [m/s^2] beyond this were never measured.
-_WILD = 1e4
-
-#: Time over which means are taken, s, and number of what else makes moments.
-BLOCK, _NUISANCES = 2.0, 5
-
+_ASIDE, _SHORTEST = 4.0, 20.0
+#: Columns of the moments without their drift, which the mean of a flight holds.
+_STEADY = slice(0, 6)
 #: Smallest loss of thrust that is named.
 SMALLEST = 0.1
-
 #: Squared distances of what one motor leaves unexplained (two degrees of freedom, 5 %), and of what the others leave
 #: (one degree of freedom for the centre of gravity, two for a twist: 0.3 %).
 _FITS, _NOT_BALANCE, _NOT_TWIST = 6.0, 9.0, 11.6
-
 #: The first for a change, which is there whatever explains it (0.1 %).
 _FITS_CHANGE = 13.8
 
 
-def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
-    """Return the trims of a flight; None for a frame that cannot turn about every axis by its motors.
+@dataclass(frozen=True, slots=True)
+class SteadyTrims:
+    """Roll, pitch and yaw that the controller steadily asked for in one flight."""
 
-    Parameters
-    ----------
-    tables : Tables
-        With the outputs of all motors; the IMU helps.
-    vehicle : Vehicle
-        Whose frame is known.
-    start, stop : float
-        Airborne interval, s.
+    motors: tuple[str, ...]
+    trims: tuple[float, ...]  #: As parts of the mean thrust along the mixer's columns, each of length 1.
+    variance: tuple[float, ...]  #: Of the three, by their scatter within the flight.
+    rows: tuple[tuple[float, ...], ...]  #: Trims that each motor would take if it gave nothing.
+
+
+def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
+    """Return the trims of a flight between start and stop [s]; None where its motors do not turn it about every axis.
 
     Raises
     ------
     MissingDataError
-        When the frame or a motor's output is missing, or the flight is too short.
+        When the frame, a motor's output or the IMU is missing, or the flight is too short or logged too slowly.
     """
-    names = tuple(f"m{motor.number}" for motor in vehicle.motors)
-    if not names or tables.motors is None or not set(names) <= set(tables.motors):
-        raise MissingDataError("what motors steadily give needs the frame and the outputs of all its motors")
-    pwm = tables.motors.loc[start + _LIFT_OFF : stop - _LIFT_OFF, list(names)].dropna()
-    if len(pwm) < 50 or pwm.index[-1] - pwm.index[0] < _SHORTEST:
+    moments = read_moments(tables, vehicle, start + _ASIDE, stop - _ASIDE)
+    if moments is None or moments.t[-1] - moments.t[0] < _SHORTEST:
         raise MissingDataError("the flight is too short to tell what motors steadily give")
-    thrust = curve(np.clip(motor_commands(pwm.to_numpy(np.float64), vehicle), 0.0, 1.0), vehicle.thrust_expo)
-    share = thrust / np.maximum(thrust.mean(axis=1, keepdims=True), 1e-9)
     factors = factors_of(vehicle)
     if np.any(np.abs(factors).max(axis=0) < INDEPENDENT):
         return None
-    basis = np.linalg.qr(factors - factors.mean(axis=0))[0]
-    trims, variance = _steady(share @ basis, pwm.index.to_numpy(np.float64), tables.imu)
-    rows = share.mean(axis=0)[:, None] * basis
-    return SteadyTrims(names, tuple(trims.tolist()), tuple(variance.tolist()), tuple(map(tuple, rows.tolist())))
+    length, trims, variance = np.linalg.norm(factors, axis=0), [], []
+    level = moments.thrust.mean()
+    for asked, columns, size in zip(moments.asked, moments.columns, length, strict=True):
+        steady = columns[:, _STEADY]
+        value = np.linalg.lstsq(steady, asked, rcond=None)[0]
+        # At the mean thrust, without any turn or airspeed.
+        still = np.array([1.0, level, 0.0, 0.0, 0.0, 0.0]) / (level * size)
+        spread = long_run_variance(asked - steady @ value, moments.step)
+        trims.append(float(still @ value))
+        variance.append(spread * float(still @ np.linalg.pinv(steady.T @ steady) @ still))
+    rows = (moments.thrust.mean(axis=0) / level)[:, None] * factors / length
+    names = tuple(f"m{motor.number}" for motor in vehicle.motors)
+    return SteadyTrims(names, tuple(trims), tuple(variance), tuple(map(tuple, rows.tolist())))
 
 
 def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims] = ()) -> tuple[Finding, ...]:
@@ -168,38 +161,3 @@ def _mean(flights: Sequence[SteadyTrims], unlike: float = ALIKE) -> tuple[Floats
     mean = (weights * trims).sum(axis=0) / total
     scatter = (weights * (trims - mean) ** 2).sum(axis=0) / max(len(flights) - 1, 1)
     return mean, np.maximum(scatter, 1.0) / total
-
-
-def _steady(trims: Floats, t: Floats, imu: pd.DataFrame | None) -> tuple[Floats, Floats]:
-    """Return trims in steady flight, (3,), and their variance, (3,): without what turning and airspeed take.
-
-    Turning takes moments with the angular acceleration and rate, airspeed with the specific force across the thrust.
-    """
-    size = max(round(BLOCK / float(np.median(np.diff(t)))), 1)
-    count = len(t) // size
-
-    def blocks(values: Floats) -> Floats:
-        return np.asarray(values[: count * size].reshape(count, size, -1).mean(axis=1))
-
-    if imu is not None:
-        read = imu[["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
-        # Damage leaves numbers that are none, or that no craft survives.
-        imu = imu[(read.abs() < _WILD).all(axis=1)]
-    means, z, variance = blocks(trims), np.empty(3), np.empty(3)
-    for axis in range(3):
-        columns = [np.ones(count)]
-        if imu is not None and len(imu) > 1 and count > 3 * _NUISANCES:
-            at, rate = imu.index.to_numpy(np.float64), imu[f"gyro_{'xyz'[axis]}"].to_numpy(np.float64)
-            edges = (
-                np.interp(t[: count * size : size], at, rate),
-                np.interp(t[size - 1 : count * size : size], at, rate),
-            )
-            force = [np.interp(t, at, imu[f"accel_{name}"].to_numpy(np.float64)) for name in "xy"]
-            columns += [edges[1] - edges[0], *blocks(np.column_stack([np.interp(t, at, rate), *force])).T]
-        design = np.column_stack(columns)
-        value, *_ = np.linalg.lstsq(design, means[:, axis], rcond=None)
-        left = means[:, axis] - design @ value
-        z[axis] = value[0]
-        # Half of the blocks count: weather lasts longer than one.
-        variance[axis] = 2.0 * float(left @ left) / max(count - len(value), 1) * np.linalg.pinv(design.T @ design)[0, 0]
-    return z, variance

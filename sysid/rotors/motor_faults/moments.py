@@ -1,0 +1,140 @@
+"""Moments that motor outputs make, beside all else that explains them: the one equation of every motor fault.
+
+A rate controller keeps the moments of all motors in balance, so that those which the *outputs* would make show what it
+must add. With outputs turned into thrust q_k by the autopilot's curve, and f_ak the mixer's factor of motor k about
+axis a (roll, pitch, yaw), a craft whose motor j lacks the part x of its thrust from the time tau until e obeys::
+
+    sum_k f_ak q_k = x f_aj q_j [tau <= t < e] + a + b Q + c w_a + d dw_a/dt + e f_x + f f_y + g Q t + noise
+
+where Q is the mean thrust, w the angular rate, and f_x, f_y the specific force across the thrust axis, which goes with
+airspeed and so takes up what wind and drag do. Position of the centre of gravity, its drift and the inertia are
+nuisances; x has the same value about all axes. A lasting loss is a window until the end of the flight, a dropout a
+short one, and a motor that is weak from the beginning hides in a, b (`sysid.rotors.motor_faults.trims`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logparse import MissingDataError, Tables, Vehicle
+from sysid.records.experiment import Floats
+from sysid.records.mixer import factors_of
+from sysid.records.motor_scaling import curve, motor_commands
+
+#: Slowest motor outputs and rates [Hz] that tell a change, and fewest rows.
+_SLOWEST, _FEWEST = 4.0, 30
+#: Time after lift-off [s] in which the ground pushes.
+_LIFT_OFF = 2.0
+#: Part of the range of PWM below the upper limit that counts as being at it.
+_NEAR = 0.01
+#: Columns of `Moments.columns` that a craft out of control keeps: its airspeed is unlike any before.
+OF_A_FALL = (0, 1, 2, 3)
+
+#: Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.
+_WILD = 1e4
+#: Time over which noise may be correlated, s.
+MEMORY = 3.0
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Outputs and motion at the times of the motors' outputs."""
+
+    t: Floats  #: shape (n,)
+    thrust: Floats  #: shape (n, motors): Parts of a motor's full thrust.
+    pwm: Floats  #: shape (n, motors): us.
+    limited: Flags  #: shape (n, motors): At the upper limit.
+    factors: Floats  #: shape (axes, motors)
+    columns: list[Floats]  #: list of ndarray, shape (n, 7): What else makes moments about each axis; as in the module.
+
+    @property
+    def step(self) -> float:
+        """Median interval of the outputs, s."""
+        return float(np.median(np.diff(self.t)))
+
+    def part(self, rows: Flags | slice) -> Moments:
+        """Return some of the rows."""
+        return Moments(
+            t=self.t[rows],
+            thrust=self.thrust[rows],
+            pwm=self.pwm[rows],
+            limited=self.limited[rows],
+            factors=self.factors,
+            columns=[each[rows] for each in self.columns],
+        )
+
+    @property
+    def asked(self) -> list[Floats]:
+        """Moment that the outputs make about each axis, shape (n,)."""
+        return [self.thrust @ factors for factors in self.factors]
+
+
+def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> Moments | None:
+    """Read outputs and motion of a flight between start and stop [s]; None where rows are few or slow.
+
+    Raises
+    ------
+    MissingDataError
+        Without the frame, the outputs of all its motors, or the IMU.
+    """
+    names = [f"m{motor.number}" for motor in vehicle.motors]
+    if not names:
+        raise MissingDataError("the frame is unknown, so that no motor can be told from another; log parameters")
+    if tables.motors is None or any(name not in tables.motors for name in names):
+        raise MissingDataError("outputs of all motors of the frame are needed to find one that fails")
+    if tables.imu is None:
+        raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
+    outputs = tables.motors.loc[start + _LIFT_OFF : stop, names].dropna()
+    motion = tables.imu.loc[start : stop + 0.5, ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
+    measured = (motion.abs() < _WILD).all(axis=1)
+    if not measured.all():  # a copy of a long log's IMU is half as large as the log
+        motion = motion[measured]
+    t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
+    if min(len(t), len(at)) < _FEWEST:
+        return None
+    if min(len(t) / (t[-1] - t[0]), len(at) / (at[-1] - at[0])) < _SLOWEST:
+        return None
+    inside = (t > at[0]) & (t < at[-1])
+    t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
+    # Means over the interval around each output, and what rates change by within it.
+    width = 0.5 * float(np.median(np.diff(t)))
+    moved = motion.to_numpy(np.float64)
+    integral = np.zeros_like(moved)
+    np.cumsum(0.5 * np.diff(at)[:, None] * (moved[1:] + moved[:-1]), axis=0, out=integral[1:])
+
+    def change(of: Floats) -> Floats:
+        ends = [np.column_stack([np.interp(t + sign * width, at, each) for each in of.T]) for sign in (1.0, -1.0)]
+        return np.asarray(ends[0] - ends[1]) / (2.0 * width)
+
+    felt, turned = change(integral), change(moved[:, :3])
+    command = motor_commands(pwm, vehicle)
+    thrust = curve(np.clip(command, 0.0, 1.0), vehicle.thrust_expo)
+    factors = factors_of(vehicle).T
+    axes = [axis for axis in range(3) if np.max(np.abs(factors[axis])) > 1e-6]
+    mean, elapsed = thrust.mean(axis=1), (t - t.mean()) / max(t[-1] - t[0], 1e-9)
+    return Moments(
+        t=t,
+        thrust=thrust,
+        pwm=pwm,
+        limited=command >= 1.0 - _NEAR / (vehicle.spin_max - vehicle.spin_min),
+        factors=factors[axes],
+        columns=[
+            np.column_stack([np.ones(len(t)), mean, felt[:, a], turned[:, a], felt[:, 3], felt[:, 4], elapsed * mean])
+            for a in axes
+        ],
+    )
+
+
+def long_run_variance(residual: Floats, step: float) -> float:
+    """Return the variance of a correlated residual's mean, times the number of samples (Newey and West 1987)."""
+    count = len(residual)
+    lags = int(min(count // 4, np.ceil(MEMORY / step)))
+    own = float(residual @ residual) / count
+    weights = 1.0 - np.arange(1, lags) / max(lags, 1)
+    covariances = np.array([float(residual[lag:] @ residual[:-lag]) / count for lag in range(1, lags)])
+    return max(own + 2.0 * float(weights @ covariances), 0.2 * own, 1e-12)
