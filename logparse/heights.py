@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
 from logparse.tables import Tables
@@ -21,8 +22,11 @@ if TYPE_CHECKING:
 _SOURCES = {"baro": ("baro", "alt", 1.0), "autopilot": ("ekf", "p_d", -1.0), "gps": ("gps", "alt", 1.0)}
 #: Window of the median of a height, and time before lift-off in which the ground is read [s].
 _MEDIAN, _GROUND = 0.5, 2.0
-#: Fixes that count: 3-D, dilution below, satellites at least; and the acceleration [m/s^2] of a jump.
-_FIX, _HDOP, _SATELLITES, _JUMP = 3.0, 4.0, 5.0, 12.0
+#: Median disagreement [m] with the barometer at which the autopilot's speed down does not count.
+_DISAGREEMENT = 3.0
+#: Fixes that count: 3-D, dilution below, satellites at least; the acceleration [m/s^2] of a jump, and the time [s]
+#: around one that does not count.
+_FIX, _HDOP, _SATELLITES, _JUMP, _AROUND = 3.0, 4.0, 5.0, 12.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,35 @@ def _ground(height: "pd.Series[float]", flight: "Flight") -> float:
     return float(height.loc[flight.start : flight.stop].min())
 
 
+def ground_speed(tables: Tables, flight: "Flight") -> float | None:
+    """Return the largest horizontal speed [m/s] of a flight by GPS, a median of three good fixes; None without them.
+
+    Fixes count with a 3-D position, a dilution below 4 and five satellites, and a second away from a jump of the speed.
+    """
+    if tables.gps is None:
+        return None
+    fixes = tables.gps.loc[flight.start : flight.stop]
+    bad = (fixes["hdop"] >= _HDOP) | (fixes["satellites"] < _SATELLITES)
+    fixes = fixes[(fixes["fix"] >= _FIX) & ~bad].dropna(subset=["v_n", "v_e"])
+    velocity = fixes[["v_n", "v_e"]].to_numpy(np.float64)
+    if len(velocity) < 3:
+        return None
+    t = fixes.index.to_numpy(np.float64)
+    jumps = t[1:][np.linalg.norm(np.diff(velocity, axis=0), axis=1) > _JUMP * np.diff(t)]
+    near = np.searchsorted(jumps, t + _AROUND) > np.searchsorted(jumps, t - _AROUND)
+    speed = np.linalg.norm(velocity[~near], axis=1)
+    return float(np.median(sliding_window_view(speed, 3), axis=1).max()) if len(speed) > 2 else None
+
+
+def climb_and_sink(tables: Tables, flight: "Flight") -> tuple[float, float] | None:
+    """Return the fastest climb and descent [m/s] of a flight, by the credible height over a second each."""
+    height = height_above_ground(tables)
+    down = None if height is None else slope_down(smoothed(height.loc[flight.start : flight.stop]))
+    if down is None or not down.notna().any():
+        return None
+    return max(-float(down.min()), 0.0), max(float(down.max()), 0.0)
+
+
 def smoothed(height: "pd.Series[float]") -> "pd.Series[float]":
     """Return the running median of a height over half a second."""
     if len(height) < 3:
@@ -94,11 +127,21 @@ def smoothed(height: "pd.Series[float]") -> "pd.Series[float]":
     return pd.Series(ndimage.median_filter(height.to_numpy(np.float64), size, mode="nearest"), index=height.index)
 
 
-def slope_down(height: "pd.Series[float] | None") -> "pd.Series[float] | None":
-    """Return the speed down [m/s] that a height [m, up] shows over a second around each of its times; None without one.
+def speed_down(tables: Tables) -> "pd.Series[float] | None":
+    """Return the autopilot's speed down [m/s]; None without one, or where its height leaves the barometer's."""
+    found = dict(heights(tables))
+    if tables.ekf is None or "autopilot" not in found:
+        return None
+    speed, height = tables.ekf["v_d"].dropna(), found["autopilot"]
+    if "baro" in found:
+        away = height.to_numpy() - np.interp(height.index, found["baro"].index, found["baro"])
+        if float(np.median(np.abs(away - np.median(away)))) > _DISAGREEMENT:
+            return None
+    return speed if len(speed) > 2 and (speed != 0.0).any() else None
 
-    The slope of a line through the samples of the second; NaN where there are fewer than three.
-    """
+
+def slope_down(height: "pd.Series[float] | None") -> "pd.Series[float] | None":
+    """Return the speed down [m/s] that a height [m, up] shows, by lines through the second around each of its times."""
     if height is None or len(height) < 3:
         return None
     t, values = height.index.to_numpy(np.float64), height.to_numpy(np.float64)

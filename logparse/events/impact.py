@@ -12,7 +12,8 @@ from logparse.events.attitude import LOST
 from logparse.events.event import FlightEvent
 from logparse.events.reported import airborne
 from logparse.events.stretches import Array, stretches
-from logparse.flights import Flight, height_above_ground, speed_down
+from logparse.flights import Flight
+from logparse.heights import height_above_ground, speed_down
 from logparse.rest import ACCEL
 from logparse.tables import Tables
 

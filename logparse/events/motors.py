@@ -9,7 +9,8 @@ from core.findings import Severity
 from logparse.craft.pwm_range import pwm_range
 from logparse.events.event import FlightEvent
 from logparse.events.stretches import Array, stretches, within
-from logparse.flights import Flight, height_above_ground, slope_down, speed_down
+from logparse.flights import Flight
+from logparse.heights import height_above_ground, slope_down, speed_down
 from logparse.tables import Tables
 
 #: Part of the PWM range below the upper limit that counts as being at it, longest pause within one stretch [s], and
