@@ -11,7 +11,7 @@ import pandas as pd
 from core.findings import Finding, Severity
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
-from logparse.flights import LONGEST_GAP, height_above_ground, held
+from logparse.flights import LONGEST_GAP
 from logparse.rest import at_rest, calibration
 
 if TYPE_CHECKING:
@@ -109,12 +109,10 @@ def _why_no_flight(log: "FlightLog") -> str:
     levels = pwm_range(log.parameters)
     if top <= levels.pwm(max(levels.spin_arm, levels.spin_min)) + 1.0:
         return f"the motors never run above idle ({top:.0f} us)."
-    times, height = motors.index.to_numpy(np.float64), height_above_ground(log.tables)
+    times = motors.index.to_numpy(np.float64)
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if step > LONGEST_GAP:
         return f"motor outputs are {step:.0f} s apart: log them faster; or the clock of this log is wrong."
-    if held(float(times[0]), float(times[-1]), height, log.tables):
-        return "the motors run, but no force follows them, as on a stand."
     return "the motors run, but the craft neither rises nor moves."
 
 

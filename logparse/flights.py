@@ -1,6 +1,16 @@
-"""When the craft was in the air."""
+"""When the craft was in the air: the ground carries none of its weight.
 
-from collections.abc import Mapping
+Specific force is what ground and air do to the craft for each kilogram. On the ground it is gravity whatever the motors
+do; in the air it is what the motors give: in hover, climb and flips, and in a fall, where both are nothing. With thrust
+and specific force as parts of what they are while the height shows the craft in the air, the share of the weight that
+the ground carries is
+
+    support = specific force - thrust,
+
+0 in the air and towards 1 on the ground. Height tells which runs of the motors are flights at all.
+"""
+
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,35 +18,33 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.craft.pwm_range import pwm_range
+from logparse.heights import height_above_ground, smoothed
 from logparse.tables import Tables
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
-#: Share of the PWM range by which the motors' mean must exceed the idle level: hovering takes at least 0.1.
+#: Share of the weight from which the ground carries the craft (0.4 in spool-ups, 0.15 in gusts and dives), and time [s]
+#: for which it must: a collision in the air passes sooner.
+_CARRIED, _STANDING = 0.3, 1.0
+#: Height [m] that makes a flight, and height that does where thrust carries: propellers feign a metre on the ground.
+_RISE, _HOP = 1.5, 0.5
+#: Height [m] that a barometer drifts on the ground at most (3.9 m in ten minutes of 23-9-2014_52).
+_DRIFT = 5.0
+#: Change of the specific force for a change of thrust that shows free motion (0.5 to 1.4 in the air, 0 on a bench), and
+#: how far thrust must vary for its absence to tell.
+_FOLLOWS, _VARIED = 0.3, 0.1
+#: Share of the PWM range by which motors must exceed idle: hovering takes at least 0.1.
 _ABOVE_IDLE = 0.03
-#: Pauses [s] in which the motors may fall to idle within one flight (dropping with closed throttle).
-_PAUSE = 5.0
-#: Gap [s] in the data that ends a flight, the same in sample intervals for slow telemetry, and at most: where a clock
-#: claims years between rows, they are no flight of years.
-_GAP, _GAP_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
-#: Height [m] that makes a flight; pressure under the propellers feigns up to about a metre on the ground. A lower
-#: hover counts when the craft also moved about its axes: root mean square angular rate [rad/s].
-_RISE, _HOP, _TURNING = 1.5, 0.5, 0.05
-#: Height [m] at which the craft has left the ground, or is back on it.
-_LIFT = 0.3
-#: Time beside a flight in which the ground is looked for, s.
-_BESIDE = 3.0
-#: Height [m] that no barometer drifts on the ground: who rose that far flew, whatever an accelerometer says.
-_SURE_RISE = 5.0
-#: Steps [s] in which outputs and specific force are compared, over how many of them their course is taken off, and the
-#: fewest of them. Outputs must change by more than the first part of themselves, and the force by less than the second
-#: part of that: in the air, where motors alone carry, the two change alike (0.6 to 2 on 60 flights, 0.3 on the ground).
-_STEP, _COURSE, _FEWEST_STEPS = 0.5, 9, 6
-_DRIVEN, _STILL = 0.1, 0.35
-#: Horizontal movement [m] with a speed [m/s] that makes a flight at constant height, and shortest flight [s].
-_MOVEMENT, _SPEED, _SHORTEST = 8.0, 2.5, 3.0
-#: Median disagreement [m] with the barometer at which the autopilot's height does not count.
-_DISAGREEMENT = 3.0
+#: Pause [s] of motors (dropping with closed throttle), of data or of a barometer that a flight may have; the same in
+#: intervals of slow telemetry, and at most: where a clock claims years between rows, they are no flight of years.
+_PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
+#: Height [m] at which a barometer shows that the craft has left the ground, and the time [s] that it takes to rise so.
+_LIFTED, _LIFTING = 0.3, 0.5
+#: Time [s] beside a flight in which the height of the ground is read, and in which a rate of descent is.
+_GROUND = 2.0
+#: Shortest flight, and least interval of readings [s].
+_SHORTEST, _STEP = 2.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,38 +60,83 @@ class Flight:
         return self.stop - self.start
 
 
+@dataclass(frozen=True, slots=True)
+class _Readings:
+    """Thrust (relative), size of the specific force [m/s^2] and height [m, up] at common times; NaN where unknown."""
+
+    t: Array
+    thrust: Array
+    force: Array
+    height: Array
+
+    def between(self, start: float, stop: float) -> "_Readings":
+        """Return the readings from start to stop, both included."""
+        part = slice(*np.searchsorted(self.t, (start - 1e-6, stop + 1e-6)))
+        return _Readings(self.t[part], self.thrust[part], self.force[part], self.height[part])
+
+    @property
+    def level(self) -> float:
+        """Median height; NaN for less than two readings."""
+        return float(np.median(self.height)) if len(self.t) > 1 else np.nan
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A run of the motors: the ground before it and how far it rose [m], thrust and specific force while it was up.
+
+    `follows` is the change of the specific force for a change of thrust, both as parts of those; NaN where thrust hardly
+    changes.
+    """
+
+    start: float
+    stop: float
+    ground: float
+    rise: float
+    thrust: float
+    force: float
+    follows: float
+
+    @property
+    def flown(self) -> bool:
+        """Whether it rose higher than propellers feign, and than a barometer drifts while forces stand still."""
+        return self.rise > (_DRIFT if self.follows < _FOLLOWS else _RISE)
+
+    def hopped(self, carries: float) -> bool:
+        """Whether a low run is a flight: its thrust is known to carry the craft, or else the forces follow it."""
+        enough = self.follows > _FOLLOWS if np.isnan(carries) else self.thrust > (1.0 - 0.5 * _CARRIED) * carries
+        return self.rise > _HOP and enough
+
+
 def find_flights(tables: Tables) -> tuple[Flight, ...]:
     """Find the airborne intervals of a log, in order.
 
-    Motors above their idle level (MOT_SPIN_MIN or THR_MIN over the vehicle's PWM range) make a candidate; it counts
-    when the craft also rose or moved, and the force on it changed with the motors'. The interval is trimmed to the time
-    off the ground where the height tells.
-    Without motor outputs the height decides while the autopilot was armed. Flights are separated by landings and by
-    gaps in the log; a log that starts or ends in the air has a flight that does.
+    Flights are separated by landings and by gaps in the log; a log that starts or ends in the air has a flight that
+    does. After a crash the flight ends at the first contact after which the craft stays on the ground.
 
     Parameters
     ----------
     tables : Tables
+        Of a multirotor: thrust carries it.
 
     Returns
     -------
     tuple of Flight
         Empty for a bench log.
     """
-    height = height_above_ground(tables)
-    if tables.motors is not None and len(tables.motors) > 1:
-        candidates = _powered(tables.motors, tables.parameters)
-    elif height is not None:
-        candidates = _risen(height, tables)
-    else:
-        candidates = []
+    height, (thrust, idle) = height_above_ground(tables), _thrust(tables)
+    if thrust is None:
+        return () if height is None else tuple(_by_height(height, tables.events))
+    readings = _readings(thrust, tables.imu, height)
+    runs = [_run(readings, *each) for each in _intervals(readings.t, readings.thrust > idle, _PAUSE)]
+    sure = [run.thrust for run in runs if run.flown]
+    carries = float(np.median(sure)) if sure else np.nan
     flights = []
-    for start, stop in candidates:
-        if stop - start < _SHORTEST or not _flew(start, stop, height, tables) or held(start, stop, height, tables):
-            continue
-        flight = Flight(start, stop) if height is None else _trimmed(start, stop, height, tables)
-        if flight.duration >= _SHORTEST:
-            flights.append(flight)
+    for k, run in enumerate(runs):
+        if run.flown or run.hopped(carries):
+            first = runs[k - 1].stop + _STEP if k else readings.t[0]
+            last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
+            around = _airborne(readings.between(first, last), run)
+            flights += [each for each in around if each.start < run.stop and each.stop > run.start]
     return tuple(flights)
 
 
@@ -93,207 +146,139 @@ def idle_level(parameters: Mapping[str, float]) -> float:
     return levels.pwm(max(levels.spin_arm, levels.spin_min))
 
 
-def _powered(motors: pd.DataFrame, parameters: Mapping[str, float]) -> list[tuple[float, float]]:
-    """Intervals in which the motors on average run above idle."""
-    levels = pwm_range(parameters)
-    threshold = idle_level(parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
-    t = motors.index.to_numpy()
-    values = motors.to_numpy()
-    count = np.isfinite(values).sum(axis=1)
-    mean = np.divide(np.nansum(values, axis=1), count, out=np.zeros(len(t)), where=count > 0)
-    return _intervals(t, mean > threshold)
+def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
+    """Return the thrust of all motors as a part of the most they have (the throttle without outputs), and idling's."""
+    levels = pwm_range(tables.parameters)
+    if tables.motors is not None:
+        pulses = tables.motors.dropna(how="all")
+        above = idle_level(tables.parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
+        thrust, idle = levels.thrust(pulses).mean(axis=1), float(levels.thrust(np.array(above)))
+    elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
+        thrust, idle = tables.setpoints["throttle"].dropna(), _ABOVE_IDLE
+    else:
+        return None, 0.0
+    return (thrust, idle) if len(thrust) > 1 else (None, idle)
 
 
-def _intervals(t: Array, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Intervals of consecutive times with `on`, short pauses bridged, cut at gaps in the data."""
-    gap = min(max(_GAP, _GAP_SAMPLES * float(np.median(np.diff(t)))), LONGEST_GAP)
-    times = t[on]
-    if not len(times):
+def _readings(outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None") -> _Readings:
+    """Read what tells of flight at the times of the motor outputs, at most ten a second."""
+    times = outputs.index.to_numpy(np.float64)
+    t = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else _STEP
+    half = max(0.25, 0.75 * usual)
+    thrust = _means(times, outputs.to_numpy(np.float64), t, half)
+    force = np.full(len(t), np.nan)
+    if imu is not None and "accel_x" in imu:
+        rows = imu[["accel_x", "accel_y", "accel_z"]].dropna()
+        sampled = rows.index.to_numpy(np.float64)
+        # The mean of the vector: the size of each sample would grow with vibration.
+        axes = [_means(sampled, rows[name].to_numpy(np.float64), t, half) for name in rows]
+        force = np.linalg.norm(axes, axis=0)
+    risen = np.full(len(t), np.nan)
+    if height is not None:
+        smooth = smoothed(height)
+        risen = np.interp(t, smooth.index.to_numpy(np.float64), smooth.to_numpy(np.float64))
+    return _Readings(t, thrust, force, risen)
+
+
+def _means(times: Array, values: Array, t: Array, half: float) -> Array:
+    """Return the mean of the values within `half` [s] of each of the times t; NaN where there are none."""
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    first, last = np.searchsorted(times, t - half), np.searchsorted(times, t + half, side="right")
+    with np.errstate(invalid="ignore"):
+        return np.asarray((total[last] - total[first]) / np.where(last > first, last - first, np.nan))
+
+
+def _intervals(t: Array, on: Flags, pause: float) -> list[tuple[float, float]]:
+    """Intervals of consecutive times with `on`, pauses of at most `pause` bridged, cut at gaps in the data."""
+    if not on.any():
         return []
+    gap = min(max(_PAUSE, _PAUSE_SAMPLES * float(np.median(np.diff(t)))) if len(t) > 1 else _PAUSE, LONGEST_GAP)
     # A pause in which samples went on may be bridged; a gap without samples may not.
-    cuts = np.flatnonzero(np.diff(t) > gap)
-    section = np.searchsorted(cuts, np.flatnonzero(on), side="left")
-    ends = np.flatnonzero((np.diff(times) > max(_PAUSE, gap)) | (np.diff(section) != 0))
+    section = np.cumsum(np.diff(t, prepend=t[0]) > gap)[on]
+    rows, times = np.flatnonzero(on), t[on]
+    ends = np.flatnonzero(((np.diff(rows) > 1) & (np.diff(times) > pause)) | (np.diff(section) != 0))
     first, last = np.append(0, ends + 1), np.append(ends, len(times) - 1)
     return list(zip(times[first].tolist(), times[last].tolist(), strict=True))
 
 
-def height_above_ground(tables: Tables) -> "pd.Series[float] | None":
-    """Return the height above some ground [m, up]: the autopilot's estimate, the barometer or GPS.
-
-    The estimate is smoother than the barometer, which feels the propellers, but can run away with a bad GPS.
-    """
-    heights = []
-    for table, name, sign in ((tables.ekf, "p_d", -1.0), (tables.baro, "alt", 1.0), (tables.gps, "alt", 1.0)):
-        height = None if table is None else (sign * table[name]).dropna()
-        varies = height is not None and len(height) > 5 and float(height.max() - height.min()) > 0.0
-        heights.append(height if varies else None)
-    estimate, barometer, fixes = heights
-    if estimate is not None and barometer is not None:
-        # A filter that started in flight does not show the take-off.
-        nearest = np.searchsorted(estimate.index, barometer.index).clip(0, len(estimate) - 1)
-        covered = np.abs(estimate.index.to_numpy()[nearest] - barometer.index.to_numpy()) < 2.0
-        if float(covered.mean()) < 0.95:
-            return barometer
-        difference = estimate.to_numpy() - np.interp(estimate.index, barometer.index, barometer)
-        if float(np.median(np.abs(difference - np.median(difference)))) > _DISAGREEMENT:
-            return barometer
-    return next((height for height in (estimate, barometer, fixes) if height is not None), None)
+def _run(readings: _Readings, start: float, stop: float) -> _Run:
+    """Read what a run of the motors shows."""
+    run, ground = readings.between(start, stop), readings.between(start - _GROUND, start - _STEP).level
+    level = float(run.height.min()) if np.isnan(ground) else ground
+    rise = float(run.height.max()) - level
+    up = run.height - level >= min(0.5 * rise, _RISE) if np.isfinite(rise) else np.ones(len(run.t), np.bool_)
+    thrust, known = float(np.median(run.thrust[up])), up & np.isfinite(run.force)
+    if np.count_nonzero(known) < 10 or thrust == 0.0:
+        return _Run(start, stop, ground, rise, thrust, np.nan, np.nan)
+    force = float(np.median(run.force[known]))
+    x, y = run.thrust[known] / thrust, run.force[known] / force
+    varied = float(x.std())
+    follows = float(np.mean((x - x.mean()) * y)) / varied**2 if varied > 0.0 else np.nan
+    return _Run(start, stop, ground, rise, thrust, force, follows if varied > _VARIED or follows > _FOLLOWS else np.nan)
 
 
-def speed_down(tables: Tables) -> "pd.Series[float] | None":
-    """Return the autopilot's speed down [m/s]; None without one, or where its height runs away from the barometer's."""
-    if tables.ekf is None:
+def _airborne(readings: _Readings, run: _Run) -> Iterator[Flight]:
+    """Yield the flights among the readings around one run of the motors: where the ground does not carry the craft."""
+    t, height = readings.t, readings.height
+    # The ground carries no more than the weight: where the force exceeds it, that is a shock, or vibration.
+    force = np.minimum(np.nan_to_num(readings.force / run.force, nan=1.0), 1.0)
+    carried = force - readings.thrust / run.thrust > _CARRIED
+    end = min(t[-1], run.stop + _PAUSE)
+    landed = readings.between(end - _GROUND, end).level if end > run.stop else np.nan
+    air = np.ones(len(t), np.bool_)
+    for start, stop in _intervals(t, carried, 0.0):
+        stretch = slice(*np.searchsorted(t, (start, stop + 1e-6)))
+        edge = stretch.start == 0 or stretch.stop == len(t)
+        # Fast descents and vibration feign support high above the ground.
+        above = float(np.median(height[stretch])) - np.array([run.ground, landed])
+        high = (above > 0.0).any() and not (np.abs(above) < _DRIFT).any()
+        air[stretch] = high or (stop - start < _STANDING and not edge)
+    for start, stop in _intervals(t, air, 0.0):
+        flight = _trimmed(readings, start, _touching(readings, air, stop))
+        if flight is not None:
+            yield flight
+
+
+def _touching(readings: _Readings, air: Flags, stop: float) -> float:
+    """Return when a craft that was last seen sinking has touched down, where rows are missing until it stands."""
+    t, height = readings.t, readings.height
+    after = int(np.searchsorted(t, stop, side="right"))
+    first = min(int(np.searchsorted(t, stop - _GROUND)), after - 3)
+    if after == len(t) or air[after] or first < 0:
+        return stop
+    rate = -float(np.polyfit(t[first:after] - stop, height[first:after], 1)[0])
+    fall = float(height[after - 1] - height[after])
+    return min(stop + fall / rate, float(t[after])) if rate > 0.0 and fall > 0.0 else stop
+
+
+def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
+    """Return a flight from where the height leaves the ground; None where it does not."""
+    flown, before = readings.between(start, stop), readings.between(start - _GROUND, start - _STEP).level
+    ground = float(flown.height.min()) if np.isnan(before) else before
+    if float(flown.height.max()) - ground < _HOP or stop - start < _SHORTEST:
         return None
-    speed, height = tables.ekf["v_d"].dropna(), height_above_ground(tables)
-    if len(speed) < 3 or height is None or not (speed != 0.0).any():
-        return None
-    if tables.baro is not None and height.index.equals(tables.baro["alt"].dropna().index):
-        return None
-    return speed
-
-
-def slope_down(height: "pd.Series[float] | None") -> "pd.Series[float] | None":
-    """Return the speed down [m/s] that a height [m, up] shows over a second around each of its times; None without one.
-
-    The slope of a line through the samples of the second; NaN where there are fewer than three.
-    """
-    if height is None or len(height) < 3:
-        return None
-    t, values = height.index.to_numpy(np.float64), height.to_numpy(np.float64)
-    first, last = np.searchsorted(t, t - 0.5), np.searchsorted(t, t + 0.5, side="right")
-    # Sums over a window are differences of running sums; t and height from their means, for the sums' precision.
-    t, values = t - t.mean(), values - values.mean()
-    n, sum_t, sum_y, sum_tt, sum_ty = (
-        (total := np.concatenate(([0.0], np.cumsum(each))))[last] - total[first]
-        for each in (np.ones(len(t)), t, values, t * t, t * values)
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope = (n * sum_ty - sum_t * sum_y) / (n * sum_tt - sum_t**2)
-    return pd.Series(np.where(n >= 3.0, -slope, np.nan), index=height.index)
-
-
-def _risen(height: "pd.Series[float]", tables: Tables) -> list[tuple[float, float]]:
-    """Intervals in which the craft was above its lowest point while armed (or always, where arming is not logged)."""
-    t, values = height.index.to_numpy(), height.to_numpy()
-    armed = np.ones(len(t), dtype=bool)
-    if tables.events is not None:
-        switches = tables.events[tables.events["event"].isin(["ARMED", "DISARMED"])]
-        if len(switches):
-            position = np.searchsorted(switches.index.to_numpy(), t, side="right") - 1
-            state = (switches["event"] == "ARMED").to_numpy()
-            # Before its first switch the craft was in the other state.
-            armed = np.where(position >= 0, state[position.clip(0)], ~state[0])
-    if not armed.any():
-        return []
-    ground = float(np.percentile(values[armed], 2.0))
-    return _intervals(t, armed & (values > ground + _RISE))
-
-
-def _flew(start: float, stop: float, height: "pd.Series[float] | None", tables: Tables) -> bool:
-    """Whether the craft rose or moved far enough while its motors ran."""
-    inside = None if height is None else height.loc[start:stop]
-    if inside is not None and len(inside) > 1:
-        rise = float(inside.max() - inside.min())
-        if rise > _RISE or (rise > _HOP and _turning(start, stop, tables) > _TURNING):
-            return True
-    if tables.gps is not None:
-        fixes = tables.gps.loc[start:stop]
-        fixes = fixes[(fixes["fix"] >= 3.0) & fixes["lat"].notna() & ~(fixes["hdop"] > 3.0)]
-        speed = np.hypot(fixes["v_n"].to_numpy(), fixes["v_e"].to_numpy())
-        speed = speed[np.isfinite(speed)]
-        if len(speed) > 1 and float(np.quantile(speed, 0.9)) > _SPEED:
-            radius = 6.37e6
-            north = radius * float(fixes["lat"].max() - fixes["lat"].min())
-            east = radius * float(fixes["lon"].max() - fixes["lon"].min()) * float(np.cos(fixes["lat"].iloc[0]))
-            return north > _MOVEMENT or east > _MOVEMENT
-    if inside is None and tables.gps is None:
-        return _turning(start, stop, tables) > _TURNING
-    return False
-
-
-def held(start: float, stop: float, height: "pd.Series[float] | None", tables: Tables) -> bool:
-    """Return whether motors were driven hard while the specific force hardly changed: on the ground, or on a stand.
-
-    Parameters
-    ----------
-    start, stop : float
-        The stretch of time, s.
-    height : Series or None
-        Height, m, indexed by t, s; None where nothing tells.
-    tables : Tables
-        Motors, IMU and parameters of the log.
-    """
-    inside = None if height is None else height.loc[start:stop]
-    if inside is not None and len(inside) > 1 and float(inside.max() - inside.min()) > _SURE_RISE:
-        return False
-    if tables.motors is None or tables.imu is None or "accel_x" not in tables.imu:
-        return False
-    outputs = tables.motors.loc[start:stop].dropna()
-    force = tables.imu.loc[start:stop, ["accel_x", "accel_y", "accel_z"]].dropna()
-    if len(outputs) < _FEWEST_STEPS or len(force) < _FEWEST_STEPS:
-        return False
-    levels = pwm_range(tables.parameters)
-    above = np.clip((outputs.to_numpy(np.float64) - levels.pwm_min) / (levels.pwm_max - levels.pwm_min), 0.0, 1.0)
-    times = outputs.index.to_numpy(np.float64), force.index.to_numpy(np.float64)
-    grid = np.arange(max(times[0][0], times[1][0]), min(times[0][-1], times[1][-1]), _STEP)
-    if len(grid) <= _FEWEST_STEPS:
-        return False
-    values = above.mean(axis=1), np.linalg.norm(force.to_numpy(np.float64), axis=1)
-    driven, followed = (_swing(t, each, grid) for t, each in zip(times, values, strict=True))
-    # A force that never changes at all is that of a sensor that has stopped, and shows nothing.
-    return driven > _DRIVEN and 1e-6 < followed < _STILL * driven
-
-
-def _swing(t: Array, values: Array, grid: Array) -> float:
-    """Return by what part of itself a signal changes from step to step of a grid, its slow course taken off."""
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] + values[:-1]))))
-    steps = np.diff(np.interp(grid, t, integral)) / _STEP
-    usual = abs(float(np.median(steps)))
-    padded = np.pad(steps, _COURSE // 2, mode="edge")
-    course = np.convolve(padded, np.full(_COURSE, 1.0 / _COURSE), "valid")
-    return float(np.std(steps - course)) / usual if usual > 0.0 else 0.0
-
-
-def _turning(start: float, stop: float, tables: Tables) -> float:
-    """Root mean square of the angular rate [rad/s] about its mean; 0 where no gyro is logged."""
-    if tables.imu is None:
-        return 0.0
-    rates = tables.imu.loc[start:stop, ["gyro_x", "gyro_y", "gyro_z"]]
-    return float(np.sqrt((rates.var(ddof=0)).sum())) if len(rates) > 1 else 0.0
-
-
-def _trimmed(start: float, stop: float, height: "pd.Series[float]", tables: Tables) -> Flight:
-    """Cut the time on the ground off both ends of a powered interval.
-
-    The ground is the height just before the motors ran up, and just after they ran down or, where the log ends with
-    disarming, at that moment. Where the log does not show the ground (it starts or ends in the air) the interval is
-    kept: messages that come a moment before the first output, or after the last, are as high as the craft.
-    """
-    inside = height.loc[start:stop]
-    if len(inside) < 3:
-        return Flight(start, stop)
-    before, after = height.loc[start - _BESIDE : start], height.loc[stop : stop + _BESIDE]
-    if tables.motors is not None:
-        outputs = tables.motors.index
-        before = before if len(outputs[(outputs >= start - _BESIDE) & (outputs < start)]) else before.iloc[:0]
-        after = after if len(outputs[(outputs > stop) & (outputs <= stop + _BESIDE)]) else after.iloc[:0]
-    if len(after) < 2 and _landed_at(stop, tables.events):
-        after = inside.iloc[-5:]
-    for ground, first in ((before, True), (after, False)):
-        if len(ground) < 2:
-            continue
-        up = inside[inside > float(ground.median()) + _LIFT]
-        if len(up) and first:
-            start = max(start, float(up.index[0]))
-        elif len(up):
-            stop = min(stop, float(up.index[-1]))
+    if before == ground:
+        for lifted, lost in _intervals(flown.t, flown.height > ground + _LIFTED, 0.0):
+            # Propellers that run up feign a jump; a filter that starts in flight shows one later.
+            if lost - lifted > _STANDING and lifted - start < _PAUSE:
+                low = float(flown.t[max(int(np.searchsorted(flown.t, lifted)) - 1, 0)])
+                return Flight(max(start, low - _LIFTING), stop)
     return Flight(start, stop)
 
 
-def _landed_at(time: float, events: pd.DataFrame | None) -> bool:
-    """Whether the autopilot said within two seconds that it is on the ground."""
-    if events is None:
-        return False
-    near = events.loc[time - 2.0 : time + 2.0, "event"]
-    return bool(near.isin(["LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED"]).any())
+def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Iterator[Flight]:
+    """Yield the flights that the height alone shows: above the lowest point while armed, or always without arming."""
+    smooth = smoothed(height)
+    t, values = smooth.index.to_numpy(np.float64), smooth.to_numpy(np.float64)
+    armed = np.ones(len(t), np.bool_)
+    switches = None if events is None else events[events["event"].isin(["ARMED", "DISARMED"])]
+    if switches is not None and len(switches):
+        position = np.searchsorted(switches.index.to_numpy(), t, side="right") - 1
+        state = (switches["event"] == "ARMED").to_numpy()
+        # Before its first switch the craft was in the other state.
+        armed = np.where(position >= 0, state[position.clip(0)], ~state[0])
+    ground = float(np.percentile(values[armed], 2.0)) if armed.any() else np.inf
+    for start, stop in _intervals(t, armed & (values > ground + _HOP), _PAUSE):
+        if stop - start >= _SHORTEST and float(smooth.loc[start:stop].max()) > ground + _RISE:
+            yield Flight(start, stop)

@@ -1,5 +1,6 @@
 """Canonical tables of PX4 logs (ulog). Topics are in SI units, NED and FRD already."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -43,7 +44,7 @@ def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle,
     attitude = _attitude(messages)
     imu = _imu(messages, remarks)
     tables = Tables(
-        motors=_motors(messages, vehicle.motors, _dshot(parameters), remarks),
+        motors=_motors(messages, vehicle, _dshot(parameters), remarks),
         imu=imu,
         gps=gps,
         baro=_baro(messages),
@@ -88,31 +89,42 @@ def _dshot(parameters: Mapping[str, float]) -> bool:
     return any(-5.0 <= value <= -2.0 for value in timers) or parameters.get("DSHOT_CONFIG", 0.0) > 0.0
 
 
-def _motors(messages: Messages, table: tuple[Motor, ...], dshot: bool, remarks: Remarks) -> pd.DataFrame | None:
-    """Motor outputs in us from actuator_outputs; DShot commands and 0..1 commands as the pulses they stand for."""
+def _motors(messages: Messages, vehicle: Vehicle, dshot: bool, remarks: Remarks) -> pd.DataFrame | None:
+    """Motor outputs in us: pulses as they are, DShot commands and commands of 0..1 as the pulses they stand for."""
     low, high = PULSE_RANGE
-    if "actuator_outputs" in messages and table:
-        frame = messages["actuator_outputs"]
-        outputs = {m.number: _values(frame, f"output[{(m.channel or m.number) - 1}]") for m in table}
-        largest = max((float(np.nanmax(v)) for v in outputs.values() if np.isfinite(v).any()), default=0.0)
-        smallest = min((float(np.nanmin(v[v > 0.0])) for v in outputs.values() if np.any(v > 0.0)), default=0.0)
+    frame = _outputs(messages, vehicle.motors)
+    largest = float(np.nanmax(frame.to_numpy(), initial=0.0)) if frame is not None else 0.0
+    if frame is not None and dshot and largest > 1.0:
+        # DShot throttle runs from 0 to 1999 (48..2047 on the wire).
+        return 1000.0 + 0.5 * frame.clip(0.0, 2000.0)
+    if frame is not None and largest >= low and not (frame.gt(0.0) & frame.lt(low)).to_numpy().any():
         columns = {}
-        if smallest >= low and not dshot:
-            for number, values in outputs.items():
-                pulses = np.where(values == 0.0, np.nan, values)
-                bad = np.isfinite(pulses) & ~((pulses >= low) & (pulses <= high))
-                columns[f"m{number}"] = remarks.remove(pulses, bad, "actuator_outputs", "pulse of a motor impossible")
-            return series(frame.index, columns)
-        if 1.0 < largest <= 2047.0:
-            # DShot throttle runs from 0 to 1999 (48..2047 on the wire).
-            return series(frame.index, {f"m{k}": 1000.0 + 0.5 * v.clip(0.0, 2000.0) for k, v in outputs.items()})
-    if "actuator_motors" in messages:
-        frame = messages["actuator_motors"]
-        numbers = [motor.number for motor in table] or [
-            k for k in range(1, 13) if np.isfinite(_values(frame, f"control[{k - 1}]")).any()
-        ]
-        return series(frame.index, {f"m{k}": 1000.0 + 1000.0 * _values(frame, f"control[{k - 1}]") for k in numbers})
-    return None
+        for name in frame:
+            pulses = frame[name].where(frame[name] != 0.0).to_numpy(np.float64)
+            bad = np.isfinite(pulses) & ~((pulses >= low) & (pulses <= high))
+            columns[str(name)] = remarks.remove(pulses, bad, "actuator_outputs", "pulse of a motor impossible")
+        return series(frame.index, columns)
+    # Outputs of simulators and CAN are speeds; what each motor was asked for is not.
+    asked = _first(messages, "actuator_motors")
+    if asked is None:
+        return None if frame is None or largest <= 1.0 else 1000.0 + 0.5 * frame.clip(0.0, 2000.0)
+    numbers = [motor.number for motor in vehicle.motors] or [
+        k for k in range(1, 13) if np.isfinite(_values(asked, f"control[{k - 1}]")).any()
+    ]
+    return series(asked.index, {f"m{k}": 1000.0 + 1000.0 * _values(asked, f"control[{k - 1}]") for k in numbers})
+
+
+def _outputs(messages: Messages, motors: tuple[Motor, ...]) -> pd.DataFrame | None:
+    """Outputs of the motors in the first group (main, auxiliary, CAN) in which all of them move, else in the first."""
+    groups = []
+    for name in messages:
+        if motors and re.fullmatch(r"actuator_outputs(_\d+)?", name):
+            for first in (1, 9):  # auxiliary outputs are numbered from 9, and from 1 in a group of their own
+                channels = {m.number: (m.channel or m.number) - first for m in motors}
+                columns = {f"m{k}": _values(messages[name], f"output[{at}]") for k, at in channels.items()}
+                groups.append(series(messages[name].index, columns))
+    moving = (group for group in groups if len(group) and (group.max() > group.min()).all())
+    return next(moving, groups[0] if groups else None)
 
 
 def _imu(messages: Messages, remarks: Remarks) -> pd.DataFrame | None:
@@ -216,14 +228,16 @@ def _battery(messages: Messages) -> pd.DataFrame | None:
 
 
 def _esc(messages: Messages, table: tuple[Motor, ...]) -> pd.DataFrame | None:
-    """ESC telemetry of esc_status, entry k - 1 for motor k."""
+    """ESC telemetry of esc_status."""
     frame = _first(messages, "esc_status")
     if frame is None:
         return None
+    # Since 1.13 an ESC says which motor it drives (101 for the first).
+    entries = {int(np.nanmax(_values(frame, f"esc[{k}].actuator_function"), initial=0)) - 100: k for k in range(12)}
     columns = {}
     for kind, source, factor in (("w", "rpm", np.pi / 30.0), ("voltage", "voltage", 1.0), ("current", "current", 1.0)):
         for motor in table:
-            values = _values(frame, f"esc[{motor.number - 1}].esc_{source}")
+            values = _values(frame, f"esc[{entries.get(motor.number, motor.number - 1)}].esc_{source}")
             columns[f"{kind}{motor.number}"] = values * factor
     return series(frame.index, columns) if columns else None
 

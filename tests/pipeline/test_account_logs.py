@@ -1,13 +1,14 @@
-"""Timelines of logs whose faults are known: genuine firmware, and one real crash."""
+"""Accounts of logs whose faults are known: genuine firmware, and real crashes."""
 
 from functools import cache
 from pathlib import Path
 
 import pytest
-from pipeline.flight.health.assessment import assess_health, health_findings
 
 import logparse
-from pipeline.results.signals import FlightHealth
+from core.findings import Finding
+from pipeline.flight.account import tell
+from pipeline.results.account import Account
 from pipeline.results.span import Span
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
@@ -18,37 +19,36 @@ if not FAULTS.is_dir():
 
 
 @pytest.fixture(scope="module")
-def health_of(unpacked):
+def account_of(unpacked):
     @cache
-    def assess(path: Path) -> FlightHealth:
+    def assess(path: Path) -> Account:
         if path.suffix == ".xz":
             path = unpacked(f"{path.parent.name}/{path.name.removesuffix('.BIN.xz')}")
         log = logparse.read_log(path)
-        return assess_health(log, Span(log.flight.start, log.flight.stop))
+        return tell(log, Span(log.flight.start, log.flight.stop))
 
     return assess
 
 
-def only(health: FlightHealth, identity: str) -> logparse.FlightEvent:
-    (event,) = (event for event in health.events if event.id == identity)
+def only(account: Account, identity: str) -> Finding:
+    (event,) = (event for event in account.happenings if event.id == identity)
     return event
 
 
-def test_a_motor_at_80_percent_is_named_within_10_s_and_its_loss_within_5_points(health_of):
-    health = health_of(FAULTS / "weak_octa.BIN.xz")
-    event = only(health, "motor-loss")
+def test_a_motor_at_80_percent_is_named_within_10_s_and_its_loss_within_5_points(account_of):
+    account = account_of(FAULTS / "weak_octa.BIN.xz")
+    event = only(account, "motor-fault")
     assert event.evidence["motor"] == 3
     assert event.t == pytest.approx(85.08, abs=0.5)
     # SIM_ENGINE_MUL 0.8 scales the output above 1000 us; the thrust falls by 36 %, as its curve says.
     assert event.evidence["output_loss"] == pytest.approx(0.20, abs=0.05)
-    assert health.sound.stop == pytest.approx(event.t, abs=0.5)
-    (finding,) = health_findings(health)
-    assert "Motor 3" in finding.reason
+    assert account.sound.stop == pytest.approx(event.t, abs=0.5)
+    assert "motor 3 lost" in account.headline
 
 
 @pytest.mark.parametrize(("name", "motor", "second"), [("lost_motor_octa", 5, 80.11), ("lost_motor_quad", 2, 81.06)])
-def test_a_lost_motor_is_named_to_half_a_second(health_of, name, motor, second):
-    event = only(health_of(FAULTS / f"{name}.BIN.xz"), "motor-loss")
+def test_a_lost_motor_is_named_to_half_a_second(account_of, name, motor, second):
+    event = only(account_of(FAULTS / f"{name}.BIN.xz"), "motor-fault")
     assert event.evidence["motor"] == motor
     assert event.t == pytest.approx(second, abs=0.5)
     assert event.evidence["thrust_loss"] > 0.9
@@ -61,35 +61,35 @@ def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path, unpacked):
     cut.write_bytes(unpacked("faults/lost_motor_octa").read_bytes()[:744_800])
     log = logparse.read_log(cut)
     assert log.flight.stop == pytest.approx(81.05, abs=0.15)
-    event = only(assess_health(log, Span(log.flight.start, log.flight.stop)), "motor-loss")
+    event = only(tell(log, Span(log.flight.start, log.flight.stop)), "motor-fault")
     assert (event.evidence["motor"], event.t) == (5, pytest.approx(80.11, abs=0.2))
 
 
-def test_crash_disarming_and_jamming_are_named_to_half_a_second(health_of):
+def test_crash_disarming_and_jamming_are_named_to_half_a_second(account_of):
     # Seconds at which the simulator says that the craft hit the ground; the flight recorder's own text is not read.
-    crash = health_of(FAULTS / "lost_motor_quad.BIN.xz")
+    crash = account_of(FAULTS / "lost_motor_quad.BIN.xz")
     assert only(crash, "crash").t == pytest.approx(84.03, abs=0.5)
     assert crash.sound.stop < 81.2
-    dropped = health_of(FAULTS / "dropped_octa.BIN.xz")
+    dropped = account_of(FAULTS / "dropped_octa.BIN.xz")
     assert only(dropped, "disarmed-in-air").t == pytest.approx(93.03, abs=0.5)
     assert only(dropped, "crash").t == pytest.approx(94.13, abs=0.5)
-    jammed = only(health_of(FAULTS / "gps_jam_octa.BIN.xz"), "gps-lost")
+    jammed = only(account_of(FAULTS / "gps_jam_octa.BIN.xz"), "gps-lost")
     assert (jammed.t, jammed.end) == pytest.approx((79.79, 85.79), abs=0.5)
     assert "jammed" in jammed.reason
 
 
-def test_the_sag_of_a_firmware_pack_is_that_of_its_model(health_of):
+def test_the_sag_of_a_firmware_pack_is_that_of_its_model(account_of):
     """SITL's refBatRes is 0.012 ohm; its 10 Hz low-pass of the voltage is faster than the log."""
-    sag = health_of(SHARED / "sitl" / "octa11_auto_8kg.BIN").sag
+    sag = account_of(SHARED / "sitl" / "octa11_auto_8kg.BIN").battery.sag
     assert abs(sag.value - 0.012) < 3.0 * sag.sigma
     assert sag.sigma < 0.1 * sag.value
 
 
-def test_lack_of_thrust_is_named_from_the_take_off_on(health_of):
-    health = health_of(FAULTS / "saturated_hexa.BIN.xz")
-    event = only(health, "low-thrust-reserve")
-    assert event.t == pytest.approx(46.0, abs=0.5)
-    assert health.cause is None
+def test_lack_of_thrust_is_a_number_of_the_craft_and_no_event(account_of):
+    account = account_of(FAULTS / "saturated_hexa.BIN.xz")
+    assert account.hover.thrust_to_weight < 1.5
+    assert account.motors.at_limit > 0.3
+    assert account.cause is None
 
 
 @pytest.mark.parametrize(
@@ -98,26 +98,26 @@ def test_lack_of_thrust_is_named_from_the_take_off_on(health_of):
     ids=lambda path: path.name,
 )
 @pytest.mark.slow
-def test_healthy_flights_have_no_notable_event(health_of, path):
-    assert [(event.id, event.t) for event in health_of(path).notable] == []
+def test_healthy_flights_have_no_notable_event(account_of, path):
+    assert [(event.id, event.t) for event in account_of(path).notable] == []
 
 
 @pytest.mark.slow
-def test_gains_that_are_too_high_are_named(health_of):
-    health = health_of(PAIRS / "quad15_hot.BIN.xz")
-    assert {event.id for event in health.notable} == {"oscillation"}
-    assert {event.evidence["axis"] for event in health.notable} == {"roll", "pitch"}
+def test_gains_that_are_too_high_are_named(account_of):
+    account = account_of(PAIRS / "quad15_hot.BIN.xz")
+    assert {event.id for event in account.notable} == {"oscillation"}
+    assert {event.evidence["axis"] for event in account.notable} == {"roll", "pitch"}
 
 
-def test_a_real_crash_is_named_and_what_led_to_it_serves_no_model(health_of):
+def test_a_real_crash_is_named_and_what_led_to_it_serves_no_model(account_of):
     (path,) = (SHARED / "real").glob("BeastAyyG*mechanical_failure.bin")
-    health = health_of(path)
+    account = account_of(path)
     # By eye: control is lost at 368.9 s, the ground is hit at 373.5 s.
-    assert only(health, "loss-of-control").t == pytest.approx(368.9, abs=0.5)
-    assert only(health, "crash").t == pytest.approx(373.5, abs=0.5)
-    assert health.sound.stop < 369.0
+    assert only(account, "control-lost").t == pytest.approx(368.9, abs=0.5)
+    assert only(account, "crash").t == pytest.approx(373.5, abs=0.5)
+    assert account.sound.stop < 369.0
     # By eye: the craft falls towards motor 1 (front right), whose output stands at its limit before all others'.
-    loss = only(health, "motor-loss")
+    loss = only(account, "motor-fault")
     assert loss.evidence["motor"] == 1
     assert loss.t == pytest.approx(368.6, abs=0.5)
     assert "at the limit (1820 µs)" in loss.reason
@@ -128,8 +128,8 @@ def failing(name, number):
     (path,) = (SHARED / "real").glob(f"*{name}*")
     log = logparse.read_log(path)
     flight = log.flights[number - 1]
-    events = assess_health(log, Span(flight.start, flight.stop)).events
-    return [(event.evidence["motor"], event.t) for event in events if event.id in ("motor-loss", "motor-dropout")]
+    events = tell(log, Span(flight.start, flight.stop)).happenings
+    return [(event.evidence["motor"], event.t) for event in events if event.id == "motor-fault"]
 
 
 def test_a_motor_that_fails_slowly_is_named_from_when_it_needed_more():

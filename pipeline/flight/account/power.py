@@ -65,7 +65,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
 
 
 def _estimate_off(readings: Readings, first: float, last: float) -> float | None:
-    """By how much [m] the autopilot's height fell behind the barometer's in a stretch; None where it climbed as well."""
+    """By how much [m] the autopilot's height fell behind the barometer's; None where it climbed as well."""
     tables = readings.tables
     if tables.ekf is None or tables.baro is None:
         return None

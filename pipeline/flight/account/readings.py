@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from core.units import STANDARD_GRAVITY
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.flights import slope_down
+from logparse.heights import ground_level, height_above_ground, slope_down
 from logparse.numeric import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.results.span import Span, around
@@ -61,8 +61,8 @@ class Readings:
     @cached_property
     def height(self) -> pd.Series[float] | None:
         """Credible height above the ground that the flight left, m up."""
-        found = next((each for _, each in height_sources(self.tables)), None)
-        return None if found is None else found - ground_before(found, self.flight)
+        found = height_above_ground(self.tables)
+        return None if found is None else found - ground_level(found, self.flight)
 
     @cached_property
     def sink(self) -> pd.Series[float] | None:
@@ -150,32 +150,6 @@ class Readings:
     def flying(self, t: Floats) -> Mask:
         """Return which times lie in the flight, the shake of lift-off left out."""
         return (t >= self.flight.start + 0.5) & (t <= self.flight.stop)
-
-
-def height_sources(tables: Tables) -> Iterator[tuple[str, pd.Series[float]]]:
-    """Yield the heights that a log has, the most credible first, m up; a constant is none.
-
-    The barometer wanders by a metre or two; the autopilot's own height runs away with vibration or a bad GPS.
-    """
-    for source, table, name, sign in (
-        ("barometer", tables.baro, "alt", 1.0),
-        ("autopilot", tables.ekf, "p_d", -1.0),
-        ("GPS", tables.gps, "alt", 1.0),
-    ):
-        height = None if table is None else (sign * table[name]).dropna()
-        if height is not None and source == "GPS" and tables.gps is not None:
-            height = height[tables.gps["fix"].loc[height.index].to_numpy() >= 3.0]
-        if height is not None and len(height) > 5 and float(height.max()) > float(height.min()):
-            yield source, height
-
-
-def ground_before(height: pd.Series[float], flight: Span) -> float:
-    """Return the level of the ground that a flight left, in the units of a height: its median over 2 s before."""
-    before = height.loc[flight.start - 2.0 : flight.start]
-    if len(before):
-        return float(before.median())
-    after = height.loc[flight.start :]
-    return float(after.iloc[0]) if len(after) else float(height.iloc[0])
 
 
 def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> list[tuple[float, float]]:

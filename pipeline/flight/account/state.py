@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from logparse.heights import ground_level, heights, smoothed
 from pipeline.flight.account.power import cells, real_voltage
-from pipeline.flight.account.readings import Readings, ground_before, height_sources, within
+from pipeline.flight.account.readings import Readings, within
 from pipeline.flight.account.vibration import vibration
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
@@ -20,30 +21,23 @@ _SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
 #: Share of the range of an output below its upper limit that counts as being at it.
 _AT_LIMIT = 0.99
 _EARTH = 6.371e6
+_SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
 
 
 def height(readings: Readings) -> Reading | None:
     """Return the largest height above the ground that the flight left, with what every source says of it."""
-    gains = {
-        name: gain for name, known in height_sources(readings.tables) if (gain := _gain(known, readings)) is not None
-    }
+    flight = readings.flight
+    gains: dict[str, tuple[float, float]] = {}
+    for source, known in heights(readings.tables):
+        inside = smoothed(known.loc[flight.start : flight.stop])
+        if len(inside) > 2:
+            top = int(np.argmax(inside.to_numpy()))
+            gains[_SOURCES[source]] = float(inside.iloc[top]) - ground_level(known, flight), float(inside.index[top])
     if not gains:
         return None
     source = next(iter(gains))
     value, t = gains.pop(source)
     return Reading(value=value, unit="m", t=t, source=source, others={name: gain for name, (gain, _) in gains.items()})
-
-
-def _gain(series: pd.Series[float], readings: Readings) -> tuple[float, float] | None:
-    """Largest half-second median of a height above the ground before the flight, m, and when."""
-    inside = series.loc[readings.flight.start : readings.flight.stop]
-    t = inside.index.to_numpy(np.float64)
-    if len(t) < 3:
-        return None
-    size = max(round(0.5 / max(float(np.median(np.diff(t))), 1e-3)), 1)
-    smooth = inside.rolling(size, center=True, min_periods=1).median()
-    top = int(np.argmax(smooth.to_numpy()))
-    return float(smooth.iloc[top]) - ground_before(series, readings.flight), float(t[top])
 
 
 def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
