@@ -46,6 +46,9 @@ def _lost(readings: Readings) -> Iterator[Finding]:
         if np.count_nonzero(inside) < 2 or not (last - first >= _HELPLESS or worst > 2.0 * LOST):
             continue
         lasting = f" for {last - first:.0f} s" if last - first > 1.5 else ""
+        # It began where it was half as far off.
+        calm = t[(t < first) & ~(values > 0.5 * LOST)]
+        first = float(t[np.searchsorted(t, calm[-1], side="right")]) if len(calm) else first
         yield finding(
             "control-lost",
             f"The craft leaned up to {np.degrees(worst):.0f}° away from what was asked{lasting}.",
@@ -148,7 +151,9 @@ def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
     near = np.abs(hz[None, :] - peak[:, None]) <= np.maximum(1.6 / _WINDOW, 0.15 * peak)[:, None]
     line = np.sum(np.where(near, power, 0.0), axis=1)
     amplitude = np.sqrt(2.0 * line)
-    amplitude[(amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
+    # What is strongest at the lowest frequency is the edge of slower motion, and no line.
+    edge = peak <= hz[band][0]
+    amplitude[edge | (amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
     asked = _asked(readings, axis) if amplitude.any() else None
     if asked is not None:
         wanted = _spectra(np.interp(grid, asked.index.to_numpy(np.float64), asked.to_numpy(np.float64)), size, count)

@@ -15,7 +15,7 @@ from pipeline.flight.account.readings import Readings, at, g, stretches
 #: Specific force [m/s^2] of a shock that no manoeuvre makes.
 SHOCK = 4.0 * STANDARD_GRAVITY
 #: Lean [rad] that no craft under control has on the ground, and rate of sink [m/s] at contact that breaks legs.
-_OVER, _FAST = np.radians(45.0), 4.0
+_OVER, _FAST = np.radians(45.0), 6.0
 #: Time [s] around touch-down in which the craft hits the ground, bounces and comes to rest.
 _BEFORE, _AFTER = 3.0, 5.0
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
@@ -68,8 +68,7 @@ def ground_happenings(readings: Readings, *, out_of_control: bool, sank: bool) -
     if touch is None:
         return
     over = touch.lean > _OVER
-    rough = touch.force > SHOCK or touch.sink > _FAST
-    if over or (rough and (out_of_control or sank or off is not None or touch.sink > 1.5 * _FAST)):
+    if over or (touch.force > SHOCK and (out_of_control or sank or off is not None or touch.sink > _FAST)):
         yield finding(
             "crash",
             f"The craft hit the ground{_how(touch)}{' and came to rest on its side or back' if over else ''}.",

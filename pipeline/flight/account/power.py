@@ -51,7 +51,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
     # The autopilot's own doing: throttle at its limit while the craft climbs already, in a mode that holds height.
     wrong = full & readings.in_modes(t, HOLDING) & (down < -_SINKING)
     for first, last in stretches(t, wrong, join=0.4, shortest=_LASTING):
-        if (disagreement := _estimate_off(readings, first, last)) is None:
+        if _climb_asked(readings, first, last) or (disagreement := _estimate_off(readings, first, last)) is None:
             continue
         climb = -float(down[(t >= first) & (t <= last)].min())
         yield finding(
@@ -62,6 +62,13 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
             end=last,
             height_error_m=disagreement,
         )
+
+
+def _climb_asked(readings: Readings, first: float, last: float) -> bool:
+    """Return whether the height controller was asked to climb in a stretch."""
+    setpoints = readings.tables.setpoints
+    asked = None if setpoints is None or "v_d" not in setpoints else setpoints["v_d"].loc[first:last].dropna()
+    return asked is not None and len(asked) > 0 and float(asked.median()) < -0.5 * _SINKING
 
 
 def _estimate_off(readings: Readings, first: float, last: float) -> float | None:

@@ -93,17 +93,17 @@ def _jumps(gps: pd.DataFrame) -> Floats:
 
 def _silence(readings: Readings, t: Floats, losses: list[tuple[float, float]]) -> Iterator[Finding]:
     """Find times in flight without a word from the receiver while the log went on."""
-    others = readings.tables.times("attitude")
-    if others is None:
+    others = [times for name in ("attitude", "baro", "motors") if (times := readings.tables.times(name)) is not None]
+    if not others:
         return
     first, last = readings.flight.start, readings.flight.stop
     limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
     inside = np.concatenate(([max(first, t[0])], t[(t > first) & (t < last)], [last]))
     for k in np.flatnonzero(np.diff(inside) > limit):
         begin, end = float(inside[k]), float(inside[k + 1])
-        between = np.concatenate(([begin], others[(others > begin) & (others < end)], [end]))
-        # Where the other tables stop too, it is the log that is silent.
-        if float(np.max(np.diff(between))) > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b in losses):
+        # Where another table stops too, it is the log that is silent.
+        silent = max(float(np.max(np.diff([begin, *each[(each > begin) & (each < end)], end]))) for each in others)
+        if silent > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b in losses):
             continue
         yield finding(
             "gps-lost",
