@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import logparse
-from logparse import RotoridError, health
+from logparse import RotoridError, completeness
 from logparse.inspection import inspect
 
 
@@ -19,7 +19,7 @@ def read_whole(path: Path) -> str:
         for name in log.messages:
             _ = log.messages[name]
         _ = (log.parameters, log.vehicle, log.tables, log.flights, log.findings, log.start_utc, log.duration, repr(log))
-        health.check(log)
+        completeness.check(log)
         inspect(log)
     except RotoridError as error:
         return str(error)

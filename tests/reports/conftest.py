@@ -151,7 +151,7 @@ def made_flight(
             ),
             Finding("backward-rows", Severity.INFO, "212 rows go slightly backwards in time and were sorted."),
         ),
-        **dict.fromkeys(("thrust", "parameters", "coverage", "health", "rotation", "loops"), NO_THRUST),
+        **dict.fromkeys(("thrust", "parameters", "coverage", "account", "signals", "rotation", "loops"), NO_THRUST),
         timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
     )
     return replace(result, answer=compose_answer(result))
