@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from pipeline.flight.health.assessment import assess_health
+from pipeline.flight.account import tell
+from pipeline.flight.signals import flight_signals
 from pipeline.results.span import Span
 
 LOG = "sample_logs/octa01_zurich_calm.bin"
@@ -41,7 +42,8 @@ def spoilt(name, how):
     ],
 )
 def test_a_spoilt_message_costs_its_own_plot_only(name, panels, how):
-    health = assess_health(spoilt(name, how), FLIGHT)
-    drawn = {each for each in ("attitude", "rates", "vibration", "battery", "gps") if getattr(health.signals, each)}
+    log = spoilt(name, how)
+    signals, account = flight_signals(log, FLIGHT), tell(log, FLIGHT)
+    drawn = {each for each in ("attitude", "rates", "vibration", "battery", "gps") if getattr(signals, each)}
     assert {"attitude", "rates", "vibration", "battery", "gps"} - drawn <= {panels}
-    assert not [event for event in health.notable if event.id in ("crash", "motor-loss", "loss-of-control")]
+    assert account.story == ()

@@ -6,7 +6,7 @@ import pytest
 
 from logparse import LogError, read_flights, read_log
 from pipeline.execution.stages import NEXT_FLIGHT, overall
-from pipeline.flight.health.assessment import assess_health
+from pipeline.flight.account import tell
 from pipeline.results.span import Span, around
 
 SHARED = Path(__file__).parents[3] / "shared" / "logs"
@@ -47,11 +47,8 @@ def test_a_blow_is_told_of_the_flight_that_it_ended():
     logs = read_flights(SHARED / "real" / "erlerobot-logs__6-3-2014_7.BIN")
     blows = []
     for log in logs:
-        flight = Span(log.flight.start, log.flight.stop)
-        health = assess_health(log, flight)
-        part = around(flight, log.flights)
-        assert all(part.start <= event.t < part.stop for event in health.events)
-        blows.append([event.t for event in health.events if event.id == "hard-landing"])
+        account = tell(log, Span(log.flight.start, log.flight.stop))
+        blows.append([each.t for each in account.happenings if each.id == "hard-landing"])
     assert [len(each) for each in blows] == [1, 0, 1]
     assert blows[2][0] == pytest.approx(256.1, abs=0.5)
 
