@@ -178,7 +178,8 @@ class _Left:
 
     def fits(self, variances: Sequence[float], first: Rows, last: Rows) -> _Fits:
         """Explain the windows of rows from `first` to before `last` by each motor, given each axis's noise."""
-        thrust, hits, squares, free = self.moments.thrust, 0.0, 0.0, 0.0
+        thrust = self.moments.thrust
+        hits, squares, free = (np.zeros((len(first), thrust.shape[1])) for _ in range(3))
 
         def total(values: Floats) -> Floats:
             sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
@@ -191,9 +192,9 @@ class _Left:
             # What else moves takes of each window: the part of the motor's thrust that lies along it.
             left = power - sum(total(thrust * column[:, None]) ** 2 for column in basis.T)
             left = np.maximum(left, 1e-12)
-            hits = hits + factors * seen / variance
-            squares = squares + factors**2 * left / variance
-            free = free + seen**2 / left / variance
+            hits += factors * seen / variance
+            squares += factors**2 * left / variance
+            free += seen**2 / left / variance
         squares = np.maximum(squares, 1e-12)
         gain = hits**2 / squares
         return _Fits(hits / squares, gain, gain / np.maximum(free, 1e-12))
