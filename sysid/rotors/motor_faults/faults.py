@@ -79,8 +79,8 @@ _LOSS_AT_LIMIT, _EXPLAINED = 0.3, 0.4
 _GUST = 0.5
 #: Part of the fastest turn after a sudden failure that is its first.
 _TURNS = 0.25
-#: Specific force of a blow [m/s^2], and time before the end in which it is looked for, s.
-_BLOW, _BLOWS = 30.0, 3.0
+#: Specific force of a blow, m/s^2.
+_BLOW = 30.0
 #: Time before a landing in which the ground pushes, s; a log has none whose outputs end within `_CUT` seconds of the
 #: flight, unless the autopilot said so within `_LANDED` seconds before.
 _GROUND, _CUT, _LANDED, _LANDINGS = 2.0, 0.3, 4.0, ("LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED")
@@ -420,7 +420,7 @@ def _end(tables: Tables, stop: float) -> float:
     if tables.motors is None or tables.imu is None or len(tables.motors) < 2:
         return stop
     outputs = tables.motors.index.to_numpy(np.float64)
-    last = tables.imu.loc[stop - _BLOWS : stop + _AFTER, ["accel_x", "accel_y", "accel_z"]]
+    last = tables.imu.loc[stop - _LAST : stop + _AFTER, ["accel_x", "accel_y", "accel_z"]]
     blows = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > _BLOW]
     if len(blows):
         # No output whose interval the blow is in.
