@@ -51,17 +51,13 @@ _BY_CHANCE = 1e-4
 _LIKELY = 3.0
 #: Time around the change in which it must show by itself [s], with this score and this part of the whole loss.
 _AROUND, _SHARP, _SHARE = 8.0, 5.0, 0.5
-#: Standard deviations by which the size of a loss must differ from zero.
-_SIGMAS = 4.0
 
 #: Lengths of pulses [s], fewest rows, and the least loss of one.
 _LENGTHS, _FEWEST, _PULSE = (0.3, 0.5, 0.8, 1.2, 2.0), 30, 0.25
 #: Loss and score of a pulse that stands alone.
 _PLAIN, _SURER = 0.5, 20.0
-#: Score over that of the surest window of the wrong sign, for one pulse of several and for one alone.
-_ABOVE, _FAR_ABOVE = 1.2, 1.5
-#: Command in the window over that of the seconds around it.
-_RISE, _USUAL = 1.12, 6.0
+#: Score over that of the surest window of the wrong sign.
+_ABOVE = 1.5
 #: Time in which a motor recovers [s], and the part of the loss that may be left then.
 _RECOVERS, _LEFT = 2.0, 0.5
 #: Time within which pulses are one, s.
@@ -230,8 +226,6 @@ def _step(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
     if _Left.of(later).fits(variances, rows[[row]], np.array([len(later.t)])).loss[0, column] < _SHARE * loss:
         return None
     size, sigma = _size(left, variances, row, column)
-    if size < _SIGMAS * sigma:
-        return None
     numbers, alike = [motor.number for motor in vehicle.motors], gain[row] > ALIKE * gain[row, column]
     beside = round(_AROUND / moments.step)
     before, after = (np.median(moments.pwm[a:b, column]) for a, b in ((max(row - beside, 0), row), (row, row + beside)))
@@ -300,8 +294,7 @@ def _pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
     if len(moments.t) < _FEWEST:
         return []
     left, t, chance = _Left.of(moments, lag=True), moments.t, 0.0
-    around, ahead = 2 * round(_USUAL / moments.step) + 1, round(_RECOVERS / moments.step)
-    usual = scipy.ndimage.median_filter(moments.thrust, (around, 1), mode="nearest")
+    ahead = round(_RECOVERS / moments.step)
     found: list[MotorFault] = []
     for length in _LENGTHS:
         size = max(round(length / moments.step), 3)
@@ -312,11 +305,10 @@ def _pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
         fits = left.fits([_spread(each) ** 2 / size for each in sums], first, first + size)
         whole = (t[size - 1 :] - t[: len(first)] < 1.5 * size * moments.step)[:, None]
         less = fits.alone(1.0) & whole & (fits.gain >= SURE**2) & (fits.loss >= _PULSE) & (fits.loss <= 1.3)
-        # The motor is asked for more in the window, and gives its thrust again soon after.
-        asked = np.lib.stride_tricks.sliding_window_view(moments.thrust, size, axis=0).mean(axis=-1)
+        # The motor gives its thrust again soon after the window.
         later = np.vstack([fits.loss[size:], np.full((size + ahead, fits.loss.shape[1]), np.inf)])
         least = np.lib.stride_tricks.sliding_window_view(later, ahead, axis=0).min(axis=-1)[: len(first)]
-        pulses = less & (asked >= _RISE * usual[: len(first)]) & (least < _LEFT * fits.loss)
+        pulses = less & (least < _LEFT * fits.loss)
         # A motor that gives less looks like its counterpart that gives more: only what is not the former is chance.
         beside = scipy.ndimage.maximum_filter1d(less.any(axis=1), 4 * size + 1)[:, None]
         more = fits.alone(-1.0) & whole & (fits.loss <= -_PULSE) & ~beside
@@ -332,7 +324,7 @@ def _pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
                     end=float(t[row + size - 1]),
                     loss=loss,
                     sigma=loss / score,
-                    output=_output(float(asked[row, column]), loss, vehicle),
+                    output=_output(float(moments.thrust[row : row + size, column].mean()), loss, vehicle),
                     score=score,
                     evidence=f"its output rises by {rise:.0f} µs",
                 )
@@ -343,7 +335,7 @@ def _pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
             apart.append(one)
     # Once is chance, twice a pattern, unless it is plain.
     counts = Counter(one.motor for one in apart)
-    plain = [one.loss >= _PLAIN and one.score >= max(_SURER, _FAR_ABOVE * chance) for one in apart]
+    plain = [one.loss >= _PLAIN and one.score >= _SURER for one in apart]
     named = [one for one, each in zip(apart, plain, strict=True) if each or counts[one.motor] > 1]
     return sorted(named, key=lambda one: one.t)
 
