@@ -44,12 +44,10 @@ from pipeline.storage.store import Store, TemporaryStore, open_store
 if TYPE_CHECKING:
     from pipeline.fleet import crafts as fleet_crafts
     from pipeline.fleet import job as fleet_job
-    from pipeline.fleet import motor_hints
     from pipeline.fleet.job import Job
 else:
     # They bring the numerical packages, which an unchanged folder must not wait for.
     fleet_crafts, fleet_job = lazy("pipeline.fleet.crafts"), lazy("pipeline.fleet.job")
-    motor_hints = lazy("pipeline.fleet.motor_hints")
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -119,8 +117,6 @@ def analyze_fleet(
         set_aside(store, [record for record in removed if record.folder not in gone])
         bring_back(store, [record for record in former.removed if record.folder in folders])
         flights = _flights(records, {**known, **new})
-        if new:
-            flights = motor_hints.settle_hints(flights, store, publish)
         together = part_of(progress, own, 0.99)
         crafts = _crafts(flights, former, config, store, publish, executor, together, redo=redo)
         manifest = Manifest(

@@ -20,6 +20,7 @@ from pipeline.fleet.motor_drift import Together, motor_drift, together, trims
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.flight_parameters import BATTERY, SHARES
 from pipeline.results.drift import Drift, History, Point, Trend
+from sysid.rotors.motor_faults.trims import weak_from_start
 
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightEntry, FlightParameter
@@ -71,12 +72,17 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
         return None
     histories, joint = _judged(histories, together(flights, histories))
     motors = motor_drift(flights, histories, joint)
+    told = [flight.trims for flight in flights if flight.trims is not None]
     return Drift(
         order="name" if any(flight.start_utc is None for flight in flights) else "date",
         flights=tuple(flight.name for flight in flights),
         parameters=tuple(histories),
         motors=motors,
-        findings=(*_findings(histories), *(motors.findings if motors is not None else ())),
+        findings=(
+            *_findings(histories),
+            *(motors.findings if motors is not None else ()),
+            *(weak_from_start(told[-1], told[:-1]) if told else ()),
+        ),
         responses=tuple(curve for flight in flights[-MOST_CURVES:] for curve in flight.responses),
     )
 

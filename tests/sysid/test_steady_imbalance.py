@@ -18,10 +18,13 @@ def test_a_motor_weak_from_the_beginning_is_named(frame_class, frame_type):
     motor = 1 + len(frame_class) % len(vehicle.motors)
     # 82 % of the signal above 1000 us: about a third of the thrust is missing.
     fault = Fault(motor, -1.0, 0.82)
-    tables = fly(vehicle, 3, fault, off=0.005)
-    (finding,) = weak_from_start(steady_trims(tables, vehicle, 0.0, SECONDS))
+    flown = [fly(vehicle, seed, fault, off=0.005) for seed in (3, 13)]
+    trims = [steady_trims(tables, vehicle, 0.0, SECONDS) for tables in flown]
+    # One flight alone names none: of one sound craft in thirty the trims are in a motor's proportion by chance.
+    assert weak_from_start(trims[0], []) == ()
+    (finding,) = weak_from_start(trims[0], trims[1:])
     assert (finding.id, finding.evidence["motor"]) == ("uneven-motor", f"m{motor}")
-    assert finding.evidence["loss"] == pytest.approx(1.0 - remaining_thrust(tables, fault), abs=0.06)
+    assert finding.evidence["loss"] == pytest.approx(1.0 - remaining_thrust(flown[0], fault), abs=0.06)
 
 
 @pytest.mark.parametrize(("frame_class", "frame_type"), FRAMES)
@@ -29,8 +32,9 @@ def test_sound_motors_raise_nothing_whatever_the_load(frame_class, frame_type):
     vehicle = craft(frame_class, frame_type)
     # Nothing; loads ahead, to one side and at a corner; motors twisted about their arms.
     for shift in (None, (0.0, 0.0, 0.1, 0.0), (0.0, 0.1, 0.0, 0.0), (0.0, 0.07, -0.07, 0.0), (0.0, 0.0, 0.0, 0.1)):
-        tables = fly(vehicle, 4, off=0.005, shift=shift)
-        assert weak_from_start(steady_trims(tables, vehicle, 0.0, SECONDS)) == ()
+        flown = [fly(vehicle, seed, off=0.005, shift=shift) for seed in (4, 14)]
+        trims = [steady_trims(tables, vehicle, 0.0, SECONDS) for tables in flown]
+        assert weak_from_start(trims[0], trims[1:]) == ()
 
 
 def test_readings_that_damage_made_do_not_count():
@@ -52,7 +56,7 @@ def test_what_is_needed_is_said():
 def test_a_hint_that_other_flights_do_not_bear_out_is_not_stated():
     """The last of three is trimmed as if m4 were weak, the others have no such pitch."""
     first, second, third = trimmed(*REAL)
-    assert weak_from_start(third)[0].evidence["motor"] == "m4"
+    assert weak_from_start(third, [third])[0].evidence["motor"] == "m4"
     assert weak_from_start(third, [first, second]) == ()
 
 

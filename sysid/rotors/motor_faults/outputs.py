@@ -86,7 +86,8 @@ def _asked(tables: Tables, start: float, stop: float) -> pd.DataFrame:
         known = {name: column for name, column in known.items() if column.notna().sum() > 1}
         if {"roll", "pitch", "yaw"} <= set(known):
             rows = pd.DataFrame(known).loc[start - 1.0 : stop + 1.0]
-            return rows[(np.abs(rows.to_numpy()) <= _MOST_ASKED).all(axis=1)]
+            sound: pd.DataFrame = rows[(np.abs(rows.to_numpy()) <= _MOST_ASKED).all(axis=1)]
+            return sound
     raise MissingDataError("the order of motors needs the rate controller's outputs (RATE)")
 
 

@@ -4,9 +4,9 @@ Of the moments of `sysid.rotors.motor_faults.moments` this is what neither turni
 gives the part d less than it is told leads to ``z_a = d f_ak s_k`` about each axis a, with s_k its thrust over the mean
 of all. A centre of gravity beside the middle leads to roll and pitch only, in any direction; motors twisted about their
 arms to yaw only. So one motor is named where it explains all three and neither of the others does. Both together may be
-in a motor's proportion by chance: trims of 0.1 to 0.3 are ordinary on real craft, of which one in 29 flights is, so
-that this is no more than a hint, and a motor that is weak stays weak: where other flights of the craft are known,
-either all of them together or the change against the others must name the motor too.
+in a motor's proportion by chance: trims of 0.1 to 0.3 are ordinary on real craft, of which one in 29 flights is
+(peterbarker 1.BIN, seventh flight). A motor that is weak stays weak, so that one flight alone names none: all flights
+of the craft together, or the change against the others, must name the same motor.
 """
 
 from __future__ import annotations
@@ -79,33 +79,25 @@ def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     return SteadyTrims(names, tuple(trims), tuple(variance), tuple(map(tuple, rows.tolist())))
 
 
-def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims] = ()) -> tuple[Finding, ...]:
-    """Name the motor whose weakness explains what the controller steadily asks for.
-
-    Parameters
-    ----------
-    flight : SteadyTrims
-    others : sequence of SteadyTrims
-        Of other flights of the same craft, in any order.
-    """
-    found = _weak(np.array(flight.trims), np.array(flight.variance), flight)
-    if found is None:
-        return ()
+def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims]) -> tuple[Finding, ...]:
+    """Name the motor whose weakness explains what the controller steadily asks for in this flight and in others."""
     alike = [each for each in others if each.motors == flight.motors]
-    if alike:
-        whole, rest = _mean([flight, *alike]), _mean(alike)
-        change = np.array(flight.trims) - rest[0], np.array(flight.variance) + rest[1]
-        if found[0] not in [each[0] for each in (_weak(*whole, flight), _weak(*change, flight)) if each is not None]:
-            return ()
+    found = _weak(np.array(flight.trims), np.array(flight.variance), flight)
+    if found is None or not alike:
+        return ()
+    whole, rest = _mean([flight, *alike]), _mean(alike)
+    change = np.array(flight.trims) - rest[0], np.array(flight.variance) + rest[1]
+    if found[0] not in [each[0] for each in (_weak(*whole, flight), _weak(*change, flight)) if each is not None]:
+        return ()
     motor, loss, sigma = found
     return (
         Finding(
             "uneven-motor",
             Severity.INFO,
             f"roll, pitch and yaw are steadily trimmed as if motor {motor} gave {100.0 * loss:.0f} ± "
-            f"{100.0 * sigma:.0f} % less thrust than the others at the same signal"
-            f"{f', and so say {1 + len(alike)} flights' if alike else ''}; a centre of gravity to one side "
-            "does not yaw, twisted motors do nothing else, and only both together could look the same",
+            f"{100.0 * sigma:.0f} % less thrust than the others at the same signal, and so say {1 + len(alike)} "
+            "flights; a centre of gravity to one side does not yaw, twisted motors do nothing else, and only both "
+            "together could look the same",
             "check this motor, its propeller and its ESC; then the centre of gravity and the motors' angles",
             {"motor": motor, "loss": loss, "sigma": sigma, "flights": 1 + len(alike)},
         ),
@@ -115,16 +107,7 @@ def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims] = ()) -> 
 def changed_motor(flight: SteadyTrims, others: Sequence[SteadyTrims]) -> tuple[str, float, float] | None:
     """Return the motor that alone explains how trims differ from other flights', the part of thrust lost, its sigma.
 
-    Parameters
-    ----------
-    flight : SteadyTrims
-    others : sequence of SteadyTrims
-        Of the same craft.
-
-    Returns
-    -------
-    tuple or None
-        The part is negative for a motor that gives more than in the others; None where no motor alone explains it.
+    The part is negative for a motor that gives more than in the others; None where no motor alone explains it.
     """
     mean, variance = _mean(others, AGAIN)
     change, sampled = np.array(flight.trims) - mean, np.array(flight.variance) + variance
