@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.craft.pwm_range import pwm_range
-from logparse.heights import height_above_ground, smoothed
+from logparse.heights import height_above_ground, slope_down, smoothed
 from logparse.tables import Tables
 
 Array = npt.NDArray[np.float64]
@@ -36,7 +36,7 @@ _DRIFT = 5.0
 _FOLLOWS, _VARIED = 0.3, 0.1
 #: Share of the PWM range by which motors must exceed idle: hovering takes at least 0.1.
 _ABOVE_IDLE = 0.03
-#: Pause [s] of motors (dropping with closed throttle), of data or of a barometer that a flight may have; the same in
+#: Pause [s] of motors (dropping with closed throttle) or of data that a flight may have; the same in
 #: intervals of slow telemetry, and at most: where a clock claims years between rows, they are no flight of years.
 _PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
 #: Height [m] at which a barometer shows that the craft has left the ground, and the time [s] that it takes to rise so.
@@ -84,8 +84,8 @@ class _Readings:
 class _Run:
     """A run of the motors: the ground before it and how far it rose [m], thrust and specific force while it was up.
 
-    `follows` is the change of the specific force for a change of thrust, both as parts of those; NaN where thrust hardly
-    changes.
+    `follows` is the change of the specific force for a change of thrust, both as parts of those; NaN where thrust
+    hardly changes.
     """
 
     start: float
@@ -104,7 +104,7 @@ class _Run:
     def hopped(self, carries: float) -> bool:
         """Whether a low run is a flight: its thrust is known to carry the craft, or else the forces follow it."""
         enough = self.follows > _FOLLOWS if np.isnan(carries) else self.thrust > (1.0 - 0.5 * _CARRIED) * carries
-        return self.rise > _HOP and enough
+        return not self.rise < _HOP and enough
 
 
 def find_flights(tables: Tables) -> tuple[Flight, ...]:
@@ -152,7 +152,8 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     if tables.motors is not None:
         pulses = tables.motors.dropna(how="all")
         above = idle_level(tables.parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
-        thrust, idle = levels.thrust(pulses).mean(axis=1), float(levels.thrust(np.array(above)))
+        means = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
+        thrust, idle = pd.Series(means, index=pulses.index), float(levels.thrust(np.array(above)))
     elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
         thrust, idle = tables.setpoints["throttle"].dropna(), _ABOVE_IDLE
     else:
@@ -160,9 +161,7 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     return (thrust, idle) if len(thrust) > 1 else (None, idle)
 
 
-def _readings(
-    outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None"
-) -> _Readings:
+def _readings(outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None") -> _Readings:
     """Read what tells of flight at the times of the motor outputs, at most ten a second."""
     times = outputs.index.to_numpy(np.float64)
     t = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
@@ -262,8 +261,7 @@ def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
         return None
     if before == ground:
         for lifted, lost in _intervals(flown.t, flown.height > ground + _LIFTED, 0.0):
-            # Propellers that run up feign a jump; a filter that starts in flight shows one later.
-            if lost - lifted > _STANDING and lifted - start < _PAUSE:
+            if lost - lifted > _STANDING:  # propellers that run up feign a jump
                 low = float(flown.t[max(int(np.searchsorted(flown.t, lifted)) - 1, 0)])
                 return Flight(max(start, low - _LIFTING), stop)
     return Flight(start, stop)
@@ -281,6 +279,12 @@ def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Itera
         # Before its first switch the craft was in the other state.
         armed = np.where(position >= 0, state[position.clip(0)], ~state[0])
     ground = float(np.percentile(values[armed], 2.0)) if armed.any() else np.inf
-    for start, stop in _intervals(t, armed & (values > ground + _HOP), _PAUSE):
-        if stop - start >= _SHORTEST and float(smooth.loc[start:stop].max()) > ground + _RISE:
+    climbs = slope_down(smooth).abs().to_numpy() > _LIFTED / _GROUND
+    for start, stop in _intervals(t, armed & (values > ground + _RISE), _PAUSE):
+        # The climb that brought it there began on the ground, and the descent ends there.
+        ends = [
+            each for each in _intervals(t, climbs, 0.0) if each[0] <= start <= each[1] or each[0] <= stop <= each[1]
+        ]
+        start, stop = min([start, *(each[0] for each in ends)]), max([stop, *(each[1] for each in ends)])
+        if stop - start >= _SHORTEST:
             yield Flight(start, stop)

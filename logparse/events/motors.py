@@ -125,8 +125,8 @@ def _saturation(motors: pd.DataFrame, tables: Tables, flight: Flight) -> Iterato
 def _lift(full: "pd.Series[bool]", tables: Tables, flight: Flight) -> Iterator[FlightEvent]:
     """Find full throttle while sinking, level: no craft is expected to hold its height at any lean."""
     speed, least = speed_down(tables), _SINKING
-    if speed is None:
-        speed, least = slope_down(height_above_ground(tables)), _SINKING_BY_HEIGHT
+    if speed is None and (height := height_above_ground(tables)) is not None:
+        speed, least = slope_down(height), _SINKING_BY_HEIGHT
     if speed is None:
         return
     if len(full) < 3:

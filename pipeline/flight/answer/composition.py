@@ -6,7 +6,6 @@ the heading and the captions of two plots must be read in ten seconds. Full reas
 
 from __future__ import annotations
 
-from logparse.craft.frames import OTHER_CRAFT
 from pipeline.flight.answer.ahead import ahead
 from pipeline.flight.answer.flown import flown
 from pipeline.flight.answer.healthy import healthy
@@ -45,6 +44,6 @@ def compose_answer(result: FlightResult) -> Answer:
 
 def _unfit(result: FlightResult) -> str:
     """Explain in a clause why nothing can be fitted to a log at all; empty where it can be tried."""
-    if result.log.vehicle.firmware in OTHER_CRAFT:
+    if result.log.vehicle.other_craft:
         return f"only for multirotors, this is {result.log.vehicle.firmware}"
     return "needs a flight" if isinstance(result.flight, Failure) else ""
