@@ -24,6 +24,7 @@ from logparse.tables import Tables
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
+_FORCE = ("accel_x", "accel_y", "accel_z")
 #: Share of the weight from which the ground carries the craft (0.4 in spool-ups, 0.15 in gusts and dives), and time [s]
 #: for which it must: a collision in the air passes sooner.
 _CARRIED, _STANDING = 0.3, 1.0
@@ -41,6 +42,8 @@ _ABOVE_IDLE = 0.03
 _PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
 #: Height [m] at which a barometer shows that the craft has left the ground, and the time [s] that it takes to rise so.
 _LIFTED, _LIFTING = 0.3, 0.5
+#: Specific force [m/s^2] of a contact with the ground: 20 to 160 at hard landings and crashes.
+_SHOCK = 25.0
 #: Time [s] beside a flight in which the height of the ground is read, and in which a rate of descent is.
 _GROUND = 2.0
 #: Shortest flight, and least interval of readings [s].
@@ -136,7 +139,9 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             first = runs[k - 1].stop + _STEP if k else readings.t[0]
             last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
             around = _airborne(readings.between(first, last), run)
-            flights += [each for each in around if each.start < run.stop and each.stop > run.start]
+            flights += [
+                _contact(each, tables.imu) for each in around if each.start < run.stop and each.stop > run.start
+            ]
     return tuple(flights)
 
 
@@ -153,7 +158,7 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
         pulses = tables.motors.dropna(how="all")
         above = idle_level(tables.parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
         means = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
-        thrust, idle = pd.Series(means, index=pulses.index), float(levels.thrust(np.array(above)))
+        thrust, idle = pd.Series(means, index=pulses.index, dtype=np.float64), float(levels.thrust(np.array(above)))
     elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
         thrust, idle = tables.setpoints["throttle"].dropna(), _ABOVE_IDLE
     else:
@@ -163,14 +168,14 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
 
 def _readings(outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None") -> _Readings:
     """Read what tells of flight at the times of the motor outputs, at most ten a second."""
-    times = outputs.index.to_numpy(np.float64)
-    t = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
+    times: Array = outputs.index.to_numpy(np.float64)
+    t: Array = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
     usual = float(np.median(np.diff(t))) if len(t) > 1 else _STEP
     half = max(0.25, 0.75 * usual)
-    thrust = _means(times, outputs.to_numpy(np.float64), t, half)
+    thrust = _means(times, np.asarray(outputs, dtype=np.float64), t, half)
     force = np.full(len(t), np.nan)
     if imu is not None and "accel_x" in imu:
-        rows = imu[["accel_x", "accel_y", "accel_z"]].dropna()
+        rows = imu[list(_FORCE)].dropna()
         sampled = rows.index.to_numpy(np.float64)
         # The mean of the vector: the size of each sample would grow with vibration.
         axes = [_means(sampled, rows[name].to_numpy(np.float64), t, half) for name in rows]
@@ -265,6 +270,17 @@ def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
                 low = float(flown.t[max(int(np.searchsorted(flown.t, lifted)) - 1, 0)])
                 return Flight(max(start, low - _LIFTING), stop)
     return Flight(start, stop)
+
+
+def _contact(flight: Flight, imu: pd.DataFrame | None) -> Flight:
+    """Return a flight that ends at the first shock of its last seconds: after it motors may run on for a moment."""
+    if imu is None:
+        return flight
+    last = imu.loc[
+        max(flight.start + _SHORTEST, flight.stop - _GROUND) : flight.stop, ["accel_x", "accel_y", "accel_z"]
+    ]
+    shocks = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > _SHOCK]
+    return Flight(flight.start, float(shocks[0])) if len(shocks) else flight
 
 
 def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Iterator[Flight]:

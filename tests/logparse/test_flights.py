@@ -115,6 +115,14 @@ def test_after_a_crash_the_motors_that_run_on_are_no_flight():
     assert flight.stop == pytest.approx(60.0, abs=0.4)
 
 
+def test_the_flight_ends_at_the_first_shock_though_the_motors_run_on():
+    """A craft hit the ground with 57 m/s^2 and stood there at hover's throttle for two seconds."""
+    log = flown(T, np.where((T > 80.0) & (T < 81.5), HOVER, PWM), HEIGHT)
+    struck = log.imu["accel_z"].where(np.abs(T - 80.0) > 0.05, -57.0)
+    (flight,) = find_flights(dataclasses.replace(log, imu=log.imu.assign(accel_z=struck)))
+    assert flight.stop == pytest.approx(80.0, abs=0.1)
+
+
 def test_a_gap_in_the_log_ends_a_flight():
     kept = (T < 40) | (T > 55)
     first, second = find_flights(flown(T[kept], PWM[kept], HEIGHT[kept]))
