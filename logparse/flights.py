@@ -129,7 +129,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     height, (thrust, idle) = height_above_ground(tables), _thrust(tables)
     if thrust is None:
         return () if height is None else tuple(_by_height(height, tables.events))
-    readings = _readings(thrust, tables.imu, height)
+    readings, shocks = _readings(tables, thrust, height)
     runs = [_run(readings, *each) for each in _intervals(readings.t, readings.thrust > idle, _PAUSE)]
     sure = [run.thrust for run in runs if run.flown]
     carries = float(np.median(sure)) if sure else np.nan
@@ -139,9 +139,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             first = runs[k - 1].stop + _STEP if k else readings.t[0]
             last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
             around = _airborne(readings.between(first, last), run)
-            flights += [
-                _contact(each, tables.imu) for each in around if each.start < run.stop and each.stop > run.start
-            ]
+            flights += [_contact(each, shocks) for each in around if each.start < run.stop and each.stop > run.start]
     return tuple(flights)
 
 
@@ -166,25 +164,34 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     return (thrust, idle) if len(thrust) > 1 else (None, idle)
 
 
-def _readings(outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None") -> _Readings:
-    """Read what tells of flight at the times of the motor outputs, at most ten a second."""
+def _readings(
+    tables: Tables, outputs: "pd.Series[float]", height: "pd.Series[float] | None"
+) -> tuple[_Readings, Array]:
+    """Read what tells of flight at the times of the motor outputs, at most ten a second, and the times of shocks."""
     times: Array = outputs.index.to_numpy(np.float64)
     t: Array = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
     usual = float(np.median(np.diff(t))) if len(t) > 1 else _STEP
     half = max(0.25, 0.75 * usual)
     thrust = _means(times, np.asarray(outputs, dtype=np.float64), t, half)
-    force = np.full(len(t), np.nan)
-    if imu is not None and "accel_x" in imu:
-        rows = imu[list(_FORCE)].dropna()
-        sampled = rows.index.to_numpy(np.float64)
-        # The mean of the vector: the size of each sample would grow with vibration.
-        axes = [_means(sampled, rows[name].to_numpy(np.float64), t, half) for name in rows]
-        force = np.linalg.norm(axes, axis=0)
+    force, shocks = _specific_force(tables, t, half)
     risen = np.full(len(t), np.nan)
     if height is not None:
         smooth = smoothed(height)
         risen = np.interp(t, smooth.index.to_numpy(np.float64), smooth.to_numpy(np.float64))
-    return _Readings(t, thrust, force, risen)
+    return _Readings(t, thrust, force, risen), shocks
+
+
+def _specific_force(tables: Tables, t: Array, half: float) -> tuple[Array, Array]:
+    """Return the size of the mean specific force about each of the times t, and the times of shocks."""
+    times: Array = np.zeros(0)
+    squares, size = np.zeros(0), np.full(len(t), np.nan)
+    for k, axis in enumerate(tables.columns("imu", _FORCE)):
+        times, values = np.asarray(axis.index, dtype=np.float64), np.asarray(axis, dtype=np.float64)
+        known = np.isfinite(values)
+        # The mean of the vector: the size of each sample would grow with vibration.
+        mean = _means(times[known], values[known], t, half)
+        size, squares = (size + mean**2, squares + values**2) if k else (mean**2, values**2)
+    return np.sqrt(size), times[squares > _SHOCK**2]
 
 
 def _means(times: Array, values: Array, t: Array, half: float) -> Array:
@@ -213,7 +220,7 @@ def _run(readings: _Readings, start: float, stop: float) -> _Run:
     run, ground = readings.between(start, stop), readings.between(start - _GROUND, start - _STEP).level
     level = float(run.height.min()) if np.isnan(ground) else ground
     rise = float(run.height.max()) - level
-    up = run.height - level >= min(0.5 * rise, _RISE) if np.isfinite(rise) else np.ones(len(run.t), np.bool_)
+    up = run.height - level >= min(0.5 * rise, _RISE) if rise > 0.0 else np.ones(len(run.t), np.bool_)
     thrust, known = float(np.median(run.thrust[up])), up & np.isfinite(run.force)
     if np.count_nonzero(known) < 10 or thrust == 0.0:
         return _Run(start, stop, ground, rise, thrust, np.nan, np.nan)
@@ -272,15 +279,10 @@ def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
     return Flight(start, stop)
 
 
-def _contact(flight: Flight, imu: pd.DataFrame | None) -> Flight:
+def _contact(flight: Flight, shocks: Array) -> Flight:
     """Return a flight that ends at the first shock of its last seconds: after it motors may run on for a moment."""
-    if imu is None:
-        return flight
-    last = imu.loc[
-        max(flight.start + _SHORTEST, flight.stop - _GROUND) : flight.stop, ["accel_x", "accel_y", "accel_z"]
-    ]
-    shocks = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > _SHOCK]
-    return Flight(flight.start, float(shocks[0])) if len(shocks) else flight
+    last = shocks[(shocks >= max(flight.start + _SHORTEST, flight.stop - _GROUND)) & (shocks <= flight.stop)]
+    return Flight(flight.start, float(last[0])) if len(last) else flight
 
 
 def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Iterator[Flight]:
@@ -295,12 +297,11 @@ def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Itera
         # Before its first switch the craft was in the other state.
         armed = np.where(position >= 0, state[position.clip(0)], ~state[0])
     ground = float(np.percentile(values[armed], 2.0)) if armed.any() else np.inf
-    climbs = slope_down(smooth).abs().to_numpy() > _LIFTED / _GROUND
-    for start, stop in _intervals(t, armed & (values > ground + _RISE), _PAUSE):
-        # The climb that brought it there began on the ground, and the descent ends there.
-        ends = [
-            each for each in _intervals(t, climbs, 0.0) if each[0] <= start <= each[1] or each[0] <= stop <= each[1]
-        ]
-        start, stop = min([start, *(each[0] for each in ends)]), max([stop, *(each[1] for each in ends)])
+    # The climb that brought it there began on the ground, and the descent ends there.
+    up = armed & (values > ground + _RISE)
+    for start, stop in _intervals(t, slope_down(smooth).abs().to_numpy() > _LIFTED / _GROUND, 0.0):
+        climb = slice(*np.searchsorted(t, (start, stop + 1e-6)))
+        up[climb] |= up[climb].any()
+    for start, stop in _intervals(t, up, _PAUSE):
         if stop - start >= _SHORTEST:
             yield Flight(start, stop)
