@@ -18,12 +18,13 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.craft.pwm_range import pwm_range
-from logparse.heights import height_above_ground, smoothed
+from logparse.heights import height_above_ground, slope_down, smoothed
 from logparse.tables import Tables
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
+_FORCE = ("accel_x", "accel_y", "accel_z")
 #: Share of the weight from which the ground carries the craft (0.4 in spool-ups, 0.15 in gusts and dives), and time [s]
 #: for which it must: a collision in the air passes sooner.
 _CARRIED, _STANDING = 0.3, 1.0
@@ -36,11 +37,13 @@ _DRIFT = 5.0
 _FOLLOWS, _VARIED = 0.3, 0.1
 #: Share of the PWM range by which motors must exceed idle: hovering takes at least 0.1.
 _ABOVE_IDLE = 0.03
-#: Pause [s] of motors (dropping with closed throttle), of data or of a barometer that a flight may have; the same in
+#: Pause [s] of motors (dropping with closed throttle) or of data that a flight may have; the same in
 #: intervals of slow telemetry, and at most: where a clock claims years between rows, they are no flight of years.
 _PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
 #: Height [m] at which a barometer shows that the craft has left the ground, and the time [s] that it takes to rise so.
 _LIFTED, _LIFTING = 0.3, 0.5
+#: Specific force [m/s^2] of a contact with the ground: 20 to 160 at hard landings and crashes.
+_SHOCK = 25.0
 #: Time [s] beside a flight in which the height of the ground is read, and in which a rate of descent is.
 _GROUND = 2.0
 #: Shortest flight, and least interval of readings [s].
@@ -84,8 +87,8 @@ class _Readings:
 class _Run:
     """A run of the motors: the ground before it and how far it rose [m], thrust and specific force while it was up.
 
-    `follows` is the change of the specific force for a change of thrust, both as parts of those; NaN where thrust hardly
-    changes.
+    `follows` is the change of the specific force for a change of thrust, both as parts of those; NaN where thrust
+    hardly changes.
     """
 
     start: float
@@ -104,7 +107,7 @@ class _Run:
     def hopped(self, carries: float) -> bool:
         """Whether a low run is a flight: its thrust is known to carry the craft, or else the forces follow it."""
         enough = self.follows > _FOLLOWS if np.isnan(carries) else self.thrust > (1.0 - 0.5 * _CARRIED) * carries
-        return self.rise > _HOP and enough
+        return not self.rise < _HOP and enough
 
 
 def find_flights(tables: Tables) -> tuple[Flight, ...]:
@@ -126,7 +129,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     height, (thrust, idle) = height_above_ground(tables), _thrust(tables)
     if thrust is None:
         return () if height is None else tuple(_by_height(height, tables.events))
-    readings = _readings(thrust, tables.imu, height)
+    readings, shocks = _readings(tables, thrust, height)
     runs = [_run(readings, *each) for each in _intervals(readings.t, readings.thrust > idle, _PAUSE)]
     sure = [run.thrust for run in runs if run.flown]
     carries = float(np.median(sure)) if sure else np.nan
@@ -136,7 +139,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             first = runs[k - 1].stop + _STEP if k else readings.t[0]
             last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
             around = _airborne(readings.between(first, last), run)
-            flights += [each for each in around if each.start < run.stop and each.stop > run.start]
+            flights += [_contact(each, shocks) for each in around if each.start < run.stop and each.stop > run.start]
     return tuple(flights)
 
 
@@ -152,7 +155,8 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     if tables.motors is not None:
         pulses = tables.motors.dropna(how="all")
         above = idle_level(tables.parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
-        thrust, idle = levels.thrust(pulses).mean(axis=1), float(levels.thrust(np.array(above)))
+        means = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
+        thrust, idle = pd.Series(means, index=pulses.index, dtype=np.float64), float(levels.thrust(np.array(above)))
     elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
         thrust, idle = tables.setpoints["throttle"].dropna(), _ABOVE_IDLE
     else:
@@ -160,25 +164,34 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     return (thrust, idle) if len(thrust) > 1 else (None, idle)
 
 
-def _readings(outputs: "pd.Series[float]", imu: pd.DataFrame | None, height: "pd.Series[float] | None") -> _Readings:
-    """Read what tells of flight at the times of the motor outputs, at most ten a second."""
-    times = outputs.index.to_numpy(np.float64)
-    t = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
+def _readings(
+    tables: Tables, outputs: "pd.Series[float]", height: "pd.Series[float] | None"
+) -> tuple[_Readings, Array]:
+    """Read what tells of flight at the times of the motor outputs, at most ten a second, and the times of shocks."""
+    times: Array = outputs.index.to_numpy(np.float64)
+    t: Array = times[np.flatnonzero(np.diff(np.floor(times / _STEP), prepend=-np.inf))]
     usual = float(np.median(np.diff(t))) if len(t) > 1 else _STEP
     half = max(0.25, 0.75 * usual)
-    thrust = _means(times, outputs.to_numpy(np.float64), t, half)
-    force = np.full(len(t), np.nan)
-    if imu is not None and "accel_x" in imu:
-        rows = imu[["accel_x", "accel_y", "accel_z"]].dropna()
-        sampled = rows.index.to_numpy(np.float64)
-        # The mean of the vector: the size of each sample would grow with vibration.
-        axes = [_means(sampled, rows[name].to_numpy(np.float64), t, half) for name in rows]
-        force = np.linalg.norm(axes, axis=0)
+    thrust = _means(times, np.asarray(outputs, dtype=np.float64), t, half)
+    force, shocks = _specific_force(tables, t, half)
     risen = np.full(len(t), np.nan)
     if height is not None:
         smooth = smoothed(height)
         risen = np.interp(t, smooth.index.to_numpy(np.float64), smooth.to_numpy(np.float64))
-    return _Readings(t, thrust, force, risen)
+    return _Readings(t, thrust, force, risen), shocks
+
+
+def _specific_force(tables: Tables, t: Array, half: float) -> tuple[Array, Array]:
+    """Return the size of the mean specific force about each of the times t, and the times of shocks."""
+    times: Array = np.zeros(0)
+    squares, size = np.zeros(0), np.full(len(t), np.nan)
+    for k, axis in enumerate(tables.columns("imu", _FORCE)):
+        times, values = np.asarray(axis.index, dtype=np.float64), np.asarray(axis, dtype=np.float64)
+        known = np.isfinite(values)
+        # The mean of the vector: the size of each sample would grow with vibration.
+        mean = _means(times[known], values[known], t, half)
+        size, squares = (size + mean**2, squares + values**2) if k else (mean**2, values**2)
+    return np.sqrt(size), times[squares > _SHOCK**2]
 
 
 def _means(times: Array, values: Array, t: Array, half: float) -> Array:
@@ -207,7 +220,7 @@ def _run(readings: _Readings, start: float, stop: float) -> _Run:
     run, ground = readings.between(start, stop), readings.between(start - _GROUND, start - _STEP).level
     level = float(run.height.min()) if np.isnan(ground) else ground
     rise = float(run.height.max()) - level
-    up = run.height - level >= min(0.5 * rise, _RISE) if np.isfinite(rise) else np.ones(len(run.t), np.bool_)
+    up = run.height - level >= min(0.5 * rise, _RISE) if rise > 0.0 else np.ones(len(run.t), np.bool_)
     thrust, known = float(np.median(run.thrust[up])), up & np.isfinite(run.force)
     if np.count_nonzero(known) < 10 or thrust == 0.0:
         return _Run(start, stop, ground, rise, thrust, np.nan, np.nan)
@@ -260,11 +273,16 @@ def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
         return None
     if before == ground:
         for lifted, lost in _intervals(flown.t, flown.height > ground + _LIFTED, 0.0):
-            # Propellers that run up feign a jump; a filter that starts in flight shows one later.
-            if lost - lifted > _STANDING and lifted - start < _PAUSE:
+            if lost - lifted > _STANDING:  # propellers that run up feign a jump
                 low = float(flown.t[max(int(np.searchsorted(flown.t, lifted)) - 1, 0)])
                 return Flight(max(start, low - _LIFTING), stop)
     return Flight(start, stop)
+
+
+def _contact(flight: Flight, shocks: Array) -> Flight:
+    """Return a flight that ends at the first shock of its last seconds: after it motors may run on for a moment."""
+    last = shocks[(shocks >= max(flight.start + _SHORTEST, flight.stop - _GROUND)) & (shocks <= flight.stop)]
+    return Flight(flight.start, float(last[0])) if len(last) else flight
 
 
 def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Iterator[Flight]:
@@ -279,6 +297,11 @@ def _by_height(height: "pd.Series[float]", events: pd.DataFrame | None) -> Itera
         # Before its first switch the craft was in the other state.
         armed = np.where(position >= 0, state[position.clip(0)], ~state[0])
     ground = float(np.percentile(values[armed], 2.0)) if armed.any() else np.inf
-    for start, stop in _intervals(t, armed & (values > ground + _HOP), _PAUSE):
-        if stop - start >= _SHORTEST and float(smooth.loc[start:stop].max()) > ground + _RISE:
+    # The climb that brought it there began on the ground, and the descent ends there.
+    up = armed & (values > ground + _RISE)
+    for start, stop in _intervals(t, slope_down(smooth).abs().to_numpy() > _LIFTED / _GROUND, 0.0):
+        climb = slice(*np.searchsorted(t, (start, stop + 1e-6)))
+        up[climb] |= up[climb].any()
+    for start, stop in _intervals(t, up, _PAUSE):
+        if stop - start >= _SHORTEST:
             yield Flight(start, stop)

@@ -123,9 +123,10 @@ def ground_speed(tables: Tables, flight: "Flight") -> float | None:
 def climb_and_sink(tables: Tables, flight: "Flight") -> tuple[float, float] | None:
     """Return the fastest climb and descent [m/s] of a flight, by the credible height over a second each."""
     height = height_above_ground(tables)
-    down = None if height is None else slope_down(smoothed(height.loc[flight.start : flight.stop]))
-    if down is None or not down.notna().any():
+    flown = None if height is None else height.loc[flight.start : flight.stop]
+    if flown is None or len(flown) < 3:
         return None
+    down = slope_down(smoothed(flown))
     return max(-float(down.min()), 0.0), max(float(down.max()), 0.0)
 
 
@@ -151,12 +152,12 @@ def speed_down(tables: Tables) -> "pd.Series[float] | None":
     return speed if len(speed) > 2 and (speed != 0.0).any() else None
 
 
-def slope_down(height: "pd.Series[float] | None") -> "pd.Series[float] | None":
+def slope_down(height: "pd.Series[float]") -> "pd.Series[float]":
     """Return the speed down [m/s] that a height [m, up] shows, by lines through the second around each of its times."""
-    if height is None or len(height) < 3:
-        return None
     t, values = height.index.to_numpy(np.float64), height.to_numpy(np.float64)
-    first, last = np.searchsorted(t, t - 0.5), np.searchsorted(t, t + 0.5, side="right")
+    # A second, or the three samples that a line takes.
+    half = max(0.5, 1.1 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.5
+    first, last = np.searchsorted(t, t - half), np.searchsorted(t, t + half, side="right")
     # Sums over a window are differences of running sums; t and height from their means, for the sums' precision.
     t, values = t - t.mean(), values - values.mean()
     n, sum_t, sum_y, sum_tt, sum_ty = (

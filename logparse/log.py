@@ -160,7 +160,9 @@ class FlightLog(Summarised):
 
     @cached_property
     def flights(self) -> tuple["Flight", ...]:
-        """Airborne intervals in this boot."""
+        """Airborne intervals in this boot; none of an aeroplane or a rover, unless motors lift it (a quadplane)."""
+        if self.vehicle.other_craft and not self.parameters.get("Q_ENABLE"):
+            return ()
         return airborne.find_flights(self.tables)
 
     @property

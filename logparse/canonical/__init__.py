@@ -9,7 +9,7 @@ from core.findings import Finding, Severity
 from logparse.canonical import dataflash, px4, telemetry
 from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
-from logparse.craft.frames import OTHER_CRAFT, Vehicle
+from logparse.craft.frames import Vehicle
 from logparse.tables import COLUMNS, Tables
 
 __all__ = ["TOGETHER", "gather_tables"]
@@ -84,7 +84,7 @@ def gather_tables(
                 advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
             )
         )
-    other_craft = vehicle.firmware in OTHER_CRAFT
+    other_craft = vehicle.other_craft
     if not vehicle.motors and (other_craft or any(name in messages for name in _OUTPUTS)):
         frame = "/".join(part for part in (vehicle.frame_class, vehicle.frame_type) if part)
         remarks.add(

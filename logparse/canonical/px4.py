@@ -115,7 +115,7 @@ def _motors(messages: Messages, vehicle: Vehicle, dshot: bool, remarks: Remarks)
 
 
 def _outputs(messages: Messages, motors: tuple[Motor, ...]) -> pd.DataFrame | None:
-    """Outputs of the motors in the first group (main, auxiliary, CAN) in which all of them move, else in the first."""
+    """Return the outputs of the motors in the first group (main, auxiliary, CAN) in which all of them move."""
     groups = []
     for name in messages:
         if motors and re.fullmatch(r"actuator_outputs(_\d+)?", name):

@@ -107,6 +107,11 @@ class Vehicle:
     battery_voltage_max: float = 0.0
     battery_voltage_min: float = 0.0
 
+    @property
+    def other_craft(self) -> bool:
+        """Whether the firmware is that of a robot that is no multirotor."""
+        return self.firmware in OTHER_CRAFT
+
 
 # Yaw factors: a clockwise propeller turns the craft to the left.
 _CW, _CCW = -1.0, 1.0

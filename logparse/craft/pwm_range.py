@@ -3,14 +3,11 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
-#: Pulses of motors [us], or what is computed for each.
-Pulses = TypeVar("Pulses", npt.NDArray[np.float64], pd.DataFrame)
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +25,10 @@ class PwmRange:
         """PWM [us] at a fraction of the range."""
         return self.pwm_min + fraction * (self.pwm_max - self.pwm_min)
 
-    def thrust(self, pwm: Pulses) -> Pulses:
+    def thrust(self, pwm: Array) -> Array:
         """Return the thrust at pulses [us], as a part of that at full output."""
         output = np.clip((pwm - self.pwm_min) / (self.pwm_max - self.pwm_min), 0.0, 1.0)
-        return (1.0 - self.thrust_expo) * output + self.thrust_expo * output**2
+        return np.asarray((1.0 - self.thrust_expo) * output + self.thrust_expo * output**2)
 
 
 def pwm_range(parameters: Mapping[str, float]) -> PwmRange:

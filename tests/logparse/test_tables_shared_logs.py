@@ -13,6 +13,7 @@ import pytest
 from core.errors import LogError
 from logparse import completeness, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
+from logparse.heights import ground_speed, height_readings
 from logparse.tables import COLUMNS
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
@@ -48,7 +49,7 @@ def test_every_log_gives_well_formed_tables(path):
         if name not in ("modes", "events"):
             assert not np.isinf(table.to_numpy()).any(), name
     for flight in log.flights:
-        assert flight.duration >= 3.0
+        assert flight.duration >= 2.0
 
 
 @pytest.mark.parametrize("path", LOGS, ids=name_of)
@@ -81,45 +82,37 @@ def test_every_value_is_one_that_the_world_has(path):
         assert throttle.between(-1.0 if log.vehicle.firmware == "ArduRover" else 0.0, 1.0).all()
 
 
-#: Flights of the real logs, checked by eye on plots of height and motors.
-FLIGHTS = {
-    "erlerobot-logs__5-12-2014_218.BIN": [(79, 404)],
-    "erlerobot-logs__26-11-2014_181.BIN": [(44, 160)],
-    "erlerobot-logs__11-2-2015_112.BIN": [(66, 83), (508, 648)],
-    "erlerobot-logs__27-9-2014_70.BIN": [],
-    "peterbarker-dataflash-logs__1.BIN": [
-        (55, 208),
-        (352, 368),
-        (414, 423),
-        (452, 474),
-        (536, 602),
-        (625, 651),
-        (761, 844),
-        (874, 899),
-    ],
-    "peterbarker-dataflash-logs__5.BIN": [],
-    "peterbarker-dataflash-logs__6.BIN": [],
-    "BeastAyyG-ardupilot-log-diagnosis__log_0036_mechanical_failure.bin": [(243, 374)],
-    "spark404-dataflashlog__log.bin": [(403, 451)],
-    "brunoolivieri-mavlink-logs__2021-12-08_15-42-00.bin": [],
-    "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log": [],
-    "DigitalSarcasm-Quadcopter__nan.log": [],
-    "code-lever-mavlink-log__2013-10-13_18-50-10.tlog": [(290, 588)],
-    "kevinaangstadt-quadcopter-logs__2016-03-14_002.log": [(179, 349)],
-    "brunoolivieri-mavlink-logs__2021-12-08-14-59-44.tlog": [],
-    "PX4-flight-review-rs__gps_interference.ulg": [(282, 334)],
-    "PX4-pyulog__sample_appended_multiple.ulg": [],
-}
+#: Rows of the hand-made readings: lift-off and touch-down of each flight; `flight` is 0 where nothing flew.
+READINGS = pd.read_csv(SHARED / "real" / "readings.tsv", sep="\t").groupby("file")
 
 
-@pytest.mark.parametrize("name", FLIGHTS)
-def test_flights_of_real_logs(name):
-    path = SHARED / "real" / name
-    found = [(flight.start, flight.stop) for flight in log_of(path).flights]
-    assert len(found) == len(FLIGHTS[name])
-    for flight, expected in zip(found, FLIGHTS[name], strict=True):
-        # Telemetry samples once a second or two.
-        assert flight == pytest.approx(expected, abs=3.0)
+def flights_of(name):
+    """All flights of all power-ups of a file, with their tables."""
+    log = log_of(SHARED / "real" / name)
+    logs = [log if boot == log.boot else log.of_boot(boot) for boot in log.boots]
+    return [(each.tables, flight) for each in logs for flight in each.flights]
+
+
+@pytest.mark.parametrize("name", READINGS.groups)
+def test_flights_heights_and_speeds_of_real_logs(name):
+    """Within two seconds, 10 % or a metre, and 10 % or half a metre per second; none is invented."""
+    rows = READINGS.get_group(name)
+    rows = rows[(rows["flight"] > 0) & ~rows["note"].str.startswith("plane")]
+    left = flights_of(name)
+    for row in rows.itertuples():
+        ends = row.takeoff_s, row.landing_s
+        off = [np.nanmax(np.abs(np.subtract((flight.start, flight.stop), ends))) for _, flight in left]
+        if not off or min(off) > 2.0:
+            assert row.sure == "low", (row.flight, ends, [flight for _, flight in left])
+            continue
+        tables, flight = left.pop(int(np.argmin(off)))
+        heights = height_readings(tables, flight).by_source
+        for source, height in (("baro", row.height_baro_m), ("gps", row.height_gps_m)):
+            assert np.isnan(height) or heights[source] == pytest.approx(height, abs=max(1.0, 0.1 * height))
+        speed = row.ground_speed_gps_ms
+        assert np.isnan(speed) or ground_speed(tables, flight) == pytest.approx(speed, abs=max(0.5, 0.1 * speed))
+    # Some jumps of this craft are lower than its barometer shows; three have no row of their own.
+    assert not left or name == "erlerobot-logs__25-9-2014_2.BIN", [flight for _, flight in left]
 
 
 def test_telemetry_with_several_boots_shows_the_one_that_flies():
@@ -164,12 +157,12 @@ def test_against_the_truth(path):
     error = estimate.to_numpy() - sample(truth[list(estimate)], estimate.index.to_numpy(), gap=0.05)
     assert np.sqrt(np.nanmean(error**2, axis=0)).max() < 0.3
 
-    # Off the ground and on it again, within the step of the threshold.
-    ends = [time for flight in log.flights for time in (flight.start, flight.stop)]
-    heights = -sample(truth[["p_d"]], np.array(ends), gap=0.1)[:, 0]
-    if "truncated" in path.name:
-        heights = heights[:-1]
-    assert heights == pytest.approx(np.full(len(heights), 0.4), abs=0.25)
+    # Off the ground and on it again, within half a second.
+    ground = [float(-truth["p_d"].iloc[0]), *([] if "truncated" in path.name else [float(-truth["p_d"].iloc[-1])])]
+    ends = log.flights[0].start, log.flights[-1].stop
+    for level, end, sign in zip(ground, ends, (1.0, -1.0), strict=False):
+        outside, inside = -sample(truth[["p_d"]], end + sign * np.array([-0.5, 0.5]), gap=0.1)[:, 0] - level
+        assert outside < 0.02 < inside
     assert len(log.flights) == sum(event == "armed" for _, event in story["events"])
 
 

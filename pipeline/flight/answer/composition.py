@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from logparse.craft.frames import OTHER_CRAFT
 from pipeline.flight.answer.ahead import ahead
 from pipeline.flight.answer.craft_state import happened, state_lines
 from pipeline.flight.answer.loops import loops
@@ -36,7 +35,7 @@ def compose_answer(result: FlightResult) -> Answer:
 
 def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     """Yield how it turns and which models hold, where anything is determined; what was tried in vain is one line."""
-    if isinstance(result.flight, Failure) or result.log.vehicle.firmware in OTHER_CRAFT:
+    if isinstance(result.flight, Failure) or result.log.vehicle.other_craft:
         return
     turning = loops(result)
     if turning is not None:
