@@ -56,6 +56,8 @@ def given() -> tuple[set[str], set[str]]:
     for module, identity, _ in calls():
         if isinstance(identity, ast.Constant):
             names.add(str(identity.value))
+        elif isinstance(identity, ast.IfExp):
+            names |= {str(each.value) for each in (identity.body, identity.orelse) if isinstance(each, ast.Constant)}
         elif isinstance(identity, ast.JoinedStr):
             parts = (re.escape(part.value) if isinstance(part, ast.Constant) else "[a-z-]+" for part in identity.values)
             patterns.add("".join(map(str, parts)))

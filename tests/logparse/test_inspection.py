@@ -161,27 +161,11 @@ def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
     assert "the clock of this log is wrong" in finding.reason
 
 
-def test_troubles_in_flight():
+def test_a_hole_in_flight_is_named_with_its_length():
     messages = flight_messages()
-    messages["GPS"]["Status"] = np.where(messages["GPS"].index > 30, 1, 3)
     messages["IMU"] = messages["IMU"].drop(messages["IMU"].loc[20.0:23.0].index)
-    messages["RCOU"]["C1"] = np.where((T > 20) & (T < 25), 1950.0, messages["RCOU"]["C1"])
-    messages["VIBE"] = message(
-        T, VibeX=np.full(len(T), 45.0), VibeY=np.zeros(len(T)), VibeZ=np.zeros(len(T)), Clip0=np.arange(len(T))
-    )
-    messages["ERR"] = message([30.0], Subsys=[16], ECode=[2])
     findings = by_id(inspect(log_of(messages)))
-    assert {
-        "gps-no-fix",
-        "gap-in-imu",
-        "motors-saturated",
-        "vibration",
-        "accelerometer-clipping",
-        "autopilot-errors",
-    } <= set(findings)
-    assert "EKF_CHECK 2" in findings["autopilot-errors"].reason
     assert findings["gap-in-imu"].evidence["longest"] == pytest.approx(3.1, abs=0.11)
-    assert findings["motors-saturated"].evidence["share"] == pytest.approx(0.1, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -189,14 +173,14 @@ def test_troubles_in_flight():
     [
         (
             "real/erlerobot-logs__26-11-2014_181.BIN",
-            {"motors-saturated", "autopilot-errors", "no-battery"},
+            {"no-battery"},
             {"no-flight"},
         ),
         ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"no-imu"}),
         ("real/peterbarker-dataflash-logs__5.BIN", {"no-motor-outputs", "no-imu", "no-baro"}, {"no-gps"}),
         ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"motors-slow", "imu-slow"}, {"no-flight"}),
-        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "vibration", "gap-in-motors", "gps-no-fix"}),
-        ("sitl/octa09_systemid_mixer.BIN", set(), {"no-fast-rates", "motors-saturated"}),
+        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "gap-in-motors"}),
+        ("sitl/octa09_systemid_mixer.BIN", set(), {"no-fast-rates"}),
     ],
 )
 def test_shared_logs(name, expected, not_expected):

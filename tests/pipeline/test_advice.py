@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from core.catalogue import finding
 from core.serialization import plain
 from logparse import Finding, Severity
 from logparse.craft.frames import Vehicle
@@ -14,7 +15,9 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import BRINGS
 from pipeline.flight.advice.next_flights import MOST, for_craft
+from pipeline.results.account import Account, MotorsReading, VibrationReading
 from pipeline.results.entry import FlightParameter
+from pipeline.results.span import Span
 from tests.pipeline.builders import covering, flown, hovering
 from tests.pipeline.coverages import coverage_of
 
@@ -195,19 +198,21 @@ def test_flights_to_repeat_are_named():
     assert advice["repeat-with-movement"].flights == ("still",)
 
 
+def account(vibration: float, at_limit: float) -> Account:
+    """Make the account of a flight that shook so much, with a motor at its limit for so much of it."""
+    shaken = VibrationReading(worst=vibration, t=50.0, axis="Z", clips=0, advised=30.0, harmful=60.0, source="")
+    happenings = (finding("vibration", "It shook.", t=50.0),) if vibration > 60.0 else ()
+    motors = MotorsReading(mean={"1": 0.5}, hardest="1", at_limit=at_limit)
+    return Account(flight=Span(40.0, 90.0), vibration=shaken, motors=motors, happenings=happenings)
+
+
 def test_trouble_in_flight_is_told_with_its_size():
-    rough = good(
-        "rough",
-        findings=(found("vibration", share=0.3), found("motors-saturated", share=0.12)),
-        health={"vibration": {"p95": 44.0, "clips": 3.0}},
-    )
-    mild = good(
-        "mild", findings=(found("accelerometer-clipping", "info"), found("motors-saturated", "info", share=0.02))
-    )
+    rough = dataclasses.replace(good("rough"), account=account(vibration=64.0, at_limit=0.12))
+    mild = dataclasses.replace(good("mild"), account=account(vibration=20.0, at_limit=0.02))
     advice = for_craft([rough, mild])
     assert [each.id for each in advice] == ["soften-mount", "less-throttle"]
     assert all(each.flights == ("rough",) for each in advice)
-    assert "44 m/s²" in advice[0].why
+    assert "64 m/s²" in advice[0].why
     assert "12 %" in advice[1].why
 
 
@@ -247,7 +252,7 @@ def test_the_list_is_short_sorted_and_json():
         known=False,
         findings=(
             *(lacking(name, NEEDS[name], 0.0) for name in BRINGS),
-            *("vibration", "motors-saturated", "gap-in-imu", "mass-unknown", "uneven-motor"),
+            *("gap-in-imu", "mass-unknown", "uneven-motor"),
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )

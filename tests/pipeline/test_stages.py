@@ -105,7 +105,7 @@ def test_what_a_log_lacks_is_not_waited_for():
     assert seconds.keys() <= STAGES.keys()
     assert all(each > 0.0 for each in seconds.values())
     assert "motors" not in expected_seconds(log, Span(flight.start, flight.start + 10.0))
-    assert expected_seconds(log, None).keys() == {"read", "tables", "health", "trajectory", "report"}
+    assert expected_seconds(log, None).keys() == {"read", "tables", "account", "trajectory", "report"}
 
 
 def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():

@@ -8,7 +8,7 @@ from core.findings import Finding
 from logparse import FlightLog, Tables
 from pipeline.flight.account import state
 from pipeline.flight.account.attitude import attitude_happenings
-from pipeline.flight.account.ground import ground_happenings
+from pipeline.flight.account.ground import contact, ground_happenings
 from pipeline.flight.account.motors import motor_happenings
 from pipeline.flight.account.power import power_happenings
 from pipeline.flight.account.readings import Readings
@@ -88,11 +88,15 @@ def _unknown(tables: Tables) -> tuple[str, ...]:
 def _happenings(readings: Readings) -> list[Finding]:
     """Everything that happened, each kind by its own reading."""
     found = [*attitude_happenings(readings), *power_happenings(readings)]
-    stop = readings.flight.stop
-    late = [each for each in found if each.t is not None and (each.end or each.t) > stop - _END]
+    stop, touch = readings.flight.stop, contact(readings)
+    down = stop if touch is None else min(stop, touch.t)
+    late = [
+        each for each in found if each.t is not None and each.t < down + _END and (each.end or each.t) > down - _END
+    ]
     touched = list(
         ground_happenings(
             readings,
+            touch,
             out_of_control=any(each.id in ("control-lost", "yaw-lost") for each in late),
             sank=any(each.id == "lift-lost" for each in late),
         )

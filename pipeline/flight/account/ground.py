@@ -38,8 +38,8 @@ def contact(readings: Readings) -> Contact | None:
     """Return the largest shock around the touch-down; None without an accelerometer or a touch-down in the log."""
     if readings.force is None:
         return None
-    stop = readings.flight.stop
-    around = readings.force.loc[stop - _BEFORE : stop + _AFTER]
+    stop = _down(readings)
+    around = readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
     if len(around) < 3:
         return None
     t = float(around.index[int(np.argmax(around.to_numpy()))])
@@ -55,16 +55,26 @@ def contact(readings: Readings) -> Contact | None:
     )
 
 
-def ground_happenings(readings: Readings, *, out_of_control: bool, sank: bool) -> Iterator[Finding]:
+def _down(readings: Readings) -> float:
+    """Return when the craft was last seen in the air: motors may run on for seconds where it lies after a crash."""
+    height = readings.height
+    inside = None if height is None else height.loc[readings.flight.start : readings.flight.stop]
+    if inside is None or not len(above := inside[inside > _DROP]):
+        return readings.flight.stop
+    return float(above.index[-1])
+
+
+def ground_happenings(
+    readings: Readings, touch: Contact | None, *, out_of_control: bool, sank: bool
+) -> Iterator[Finding]:
     """Yield crash or hard landing, shocks in flight, falls, and disarming in the air.
 
-    `out_of_control` and `sank` say whether control or lift was lost as the flight ended.
+    `out_of_control` and `sank` say whether control or lift was lost as the craft met the ground.
     """
     off = _disarmed_in_air(readings)
     if off is not None:
         yield off
     yield from _falls(readings)
-    touch = contact(readings)
     if touch is None:
         return
     over = touch.lean > _OVER

@@ -67,7 +67,7 @@ class Readings:
     @cached_property
     def sink(self) -> pd.Series[float] | None:
         """Speed down that the credible height shows over a second, m/s."""
-        return slope_down(self.height)
+        return None if self.height is None else slope_down(self.height)
 
     @cached_property
     def force(self) -> pd.Series[float] | None:
