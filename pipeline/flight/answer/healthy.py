@@ -55,10 +55,12 @@ def _eventful(worst: FlightEvent, health: FlightHealth, flight: Span) -> AnswerL
     if worst.evidence.get("at_once"):
         several = f"motors {worst.evidence['at_once']} out of balance at once, from {worst.t:.1f} s{more}"
         return _line(word, tone, several)
+    if isinstance(loss, float) and loss > 0.95:
+        return _line(word, tone, f"motor {worst.evidence['motor']} lost all its thrust at {worst.t:.1f} s{more}")
     if isinstance(loss, float):
         sigma = 100.0 * float(worst.evidence["thrust_loss_sigma"] or 0.0)
         output = worst.evidence.get("output_loss")
-        part = f" ({100.0 * output:.0f} % of its output)" if isinstance(output, float) and loss <= 0.9 else ""
+        part = f" ({100.0 * output:.0f} % of its output)" if isinstance(output, float) else ""
         text = f"of motor {worst.evidence['motor']}'s thrust lost from {worst.t:.1f} s{part}{more}"
         return _line(word, tone, text, 100.0 * loss, sigma=sigma, unit="%")
     where = "" if worst in during(health, flight) or worst is health.cause else " in another flight"

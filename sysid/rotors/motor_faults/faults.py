@@ -49,7 +49,8 @@ _BEFORE, _AFTER = 3.0, 0.4
 _BY_CHANCE = 1e-4
 #: The same score with the change itself still in the noise.
 _LIKELY = 3.0
-#: Time around the change in which it must show by itself [s], with this score and this part of the whole loss.
+#: Time around the change in which it must show by itself [s], with this score and this part of the whole loss: a slow
+#: failure is no step (erlerobot 11-2-2015_112 in the middle of its 40 s).
 _AROUND, _SHARP, _SHARE = 8.0, 5.0, 0.5
 
 #: Lengths of pulses [s], fewest rows, and the least loss of one.
