@@ -25,7 +25,7 @@ from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Slowest motor outputs and rates [Hz] that tell a change, fewest rows, and fastest outputs that tell more.
-_SLOWEST, _FEWEST, _FASTEST = 4.0, 30, 25.0
+_SLOWEST, FEWEST, _FASTEST = 4.0, 30, 25.0
 #: Time after lift-off [s] in which the ground pushes.
 _LIFT_OFF = 2.0
 #: Part of the range of PWM below the upper limit that counts as being at it.
@@ -90,14 +90,14 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     if tables.imu is None:
         raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
     outputs = tables.motors.loc[start + _LIFT_OFF : stop, names].dropna()
-    if len(outputs) > _FEWEST:
+    if len(outputs) > FEWEST:
         outputs = outputs.iloc[:: max(round(1.0 / (_FASTEST * np.median(np.diff(outputs.index)))), 1)]
     motion = tables.imu.loc[start : stop + 0.5, ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
     measured = (motion.abs() < _WILD).all(axis=1)
     if not measured.all():  # a copy of a long log's IMU is half as large as the log
         motion = motion[measured]
     t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
-    if min(len(t), len(at)) < _FEWEST:
+    if min(len(t), len(at)) < FEWEST:
         return None
     if min(len(t) / (t[-1] - t[0]), len(at) / (at[-1] - at[0])) < _SLOWEST:
         return None
