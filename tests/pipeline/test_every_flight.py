@@ -35,7 +35,7 @@ def test_flights_of_one_power_up_share_what_was_read():
 @shared
 def test_flights_of_several_power_ups_come_in_the_order_of_the_file():
     logs = read_flights(SHARED / "real" / "pypi-fasttlogparser__pymavlink_flight.tlog")
-    assert len(logs) == 10
+    assert len(logs) == 11
     places = [(log.boot.start, log.flight.start) for log in logs]
     assert places == sorted(places)
     assert len({log.boot for log in logs}) == 2
