@@ -27,19 +27,7 @@ _GPS_DELAY = 110.0
 
 
 def build(messages: Messages, parameters: Mapping[str, float], vehicle: Vehicle, remarks: Remarks) -> Tables:
-    """Build all tables that the topics allow.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Topics, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's.
-    vehicle : Vehicle
-        Firmware and motors.
-    remarks : Remarks
-        Receives what was left out.
-    """
+    """Build all tables that the topics allow."""
     gps = _gps(messages, parameters, remarks)
     attitude = _attitude(messages)
     imu = _imu(messages, remarks)

@@ -181,20 +181,7 @@ def log_setting(
 ) -> LogSetting | None:
     """Return the one value of the autopilot's parameter that logs everything that is lacking.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    format : str
-        Of the log, as in `FlightLog.format`.
-    parameters : mapping of str to float
-        The autopilot's.
-    needs : collection of Need
-        All that the log lacks, together: advice on each alone would undo the other.
-
-    Returns
-    -------
-    LogSetting or None
-        None for telemetry, which such a parameter does not touch, and where no bit is known for what is lacking.
+    All needs together: advice on each alone would undo the other. None for telemetry and where no bit is known.
     """
     known = bits_of(vehicle)
     bits = tuple(sorted({known[need] for need in needs if need in known}, key=lambda bit: bit.number))
@@ -212,18 +199,7 @@ def how_to_log(
     *,
     said: bool = False,
 ) -> str:
-    """Return a sentence on how to have in the next log what this one lacks.
-
-    Parameters
-    ----------
-    need : Need
-    setting : LogSetting or None
-        From `log_setting`, for everything that is lacking.
-    vehicle : Vehicle
-    format : str
-    said : bool
-        Whether the reader has the whole setting before him, from another finding.
-    """
+    """Return a sentence on how to log next time what is lacking here; `said`: the whole setting is told elsewhere."""
     if format in TELEMETRY:
         return _by_radio(need, vehicle)
     bit = bits_of(vehicle).get(need)

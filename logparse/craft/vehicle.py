@@ -28,23 +28,7 @@ def describe(
     parameters: Mapping[str, float],
     elsewhere: Iterable[str] = (),
 ) -> Vehicle:
-    """Report what a log knows about its craft.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Decoded messages by name as logged.
-    format : str
-        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
-    parameters : mapping of str to float
-        The autopilot's parameters.
-    elsewhere : iterable of str
-        What the autopilot printed outside these messages: before the first line, in other boots of the file.
-
-    Returns
-    -------
-    Vehicle
-    """
+    """Report what a log knows about its craft."""
     if format == "ulog":
         return _describe_px4(messages, parameters)
     texts = [*printed(messages), *elsewhere]
