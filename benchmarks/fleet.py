@@ -45,7 +45,7 @@ def write_log(folder: Path, number: int, minutes: float = MINUTES) -> Path:
     import numpy as np
 
     from simulation import FLIGHTS
-    from simulation.dataflash_log import Logging
+    from simulation.flight_log import Logging
     from simulation.mission import GoTo, Mission, Wait
     from simulation.sample_logs import write_flight
 

@@ -45,7 +45,7 @@ def write_long_log(
     import numpy as np
 
     from simulation import FLIGHTS
-    from simulation.dataflash_log import Logging
+    from simulation.flight_log import Logging
     from simulation.drive import Battery
     from simulation.mission import GoTo, Mission, Wait
     from simulation.sample_logs import write_flight

@@ -14,8 +14,8 @@ import numpy as np
 
 from estimation import estimate
 from logparse import MissingDataError, read_log
-from simulation.papers.elhesasy2024 import octocopter
-from simulation.papers.kim2017 import quadcopter as kim_quadcopter
+from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter as kim_quadcopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters

@@ -15,9 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from logparse import FlightLog, RotoridError, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, random_axis, run_axis
-from simulation.axis_loop.log import write_rate_log
-from simulation.axis_loop.truth import gains_of, settings_of, true_loop
+from simulation.axis_loop import (
+    AxisPlant,
+    AxisRun,
+    Excitation,
+    LoopGains,
+    gains_of,
+    random_axis,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp

@@ -15,9 +15,9 @@ import pandas as pd
 from core.units import STANDARD_GRAVITY
 from estimation import estimate
 from logparse import Motor, Vehicle, read_log
+from simulation.elhesasy2024 import octocopter
 from simulation.fly import Setup, fly
 from simulation.mission import Chirp, GoTo, Mission, Turn
-from simulation.papers.elhesasy2024 import octocopter
 from simulation.place import Place
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import fsolve
 
-from simulation import FLIGHTS, propagate, write_sample_logs
+from simulation import FLIGHTS, guntur2019, motion2018, propagate, write_sample_logs
 from simulation.mission import GoTo, Wait
-from simulation.papers import guntur2019, motion2018
 from simulation.rotor import BladeElementRotor
 from simulation.sample_logs import fly_sample, write_flight
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from simulation import chirp_case, mission_case
+from simulation import chirp_case, guntur_case, kim_case, mission_case, motion_case
 from simulation.errors import ParameterError
 from simulation.outcome import Outcome
-from simulation.papers import guntur_case, kim_case, motion_case
 from simulation.sample_flights import FLIGHTS, TRAINING, VALIDATION
 from simulation.settings import changed, nearest
 

@@ -23,6 +23,14 @@ _LEAP_SECONDS = 18
 Column = npt.NDArray[np.float64]
 
 
+def attitude_angles(rows: pd.DataFrame) -> tuple[Column, Column, Column]:
+    """Return roll, pitch and yaw [rad] of the quaternions q_w, q_x, q_y, q_z of rows."""
+    w, x, y, z = (rows[name].to_numpy(dtype=float) for name in ("q_w", "q_x", "q_y", "q_z"))
+    roll = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
+    return roll, pitch, np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+
+
 class Instruments:
     """A simulated craft with the samples of its instruments.
 

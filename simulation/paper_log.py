@@ -13,20 +13,11 @@ import numpy as np
 import pandas as pd
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation._kernels import actuator
-from simulation.dataflash_tables import (
-    columns_of,
-    describing_tables,
-    motor_table,
-    sensor_tables,
-    speed_controller_tables,
-    table,
-    truth_tables,
-)
-from simulation.instruments import Instruments
+from simulation.flight_log import write_open_loop
+from simulation.instruments import Instruments, attitude_angles
 from simulation.place import Place
-from simulation.sensors import Sensors
+from simulation.sensors import Sensors, rotate_to_body
 from simulation.truth import describe_place, describe_sensors, describe_vehicle
 from simulation.vehicle import Multirotor, Vector
 
@@ -91,7 +82,7 @@ def write_paper_log(
         imu_rate=1.0 / (path.index[1] - path.index[0]),
     )
     files = [folder / f"{name}.bin", folder / f"{name}.json"]
-    write_dataflash(files[0], [*_descriptive(log), *sensor_tables(log, 50.0), *_motors(log), *truth_tables(log)])
+    write_open_loop(files[0], log)
     truth = {
         "name": name,
         "what": f"simulated by rotorid, not flown: {summary}",
@@ -121,16 +112,9 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
     """Complete the state by what instruments feel, at 100 Hz."""
     t = path.index.to_numpy()
     dt_path = t[1] - t[0]
-    w, x, y, z = columns_of(path, "q_w", "q_x", "q_y", "q_z")
     acceleration = np.gradient(path[["v_n", "v_e", "v_d"]].to_numpy(), dt_path, axis=0)
-    an, ae, ad = acceleration.T
-    ad = ad - gravity
-    force = {
-        "f_x": (1 - 2 * (y * y + z * z)) * an + 2 * (x * y + w * z) * ae + 2 * (x * z - w * y) * ad,
-        "f_y": 2 * (x * y - w * z) * an + (1 - 2 * (x * x + z * z)) * ae + 2 * (y * z + w * x) * ad,
-        "f_z": 2 * (x * z + w * y) * an + 2 * (y * z - w * x) * ae + (1 - 2 * (x * x + y * y)) * ad,
-    }
-    raw = np.column_stack([*columns_of(path, "w_x", "w_y", "w_z"), *force.values()])
+    force = rotate_to_body(path[["q_w", "q_x", "q_y", "q_z"]].to_numpy(), acceleration - np.array([0.0, 0.0, gravity]))
+    raw = np.column_stack((path[["w_x", "w_y", "w_z"]].to_numpy(), force))
     inertial, density = sensors.inertial, math.sqrt(0.5 / dt_path)
     noise = np.random.RandomState(_SEED * 10).standard_normal(raw.shape) * density
     noise[:, :3] *= inertial.gyro_noise + inertial.gyro_vibration
@@ -149,15 +133,12 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
     shares = (speeds / drive.speed_max * (drive.voltage_reference / voltage)[:, None]) ** 2
     span = drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust
     pwm = [[int(drive.pwm_at_zero_thrust + span * actuator(share, drive.expo)) for share in row] for row in shares]
-    names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    names = ("f_x", "f_y", "f_z", "a_n", "a_e", "a_d", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    felt = np.column_stack((force, acceleration, measured))
     truth = path.assign(
-        **force,
-        **dict(zip(("a_n", "a_e", "a_d"), acceleration.T, strict=True)),
+        **dict(zip(names, felt.T, strict=True)),
         **dict(zip(("wind_n", "wind_e", "wind_d"), wind, strict=True)),
-        **dict(zip(names, measured.T, strict=True)),
-        roll=np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        pitch=np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)),
-        yaw=np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)),
+        **dict(zip(("roll", "pitch", "yaw"), attitude_angles(path), strict=True)),
         voltage=voltage,
         current=current,
         charge=np.cumsum(current) * dt_path,
@@ -165,22 +146,3 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
         **{f"m{k}": column for k, column in enumerate(np.array(pwm, dtype=float).T, start=1)},
     )
     return truth.iloc[:: round(0.01 / dt_path)]
-
-
-def _descriptive(log: Instruments) -> list[MessageTable]:
-    return [
-        *describing_tables(log),
-        table(log, "MODE", "QMBB", "s---", "F---", [0.0], {"Mode": _GUIDED, "ModeNum": _GUIDED, "Rsn": 1}),
-        table(log, "ARM", "QBIBB", "s----", "F----", [0.0], {"ArmState": 1, "ArmChecks": 0, "Forced": 0, "Method": 2}),
-    ]
-
-
-def _motors(log: Instruments) -> list[MessageTable]:
-    rows = log.rows(10.0)
-    roll, pitch, yaw = (np.degrees(column) for column in columns_of(rows, "roll", "pitch", "yaw"))
-    attitude = {"DesRoll": roll, "Roll": roll, "DesPitch": pitch, "Pitch": pitch, "DesYaw": yaw % 360.0}
-    return [
-        table(log, "ATT", "QffffffB", "sddddhh-", "F000000-", rows.index, attitude | {"Yaw": yaw % 360.0, "AEKF": 0}),
-        motor_table(log),
-        *speed_controller_tables(log, 50.0),
-    ]

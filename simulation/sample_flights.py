@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from simulation import survey_quadcopter
-from simulation.dataflash_log import Logging
+from simulation import elhesasy2024, survey_quadcopter
+from simulation.flight_log import Logging
 from simulation.fly import Setup
 from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sensors import Gps, Inertial, Magnetometer, Sensors
 from simulation.wind import Wind

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from simulation.dataflash_log import write_bin
+from simulation.flight_log import write_bin, write_tlog
 from simulation.fly import Flight, fly
 from simulation.instruments import InstrumentedFlight
 from simulation.sample_flights import FLIGHTS, SampleFlight
-from simulation.telemetry_log import write_tlog
 from simulation.truth import describe_mission
 
 #: The damaged log: which flight it was, and its name.

@@ -297,9 +297,9 @@ def _smooth_wander(n: int, correlation: float, smoothing: float, random: np.rand
 
 
 def rotate_to_body(q: np.ndarray, vector_n: np.ndarray) -> np.ndarray:
-    """Turn a NED vector (3,) into body axes for each quaternion of q (N, 4), scalar first, body to NED; (N, 3)."""
+    """Turn NED vectors (3,) or (N, 3) into body axes by quaternions q (N, 4), scalar first, body to NED; (N, 3)."""
     w, x, y, z = q.T
-    vn, ve, vd = vector_n
+    vn, ve, vd = vector_n.T
     return np.column_stack(
         (
             (1 - 2 * (y * y + z * z)) * vn + 2 * (x * y + w * z) * ve + 2 * (x * z - w * y) * vd,

@@ -6,11 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from simulation import DivergenceError, ParameterError, Setup, fly
+from simulation import DivergenceError, ParameterError, Setup, elhesasy2024, fly
 from simulation._kernels import FLYING, mix
 from simulation.controllers import Cascade, mixer
 from simulation.mission import GoTo, Mission, Turn, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sensors import Inertial, Navigation, Sensors
 from simulation.wind import Wind

@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from simulation import ParameterError, propagate
+from simulation import ParameterError, elhesasy2024, propagate
 from simulation._kernels import actuator, drive_speed
 from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
-from simulation.papers import elhesasy2024
 from simulation.rotor import QuadraticRotor
 
 OCTA = elhesasy2024.octocopter()

@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from simulation import ParameterError, propagate
-from simulation.papers import guntur2019
-from simulation.papers.guntur2019 import MOTORS, PAYLOADS, RPM
+from simulation import ParameterError, guntur2019, propagate
+from simulation.guntur2019 import MOTORS, PAYLOADS, RPM
 from simulation.rotor import BladeElementRotor
 
 ROTOR = guntur2019.rotor()

@@ -7,10 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import ParameterError, propagate, survey_quadcopter
+from simulation import ParameterError, elhesasy2024, guntur2019, propagate, survey_quadcopter
 from simulation.drive import Drive, FirstOrder
-from simulation.papers import elhesasy2024, guntur2019
-from simulation.papers.guntur2019 import MOTORS
+from simulation.guntur2019 import MOTORS
 from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount, Tank
 

@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from simulation import ParameterError, fly
+from simulation import ParameterError, elhesasy2024, fly
 from simulation.fly import Setup
 from simulation.mission import CHIRP_AXES, Chirp, GoTo, Mission, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sensors import Gps, Inertial, Navigation, Sensors, SpeedControllers
 

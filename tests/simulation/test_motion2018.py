@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from simulation import ArrivalError, DivergenceError, ParameterError, propagate
+from simulation import ArrivalError, DivergenceError, ParameterError, motion2018, propagate
 from simulation.atmosphere import GRAVITY
 from simulation.drive import Drive, ThirdOrder
-from simulation.papers import motion2018
-from simulation.papers.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, Gains, fly_to_point, in_paper_axes
+from simulation.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, Gains, fly_to_point, in_paper_axes
 
 CRAFT = motion2018.quadcopter()
 

@@ -8,9 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import DivergenceError, ParameterError, propagate
+from simulation import DivergenceError, ParameterError, elhesasy2024, propagate
 from simulation.atmosphere import SEA_LEVEL_DENSITY, Atmosphere
-from simulation.papers import elhesasy2024
 from simulation.vehicle import RotorMount
 
 OCTA = elhesasy2024.octocopter()

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
-from simulation.axis_loop.truth import settings_of
+from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, settings_of
 from sysid.frequency.records import AxisRecord
 from sysid.loops.loop import RateLoop, loop_of_records
 from sysid.loops.signals import LoopRecord

@@ -10,9 +10,16 @@ import pandas as pd
 import pytest
 
 from logparse import read_log
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
-from simulation.axis_loop.log import write_rate_log
-from simulation.axis_loop.truth import gains_of, true_loop
+from simulation.axis_loop import (
+    AxisPlant,
+    Excitation,
+    LoopGains,
+    gains_of,
+    random_axis,
+    run_axis,
+    true_loop,
+    write_rate_log,
+)
 from sysid.frequency.excitation import find_chirps
 from sysid.loops import LoopError, tune, tuning
 from sysid.loops.evidence import oscillation, sagged, two_ways_apart, unsupported, weak_band

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from simulation import kim2017
 from simulation.atmosphere import GRAVITY
 from simulation.errors import DivergenceError, ParameterError
 from simulation.outcome import Fact, Outcome, Plot
 from simulation.paper_log import write_paper_log
-from simulation.papers import kim2017
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,9 +7,7 @@ import numpy as np
 import pandas as pd
 
 from simulation.atmosphere import GRAVITY
-from simulation.outcome import Fact, Outcome, Plot
-from simulation.paper_log import write_paper_log
-from simulation.papers.motion2018 import (
+from simulation.motion2018 import (
     ACCELERATION_LIMIT,
     SPATIAL,
     SPEED_LIMIT,
@@ -20,6 +18,8 @@ from simulation.papers.motion2018 import (
     in_paper_axes,
     quadcopter,
 )
+from simulation.outcome import Fact, Outcome, Plot
+from simulation.paper_log import write_paper_log
 
 #: Name, summary and settings of each flight of section 3.
 FLIGHTS = (

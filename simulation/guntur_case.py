@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from simulation import guntur2019
 from simulation.errors import ParameterError
+from simulation.guntur2019 import GRAVITY, MOTORS, PAYLOADS, RPM
 from simulation.outcome import Fact, Outcome, Plot, Table
 from simulation.paper_log import write_paper_log
-from simulation.papers import guntur2019
-from simulation.papers.guntur2019 import GRAVITY, MOTORS, PAYLOADS, RPM
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
