@@ -8,7 +8,7 @@ to give the same log, to the last bit.
 One file on purpose: numba's cache notices a change in a function's own file only, not in the files that it calls.
 """
 
-from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
+from math import asin, atan, atan2, cos, exp, inf, isfinite, pi, sin, sqrt, tan
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from simulation._parameters import (
     AirframeParameters,
     AirParameters,
     AutopilotState,
+    AxisParameters,
+    AxisSignals,
     BladeParameters,
     CascadeParameters,
     DriveParameters,
@@ -25,6 +27,7 @@ from simulation._parameters import (
     SensorParameters,
     TankParameters,
 )
+from simulation.atmosphere import GRAVITY
 
 POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
 
@@ -34,6 +37,9 @@ COMPLETED, DIVERGED, OVERTURNED = 0, 1, 2
 #: What the autopilot does, as recorded.
 DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 
+
+#: Drag over mass of an axis that holds its place, 1/s.
+_DRIFT_DRAG = 0.3
 
 #: For what only compiled code calls.
 inner = compiled.inner(nogil=True, allocates=True)
@@ -478,6 +484,20 @@ def wrap(angle: float) -> float:
 
 
 @inner
+def pid(error: float, gains: np.ndarray, memory: np.ndarray, smoothing: float, dt: float, limit: float) -> float:
+    """Advance a PID controller by dt; `memory` (3,) is its integral within `limit`, its smoothed slope, the last error.
+
+    `gains` (3,) are P, I and D; a limit of 0 leaves the integral as it is.
+    """
+    memory[1] += smoothing * ((error - memory[2]) / dt - memory[1])
+    memory[2] = error
+    if limit > 0.0:
+        memory[0] = min(max(memory[0] + gains[1] * error * dt, -limit), limit)
+    output: float = gains[0] * error + memory[0] + gains[2] * memory[1]
+    return output
+
+
+@inner
 def position_control(
     x: np.ndarray,
     upright: float,
@@ -507,18 +527,10 @@ def position_control(
         velocity_target[0] *= cascade.speed_limit[0] / horizontal
         velocity_target[1] *= cascade.speed_limit[0] / horizontal
     velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
+    held = 0.0 if limited or not flying else inf
     for i in range(3):
         error = velocity_target[i] - (x[VELOCITY + i] + errors[3 + i])
-        change = (error - autopilot.last_velocity_error[i]) / dt
-        autopilot.slope_velocity[i] += smoothing * (change - autopilot.slope_velocity[i])
-        autopilot.last_velocity_error[i] = error
-        if flying and not limited:
-            autopilot.integral_velocity[i] += cascade.velocity_pid[i, 1] * error * dt
-        accel_target[i] = (
-            cascade.velocity_pid[i, 0] * error
-            + autopilot.integral_velocity[i]
-            + cascade.velocity_pid[i, 2] * autopilot.slope_velocity[i]
-        )
+        accel_target[i] = pid(error, cascade.velocity_pid[i], autopilot.velocity_memory[i], smoothing, dt, held)
     # Horizontal: the output is an acceleration; lean into it, yaw taken out.
     for i in range(2):
         accel_target[i] += reference[6 + i]
@@ -545,13 +557,9 @@ def position_control(
 @inner
 def stand_by(yaw: float, autopilot: AutopilotState) -> None:
     """Forget everything while the motors idle or stand; the heading to hold is the present one."""
-    for memory in (
-        autopilot.integral_velocity,
-        autopilot.slope_velocity,
-        autopilot.last_velocity_error,
-        autopilot.integral_rate,
-        autopilot.slope_rate,
-        autopilot.last_rate_error,
+    autopilot.velocity_memory[:] = 0.0
+    autopilot.rate_memory[:] = 0.0
+    for decision in (
         autopilot.velocity_target,
         autopilot.accel_target,
         autopilot.rate_target,
@@ -559,8 +567,8 @@ def stand_by(yaw: float, autopilot: AutopilotState) -> None:
         autopilot.angle_target,
         autopilot.thrust,
     ):
-        for i in range(memory.size):
-            memory[i] = 0.0
+        for i in range(decision.size):
+            decision[i] = 0.0
     autopilot.angle_target[2] = yaw
 
 
@@ -571,19 +579,11 @@ def attitude_control(
     """Angle P, rate PID to normalised torques (Elhesasy 2024, eq. 18-20); `rate` (3,) is the measured rate."""
     smoothing = 1.0 - exp(-dt * 2.0 * pi * 20.0)
     spool = autopilot.thrust[3]
+    held = 0.0 if limited or spool < 1.0 else inf
     for i in range(3):
         autopilot.rate_target[i] = cascade.angle_p[i] * wrap(autopilot.angle_target[i] - autopilot.angle[i])
         error = autopilot.rate_target[i] - rate[i]
-        change = (error - autopilot.last_rate_error[i]) / dt
-        autopilot.slope_rate[i] += smoothing * (change - autopilot.slope_rate[i])
-        autopilot.last_rate_error[i] = error
-        if not limited and spool >= 1.0:
-            autopilot.integral_rate[i] += cascade.rate_pid[i, 1] * error * dt
-        out = (
-            cascade.rate_pid[i, 0] * error
-            + autopilot.integral_rate[i]
-            + cascade.rate_pid[i, 2] * autopilot.slope_rate[i]
-        )
+        out = pid(error, cascade.rate_pid[i], autopilot.rate_memory[i], smoothing, dt, held)
         autopilot.torque[i] = min(max(out, -1.0), 1.0) * spool
 
 
@@ -745,26 +745,6 @@ def touched_down(x: np.ndarray) -> bool:
     return bool(x[2] > -0.05 and x[3] * x[3] + x[4] * x[4] + x[5] * x[5] < 0.01)
 
 
-@inner
-def at_rest() -> AutopilotState:
-    """Return the autopilot's memory at boot."""
-    return AutopilotState(
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(4),
-    )
-
-
 @njit(cache=True, nogil=True)
 def fly_cascade(
     x: np.ndarray,
@@ -782,6 +762,7 @@ def fly_cascade(
     drive: DriveParameters,
     cascade: CascadeParameters,
     sensors: SensorParameters,
+    autopilot: AutopilotState,
     records: np.ndarray,
 ) -> tuple[int, int, int]:
     """Fly a reference with the PID cascade of Elhesasy 2024.
@@ -832,7 +813,6 @@ def fly_cascade(
     delays, measured = np.zeros((2, 6)), np.zeros(6)
     pack = np.zeros(3)
     pack[0] = drive.voltage_full
-    autopilot = at_rest()
     limited = False
     state, still, row, clips = DISARMED, 0, 0, 0
     for k in range(steps):
@@ -914,3 +894,94 @@ def fly_cascade(
         if not sensible(x):
             return row, DIVERGED, k
     return row, COMPLETED, steps
+
+
+@inner
+def first_order(cutoff: float, dt: float) -> float:
+    """Return the step of a first-order low-pass of a cutoff [Hz]; 1 for none."""
+    return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (2.0 * pi * cutoff))
+
+
+@njit(cache=True, nogil=True)
+def fly_axis(c: AxisParameters, f: AxisSignals, loop: float) -> tuple[np.ndarray, ...]:
+    """Fly one axis: physics at 4.8 kHz, ArduCopter's controllers at 400 Hz (the length of `loop` in s).
+
+    Returns
+    -------
+    output, feedback, integral, derivative, measured, unfiltered, asked, target, angle, lean : ndarray, shape (N,)
+        Controller output with the chirp and without, two of its terms, filtered measurement that it was computed from,
+        mean over the loop before of what the filter got, rate target before and after its filter, attitude and its
+        target.
+    """
+    n, substeps = f.disturbance.shape
+    h = loop / substeps
+    output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
+    target, attitude, leans, terms = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    unfiltered, asked = np.zeros(n), np.zeros(n)
+    motor = rate = angle = flex = flex_rate = 0.0
+    position = velocity = 0.0
+    low = first = second = 0.0
+    b0, a1, a2 = low_pass(c.filter_hz, h)
+    delay_steps = round(c.delay / h)
+    pending = np.zeros(delay_steps + 1)
+    bend_rate = 2.0 * pi * c.flex_hz
+    keep_target, keep_error, keep_slope = (
+        first_order(c.FLTT, loop),
+        first_order(c.FLTE, loop),
+        first_order(c.FLTD, loop),
+    )
+    gains, memory = np.array([c.P, c.I, c.D]), np.zeros(3)
+    filtered = error = 0.0
+    decay = exp(-h / c.lag) if c.lag > 0.0 else 0.0
+    fall = exp(-c.damping * h)
+    for k in range(n):
+        y = low + f.noise[k]
+        measured[k], attitude[k] = y, angle
+        lean = f.stick[k]
+        if c.velocity_P > 0.0:
+            wanted = c.position_P * (f.position_chirp[k] - position) + f.velocity_chirp[k]
+            lean += c.velocity_P * (wanted - velocity) / GRAVITY
+            velocity += loop * (GRAVITY * angle - _DRIFT_DRAG * velocity)
+            position += loop * velocity
+        leans[k] = lean
+        want = c.angle_P * (lean - angle) if c.integrates else lean
+        want += f.rate_chirp[k]
+        # As in the firmware, the rate controller runs before the angle controller and sees its target a loop later.
+        filtered += keep_target * ((asked[k - 1] if k else 0.0) - filtered)
+        asked[k] = want
+        target[k] = filtered
+        error += keep_error * (filtered - y - error)
+        feedback[k] = pid(error, gains, memory, keep_slope, loop, c.IMAX) + c.FF * filtered
+        terms[0, k], terms[1, k] = memory[0], c.D * memory[1]
+        u = min(max(feedback[k] + f.mixer_chirp[k], -c.limit), c.limit)
+        output[k] = u
+        for j in range(substeps):
+            for m in range(delay_steps):
+                pending[m] = pending[m + 1]
+            pending[delay_steps] = u
+            command = pending[0]
+            before = motor
+            motor = command + (motor - command) * decay
+            push = c.gain * 0.5 * (before + motor if c.lag > 0.0 else 2.0 * motor) + f.disturbance[k, j]
+            if c.integrates:
+                rate_before = rate
+                rate = rate * fall + push * (1.0 - fall) / c.damping if c.damping > 0.0 else rate + push * h
+                angle += 0.5 * h * (rate + rate_before)
+                moving = rate
+            else:
+                moving = push
+            if c.flex_hz > 0.0:
+                bend = c.flex_share * push - 2.0 * c.flex_damping * bend_rate * flex_rate - bend_rate**2 * flex
+                flex_rate += h * bend
+                flex += h * flex_rate
+                moving += flex_rate
+            moving += f.gyro_noise[k, j]
+            if k + 1 < n:
+                unfiltered[k + 1] += moving / substeps
+            if c.filter_hz > 0.0:
+                low = b0 * moving + first
+                first = 2.0 * b0 * moving - a1 * low + second
+                second = b0 * moving - a2 * low
+            else:
+                low = moving
+    return output, feedback, terms[0], terms[1], measured, unfiltered, asked, target, attitude, leans

@@ -11,8 +11,17 @@ import numpy as np
 import pandas as pd
 
 from logparse import RotoridError
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, write_rate_log
-from simulation.axis_loop.truth import TERMS, settings_of, true_loop
+from simulation.axis_loop import (
+    TERMS,
+    AxisPlant,
+    AxisRun,
+    Excitation,
+    LoopGains,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
 from simulation.errors import ParameterError
 from simulation.outcome import Fact, Outcome, Plot
 from sysid.loops.margins import margins_of

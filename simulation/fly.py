@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from simulation import _kernels
+from simulation._parameters import AutopilotState
 from simulation.atmosphere import GRAVITY, Atmosphere
 from simulation.controllers import Cascade
 from simulation.drive import drive_parameters
@@ -225,6 +226,7 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
         drive_parameters(vehicle.drive, vehicle.battery),
         setup.cascade.kernel_parameters(vehicle, hover_thrust),
         setup.sensors.inertial.kernel_parameters(step, hover_speed),
+        AutopilotState.at_boot(),
         records,
     )
     if end == _kernels.DIVERGED:
