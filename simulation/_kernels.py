@@ -79,13 +79,6 @@ def induced_velocity(
     `axial` is the rotor's velocity through the air against its thrust (positive sinking), `in_plane_squared` the
     square of the velocity across it. The momentum side grows from zero with v and the blade side falls to zero at
     ``end``, so a root lies between; Newton steps, bisection where they leave the bracket.
-
-    Returns
-    -------
-    v : float
-        Induced velocity, m/s.
-    thrust : float
-        N.
     """
     if blade.radius * speed < 1e-3:
         return 0.0, 0.0

@@ -71,17 +71,7 @@ class Chirps:
 
 
 def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
-    """Fly the three chirps one after the other.
-
-    Parameters
-    ----------
-    name : str
-        Name of the case, which its log has too.
-    summary : str
-        What it shows, in a line.
-    settings : Chirps
-        What the user chose.
-    """
+    """Fly the three chirps one after the other."""
     filter_hz, gains = _set(_read(settings.parameters))
     plants = {axis: replace(plant, filter_hz=filter_hz) for axis, plant in PLANTS.items()}
     runs = {axis: _fly(plants[axis], gains[axis], number, settings) for number, axis in enumerate(plants)}

@@ -6,7 +6,7 @@ import numpy as np
 
 from simulation.drive import Drive, FirstOrder
 from simulation.rotor import QuadraticRotor
-from simulation.vehicle import Multirotor, RotorMount
+from simulation.vehicle import Multirotor, mounts
 
 #: Angle of each motor of ArduPilot's octa-plus [deg clockwise from the nose], by motor number.
 OCTA_PLUS_ANGLES_DEG = (0.0, 180.0, 45.0, 135.0, -45.0, -135.0, -90.0, 90.0)
@@ -28,24 +28,15 @@ def octocopter() -> Multirotor:
     """
     arm = 0.35
     rotor = QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7)
-    mounts = tuple(
-        RotorMount(
-            rotor,
-            (
-                arm * math.cos(math.radians(angle)),
-                arm * math.sin(math.radians(angle)),
-                -0.07 if spin > 0 else -0.01,
-            ),
-            spin=spin,
-            layer=spin,
-        )
+    places = [
+        (arm * math.cos(math.radians(angle)), arm * math.sin(math.radians(angle)), -0.07 if spin > 0 else -0.01)
         for angle, spin in zip(OCTA_PLUS_ANGLES_DEG, OCTA_PLUS_SPINS, strict=True)
-    )
+    ]
     return Multirotor(
         name="Elhesasy 2024 octocopter",
         mass=4.3,
         inertia=np.diag((0.06006, 0.06016, 0.105)),
-        rotors=mounts,
+        rotors=mounts([rotor] * 8, places, OCTA_PLUS_SPINS, layers=OCTA_PLUS_SPINS),
         drive=Drive(speed_max=1050.0, response=FirstOrder(0.04)),
         drag_linear=(0.45, 0.45, 0.25),
         drag_area=(0.055, 0.055, 0.09),

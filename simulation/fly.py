@@ -44,6 +44,14 @@ RECORD_COLUMNS = (
 )
 
 
+def attitude(x: np.ndarray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw [rad] of a state."""
+    w, i, j, k = x[6:10]
+    roll = math.atan2(2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * j - i * k))))
+    return roll, pitch, math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k))
+
+
 def propagate(
     vehicle: Multirotor,
     initial: np.ndarray,

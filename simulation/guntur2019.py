@@ -14,8 +14,10 @@ from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import Drive, FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import propagate
+from simulation.outcome import Fact, Outcome, Plot, Table, named, rotor_speeds, with_units
+from simulation.papers import PRINTED, write_paper_log
 from simulation.rotor import BladeElementRotor
-from simulation.vehicle import Multirotor, RotorMount, Tank
+from simulation.vehicle import Multirotor, Tank, mounts
 
 RPM = 2.0 * math.pi / 60.0
 
@@ -35,84 +37,18 @@ class Motor:
     kv: float  #: Speed per voltage without load, rad/s/V.
     power: float  #: Largest power, W.
     masses: tuple[float, ...]  #: Mass of the craft with each of `PAYLOADS`, kg.
-    #: Ixx, Iyy, Izz with each of `PAYLOADS`, kg m^2. Printed as ``4,59E+09 kgmm^2``, which would be 4590 kg m^2; the
-    #: same digits with E+04 fit a craft of 2 kg and are taken here.
-    inertias: tuple[tuple[float, float, float], ...]
+    inertias: tuple[tuple[float, ...], ...]  #: Ixx, Iyy, Izz with each of `PAYLOADS`, kg m^2.
 
 
-def _motor(name: str, kv_rpm: float, power: float, rows: str) -> Motor:
-    values = [tuple(map(float, row.split())) for row in rows.strip().splitlines()]
-    return Motor(
-        name=name,
-        kv=kv_rpm * RPM,
-        power=power,
-        masses=tuple(row[0] for row in values),
-        inertias=tuple((row[1] * 1e-2, row[2] * 1e-2, row[3] * 1e-2) for row in values),
+MOTORS = tuple(
+    Motor(
+        name=row["name"],
+        kv=row["kv_rpm"] * RPM,
+        power=row["power"],
+        masses=tuple(row["masses"]),
+        inertias=tuple(tuple(moment * 1e-2 for moment in moments) for moments in row["inertias"]),
     )
-
-
-#: Mass [kg] and the digits of Ixx, Iyy, Izz for each of `PAYLOADS`.
-MOTORS = (
-    _motor(
-        "MT-4006-13 740KV",
-        740.0,
-        500.0,
-        """
-        2.15758987 4.59 4.59 7.87
-        1.89348554 4.56 4.57 7.84
-        1.64362485 4.51 4.51 7.80
-        1.39345537 4.36 4.35 7.75
-        1.19781007 4.13 4.11 7.71
-        """,
-    ),
-    _motor(
-        "Sunnysky X2212-13 980KV",
-        980.0,
-        150.0,
-        """
-        2.01691751 3.71 3.71 6.18
-        1.75281317 3.68 3.69 6.14
-        1.50295248 3.63 3.64 6.10
-        1.25278300 3.49 3.49 6.06
-        1.05713770 3.27 3.26 6.01
-        """,
-    ),
-    _motor(
-        "AX-2810Q-750KV",
-        750.0,
-        444.0,
-        """
-        2.06966964 4.04 4.04 6.81
-        1.80556531 4.01 4.02 6.78
-        1.55570462 3.96 3.97 6.74
-        1.30553514 3.82 3.82 6.69
-        1.10988984 3.59 3.58 6.65
-        """,
-    ),
-    _motor(
-        "EMAX RS1108",
-        4500.0,
-        211.2,
-        """
-        2.11362976 4.32 4.31 7.34
-        1.84952543 4.29 4.29 7.31
-        1.59966473 4.23 4.24 7.27
-        1.34949526 4.09 4.08 7.22
-        1.15384996 3.86 3.84 7.18
-        """,
-    ),
-    _motor(
-        "F60 PRO III Motor - 1750KV",
-        1750.0,
-        950.0,
-        """
-        1.92899728 3.15 3.16 5.12
-        1.66489295 3.12 3.14 5.09
-        1.41503225 3.08 3.09 5.05
-        1.16486277 2.95 2.96 5.00
-        0.96921747 2.74 2.73 4.95
-        """,
-    ),
+    for row in PRINTED["guntur2019"]
 )
 
 
@@ -122,13 +58,7 @@ def rotor() -> BladeElementRotor:
 
 
 def find(name: str) -> Motor:
-    """Return the motor of this name.
-
-    Raises
-    ------
-    ParameterError
-        There is none; the message lists those that there are.
-    """
+    """Return the motor of this name."""
     for motor in MOTORS:
         if motor.name == name:
             return motor
@@ -146,65 +76,30 @@ def mass_properties(motor: Motor, payload: float) -> tuple[float, np.ndarray]:
 
 
 def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
-    """Empty the tank from `start` [s] on, `rate` [share of the tank per s], until the tank is empty.
+    """Empty the tank from `start` [s] on, `rate` [share of the full tank per s], until nothing is left.
 
     The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
     as is done here that what flows out takes no momentum along.
-
-    Parameters
-    ----------
-    motor : Motor
-        One of the five of the thesis.
-    payload : float
-        Share of the full tank at the start.
-    rate : float
-        Share of the full tank (1 kg) that flows out per second.
-    start : float
-        When it begins to flow, s.
-
-    Raises
-    ------
-    ParameterError
-        Rate or payload is not positive.
     """
     if not (rate > 0.0 and payload > 0.0):
         raise ParameterError(f"discharge: rate {rate:g} and payload {payload:g} must be positive")
     shares = [payload, *(share for share in PAYLOADS if share < payload)]
-    properties = [mass_properties(motor, share) for share in shares]
-    return Tank(
-        time=tuple(start + (payload - share) / rate for share in shares),
-        mass=tuple(mass for mass, _ in properties),
-        inertia=tuple(inertia for _, inertia in properties),
-    )
+    masses, inertias = zip(*(mass_properties(motor, share) for share in shares), strict=True)
+    return Tank(time=tuple(start + (payload - share) / rate for share in shares), mass=masses, inertia=inertias)
 
 
 def quadcopter(motor: Motor, payload: float, *, discharge: float = 0.0, discharge_start: float = 0.0) -> Multirotor:
-    """Build the craft with a motor and a payload.
+    """Build the craft with a motor and a payload [share of the full tank]; `discharge` and its start as for `tank`.
 
     The thesis' rotors follow their command at once; 20 ms of lag stand in for that.
-
-    Parameters
-    ----------
-    motor : Motor
-    payload : float
-        Share of the full tank, 0..1.
-    discharge : float
-        Share of the full tank that flows out per second; 0: nothing does.
-    discharge_start : float
-        When it begins, s.
     """
     mass, inertia = mass_properties(motor, payload)
-    propeller = rotor()
-    corners = ((ARM, ARM), (-ARM, -ARM), (ARM, -ARM), (-ARM, ARM))
-    mounts = tuple(
-        RotorMount(propeller, (forward, right, 0.0), spin=-1 if number < 2 else 1)
-        for number, (forward, right) in enumerate(corners)
-    )
+    corners = ((ARM, ARM, 0.0), (-ARM, -ARM, 0.0), (ARM, -ARM, 0.0), (-ARM, ARM, 0.0))
     return Multirotor(
         name=f"Guntur 2019 quadcopter, {motor.name}, {100 * payload:.0f} % payload",
         mass=mass,
         inertia=inertia,
-        rotors=mounts,
+        rotors=mounts([rotor()] * 4, corners, (-1, -1, 1, 1)),
         drive=Drive(speed_max=motor.kv * 16.8, response=FirstOrder(0.02)),
         tank=tank(motor, payload, discharge, discharge_start) if discharge else None,
         frame_class=1,
@@ -240,25 +135,7 @@ def fly_profile(
     discharge: float = 0.0,
     discharge_start: float = 0.0,
 ) -> pd.DataFrame:
-    """Fly the plan open loop; RK4 at 0.01 s as in the thesis.
-
-    Parameters
-    ----------
-    motor : Motor
-    payload : float
-        Share of the full tank, 0..1.
-    trim_rpm : float, optional
-        Turns per minute about which the plan commands; default `hover_rpm` of this craft.
-    duration, dt : float
-        s.
-    discharge, discharge_start : float
-        As for `quadcopter`.
-
-    Returns
-    -------
-    DataFrame
-        As `simulation.fly.propagate`.
-    """
+    """Fly the plan open loop about a trim (none: hover), RK4 at 0.01 s as in the thesis; see `propagate`."""
     craft = quadcopter(motor, payload, discharge=discharge, discharge_start=discharge_start)
     trim = RPM * (hover_rpm(motor, payload) if trim_rpm is None else trim_rpm)
     start = craft.state(profile(0.0, trim))
@@ -266,21 +143,11 @@ def fly_profile(
 
 
 def feasibility(voltage: float = 11.1) -> pd.DataFrame:
-    """Return which motor holds the flight plan with which payload.
+    """Return which motor holds the flight plan with which payload: a row for each of both, speeds in rpm.
 
     A motor holds it when the highest speed of the plan, about hover, stays below KV times voltage, and the ideal
-    power of one rotor at that speed below the motor's largest power.
-
-    Parameters
-    ----------
-    voltage : float
-        Of the battery, V; not printed in the thesis, three cells are taken.
-
-    Returns
-    -------
-    DataFrame
-        One row for each motor and payload: motor, payload, mass [kg], hover_rpm, top_rpm, limit_rpm, power [W],
-        limit_power [W], feasible.
+    power of one rotor at that speed below the motor's largest power. The thesis names no battery; three cells are
+    taken.
     """
     rows = []
     times = np.arange(0.0, 30.0, 0.25)
@@ -290,17 +157,127 @@ def feasibility(voltage: float = 11.1) -> pd.DataFrame:
             top = max(float(profile(t, hover * RPM).max()) for t in times)
             power = rotor().torque(top, SEA_LEVEL_DENSITY) * top
             limit = motor.kv * voltage
-            rows.append(
-                {
-                    "motor": motor.name,
-                    "payload": payload,
-                    "mass": mass,
-                    "hover_rpm": hover,
-                    "top_rpm": top / RPM,
-                    "limit_rpm": limit / RPM,
-                    "power": power,
-                    "limit_power": motor.power,
-                    "feasible": top < limit and power < motor.power,
-                }
+            holds = top < limit and power < motor.power
+            rows.append((motor.name, payload, mass, hover, top / RPM, limit / RPM, power, motor.power, holds))
+    names = ["motor", "payload", "mass", "hover_rpm", "top_rpm", "limit_rpm", "power", "limit_power", "feasible"]
+    return pd.DataFrame(rows, columns=names)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """What of the plan can be changed."""
+
+    motor: str = "Sunnysky X2212-13 980KV"  #: One of the thesis' five.
+    payload: float = 0.5  #: Share of the full tank of 1 kg, 0..1, with which the logged flight begins.
+    trim_rpm: float = 0.0  #: Turns per minute about which the plan commands; 0: those that hover.
+    discharge: float = 0.0  #: Share of the full tank that flows out per second.
+    discharge_start: float = 5.0  #: s.
+    voltage: float = 11.1  #: Of the battery, for the table of feasibility, V.
+    #: s.
+    duration: float = 30.0
+    step: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.discharge >= 0.0 and self.discharge_start >= 0.0):
+            raise ParameterError("discharge and discharge_start cannot be negative")
+        if not 3.0 <= self.voltage <= 60.0:
+            raise ParameterError(f"voltage {self.voltage:g} V must lie in 3 to 60 V")
+        if not (1.0 <= self.duration <= 600.0 and self.step in (0.01, 0.005, 0.0025, 0.002, 0.001)):
+            raise ParameterError(
+                f"duration {self.duration:g} s must lie in 1 to 600 s, step {self.step:g} s be 0.01, 0.005, 0.0025, "
+                "0.002 or 0.001 s"
             )
-    return pd.DataFrame(rows)
+        if not 0.0 <= self.trim_rpm <= 30000.0:
+            raise ParameterError(f"trim_rpm {self.trim_rpm:g} must lie in 0 to 30000 turns per minute")
+
+
+_NOTES = (
+    "At 4600 turns per minute the printed rotor gives 1.32 N, so four of them carry 0.54 kg, and at the listing's 3200 "
+    "less: the craft hovers at 6200 to 9200, about which the plan is flown here.",
+    "Inertias are printed with E+09 kg mm², which would be thousands of kg m²; E+04 fits the craft and is taken.",
+    "The thesis names no battery; three cells (11.1 V) decide which motor turns fast enough.",
+)
+
+
+def simulate(name: str, summary: str, settings: Profile) -> Outcome:
+    """Fly the plan with every payload, and with the payload of the settings for the log."""
+    motor = find(settings.motor)
+    outflow = {"discharge": settings.discharge, "discharge_start": settings.discharge_start}
+    craft = quadcopter(motor, settings.payload, **outflow)
+    span = {"duration": settings.duration, "dt": settings.step}
+    flown = fly_profile(motor, settings.payload, trim_rpm=settings.trim_rpm or None, **span, **outflow)
+    mass = pd.Series(np.full(len(flown), craft.mass), index=flown.index)
+    if craft.tank is not None:
+        mass[:] = np.interp(flown.index, craft.tank.time, craft.tank.mass)
+    feasible = feasibility(settings.voltage)
+    height, distance = named(flown, height="p_d") * -1.0, named(flown, north="p_n")
+    plots = [
+        Plot("Height of the flight that is logged: climb, pitch forward and back, more lift.", "height (m)", height),
+        Plot(
+            "Distance north: the plan pitches forward at 8 s and, more strongly, back at 12 s.",
+            "distance (m)",
+            distance,
+        ),
+        Plot("Speeds of the rotors.", "rotor speed (rpm)", rotor_speeds(flown) / RPM),
+    ]
+    if craft.tank is None:
+        every = {f"{100 * payload:.0f} %": fly_profile(motor, payload, **span) for payload in PAYLOADS}
+        per_square = rotor().thrust(100.0) / 100.0**2
+        heights = {payload: -each["p_d"] for payload, each in every.items()}
+        thrusts = {payload: per_square * (rotor_speeds(each) ** 2).sum(axis=1) for payload, each in every.items()}
+        about = "Height with each payload: about its own hover each craft flies nearly the same plan."
+        plots += [
+            Plot(about, "height (m)", pd.DataFrame(heights)),
+            Plot("Thrust of all rotors with each payload.", "thrust (N)", pd.DataFrame(thrusts)),
+        ]
+    else:
+        plots.append(Plot("Mass of the craft while the tank empties.", "mass (kg)", pd.DataFrame({"mass": mass})))
+    columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "w1", "w2", "w3", "w4"]
+    return Outcome(
+        name=name,
+        summary=summary,
+        facts=_facts(settings, flown, mass, feasible),
+        notes=_NOTES,
+        plots=tuple(plots),
+        tables=(_table(feasible, settings.voltage),),
+        history=with_units(flown[columns].assign(mass=mass)),
+        write_log=lambda folder: write_paper_log(flown, craft, folder, name, summary, gravity=GRAVITY),
+    )
+
+
+def _facts(settings: Profile, flown: pd.DataFrame, mass: pd.Series, feasible: pd.DataFrame) -> tuple[Fact, ...]:
+    motor = find(settings.motor)
+    full, empty = (hover_rpm(motor, payload) for payload in (1.0, 0.0))
+    held = [name for name in feasible["motor"].unique() if feasible[feasible["motor"] == name]["feasible"].all()]
+    return (
+        Fact("motor", motor.name),
+        Fact("mass at the start, at the end", f"{mass.iloc[0]:.3f}, {mass.iloc[-1]:.3f}", "kg"),
+        Fact("hover at the start", hover_rpm(motor, settings.payload), "rpm"),
+        Fact("hover with full and empty tank", f"{full:.0f} and {empty:.0f}", "rpm"),
+        Fact("thrust of a rotor at 4600 rpm", rotor().thrust(4600.0 * RPM), "N"),
+        Fact("greatest height", float(-flown["p_d"].min()), "m"),
+        Fact("climb rate at the end", float(-flown["v_d"].iloc[-1]), "m/s"),
+        Fact("distance north at the end", float(flown["p_n"].iloc[-1]), "m"),
+        Fact("motors that hold the plan with every payload", ", ".join(held) or "none"),
+    )
+
+
+def _table(feasible: pd.DataFrame, voltage: float) -> Table:
+    frame = pd.DataFrame(
+        {
+            "motor": feasible["motor"],
+            "payload (%)": 100.0 * feasible["payload"],
+            "holds": np.where(feasible["feasible"], "yes", "no"),
+            "mass (kg)": feasible["mass"].round(3),
+            "hover (rpm)": feasible["hover_rpm"].round(),
+            "top (rpm)": feasible["top_rpm"].round(),
+            "limit (rpm)": feasible["limit_rpm"].round(),
+            "power (W)": feasible["power"].round(1),
+            "limit (W)": feasible["limit_power"],
+        }
+    )
+    return Table(
+        f"Which motor holds the plan at {voltage:g} V: its top speed must stay below KV times voltage, its ideal power "
+        f"below the motor's ({len(MOTORS)} motors, {len(PAYLOADS)} payloads).",
+        frame,
+    )

@@ -160,16 +160,7 @@ class Instruments:
 
 
 class InstrumentedFlight(Instruments):
-    """A mission flown under the cascade, with the samples of its instruments.
-
-    Parameters
-    ----------
-    flight : Flight
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since boot at the start of the simulation, s.
-    """
+    """A mission flown under the cascade, with the samples of its instruments."""
 
     def __init__(self, flight: Flight, start_utc: dt.datetime, boot: float):
         setup = flight.setup

@@ -63,17 +63,7 @@ def settings_of(sample: SampleFlight) -> MissionSettings:
 
 
 def simulate(name: str, summary: str, settings: MissionSettings) -> Outcome:
-    """Fly a sample's mission with these settings.
-
-    Parameters
-    ----------
-    name : str
-        Name of the case, a key of `FLIGHTS`.
-    summary : str
-        What it shows, in a line.
-    settings : MissionSettings
-        What the user chose.
-    """
+    """Fly a sample's mission with these settings."""
     sample = _apply(FLIGHTS[name], settings)
     flight = fly_sample(sample)
 

@@ -41,17 +41,7 @@ class Inertial:
                 raise ParameterError(f"inertial sensors: {name} must be positive, not {getattr(self, name):g}")
 
     def drift(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
-        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6).
-
-        Parameters
-        ----------
-        n : int
-            Ticks.
-        dt : float
-            s.
-        random : RandomState
-            Source of the noise.
-        """
+        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6)."""
         sigma = np.repeat([self.gyro_instability, self.accel_instability], 3)
         if not sigma.any():
             return np.zeros((n, 6))
@@ -100,22 +90,7 @@ class Gps:
             raise ParameterError(f"GPS outages must begin before they end, at 0 s or later: {self.outages}")
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight.
-
-        Parameters
-        ----------
-        truth : DataFrame
-            Index `t` [s]; columns p_n ... v_d of `simulation.fly.Flight.truth`.
-        place : Place
-            Origin of the truth.
-        random : RandomState
-            Source of the noise.
-
-        Returns
-        -------
-        DataFrame
-            Index `t` (time of writing, s); t_valid [s], lat_deg, lon_deg, alt [m], v_n, v_e, v_d [m/s], fix (bool).
-        """
+        """Sample a flight."""
         t_truth = truth.index.to_numpy()
         t_valid = np.arange(0.0, t_truth[-1] - self.lag, 1.0 / self.rate)
         n = len(t_valid)
@@ -157,17 +132,7 @@ class Barometer:
     self_heating: float = 12.0  #: Sensor above air temperature, K.
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K].
-
-        Parameters
-        ----------
-        truth : DataFrame
-            The flight, indexed by t, s; `p_d` [m] is read.
-        place : Place
-            Whose atmosphere it is.
-        random : RandomState
-            Source of the noise.
-        """
+        """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K]."""
         t = np.arange(0.0, truth.index[-1], 1.0 / self.rate)
         n = len(t)
         height = -_at(truth, ["p_d"], t)[:, 0]
@@ -188,17 +153,7 @@ class Magnetometer:
     hard_iron: Vector = (0.0, 0.0, 0.0)  #: Constant field of the craft left by the calibration, body axes, T.
 
     def sample(self, truth: pd.DataFrame, field_n: np.ndarray, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T].
-
-        Parameters
-        ----------
-        truth : DataFrame
-            The flight, indexed by t, s; the quaternion `q_w` ... `q_z` is read.
-        field_n : ndarray, shape (3,)
-            The Earth's field in NED, T.
-        random : RandomState
-            Source of the noise.
-        """
+        """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T]."""
         step = round(1.0 / self.rate / (truth.index[1] - truth.index[0]))
         rows = truth.iloc[::step]
         q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy()
@@ -227,15 +182,6 @@ class Navigation:
         """Errors of position (m), velocity (m/s) and roll, pitch, yaw (rad) at n ticks of dt; shape (n, 9).
 
         They start at zero: the origin is where the autopilot believes to be at boot.
-
-        Parameters
-        ----------
-        n : int
-            Ticks.
-        dt : float
-            s.
-        random : RandomState
-            Source of the noise.
         """
         sigma = np.array([self.tilt, self.tilt, self.yaw])
         position = self.position * _smooth_wander(n, self.position_time / dt, 2.0 / dt, random)

@@ -1,6 +1,7 @@
 """Multirotors: rotors on a rigid body."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +29,21 @@ class RotorMount:
     axis: tuple[float, float, float] = (0.0, 0.0, -1.0)  #: Unit vector of the thrust, body FRD.
     #: Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
     inertia: float = 0.0
+
+
+def mounts(
+    rotors: Sequence[Rotor],
+    places: Sequence[Vector],
+    spins: Sequence[int],
+    *,
+    layers: Sequence[int] = (),
+    inertia: float = 0.0,
+) -> tuple[RotorMount, ...]:
+    """Mount upright rotors at places (forward, right, down) from the centre of gravity, m."""
+    return tuple(
+        RotorMount(rotor, place, spin=spin, layer=layer, inertia=inertia)
+        for rotor, place, spin, layer in zip(rotors, places, spins, layers or [0] * len(rotors), strict=True)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,19 +135,7 @@ class Multirotor:
         attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
         rate: Vector = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
-        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates.
-
-        Parameters
-        ----------
-        speeds : ndarray, shape (n,)
-            Of the rotors, rad/s.
-        position, velocity : (float, float, float)
-            NED, m and m/s.
-        attitude : (float, float, float, float)
-            Quaternion from body to NED, scalar first.
-        rate : (float, float, float)
-            Body rates, rad/s.
-        """
+        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates."""
         drives = np.zeros((len(self.rotors), self.drive.response.order))
         drives[:, :1] = speeds[:, None]
         return np.concatenate((position, velocity, attitude, rate, speeds, drives.ravel())).astype(float)
@@ -145,22 +149,7 @@ class Multirotor:
         return math.sqrt(self.mass * gravity / per_square)
 
     def hover_thrust(self, gravity: float, density: float, voltage: float) -> float:
-        """Fraction of full thrust, at this density and voltage, that carries the weight.
-
-        Parameters
-        ----------
-        gravity : float
-            m/s^2.
-        density : float
-            Of the air, kg/m^3.
-        voltage : float
-            Of the battery, V.
-
-        Raises
-        ------
-        ParameterError
-            The craft cannot hover: the fraction is above 0.9.
-        """
+        """Fraction of full thrust, at this density and voltage, that carries the weight."""
         full_speed = self.drive.speed(self.drive.pwm_max, voltage)
         available = sum(mount.rotor.thrust(full_speed, density) for mount in self.rotors)
         fraction = self.mass * gravity / available
@@ -172,15 +161,7 @@ class Multirotor:
         return fraction
 
     def kernel_parameters(self, gravity: float, *, ground: bool = True) -> AirframeParameters:
-        """Return the numbers that the equations of motion read.
-
-        Parameters
-        ----------
-        gravity : float
-            m/s^2.
-        ground : bool
-            Whether there is ground to stand on; the origin is then where the centre of gravity rests.
-        """
+        """Return the numbers that the equations of motion read."""
         gear = self.gear
         first = self.rotors[0].rotor
         quadratic = [mount.rotor for mount in self.rotors if isinstance(mount.rotor, QuadraticRotor)]

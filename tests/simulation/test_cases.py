@@ -22,7 +22,7 @@ from simulation import (
     read_settings,
     write,
 )
-from simulation.paper_log import motor_order
+from simulation.papers import motor_order
 
 PAPERS = ("motion-vertical", "motion-spatial", "motion-wind", "kim-recovery", "guntur-profile", "guntur-discharge")
 

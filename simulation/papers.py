@@ -1,4 +1,4 @@
-"""Logs of the papers' open-loop and point-to-point flights, which no ArduPilot cascade flew.
+"""What the papers' flights share: printed numbers, and logs of flights that no ArduPilot cascade flew.
 
 Such a log holds instruments, motors and truth, and of the autopilot only the attitude, which is the true one.
 """
@@ -7,6 +7,7 @@ import dataclasses
 import datetime as dt
 import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ from simulation.place import Place
 from simulation.sensors import Sensors, rotate_to_body
 from simulation.truth import describe_place, describe_sensors, describe_vehicle
 from simulation.vehicle import Multirotor, Vector
+
+#: Tables of the papers; see `papers.toml`.
+PRINTED = tomllib.loads(Path(__file__).with_name("papers.toml").read_text(encoding="utf-8"))
 
 #: Where the papers' flights are logged: at sea level, with standard gravity.
 FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
@@ -45,27 +49,7 @@ def write_paper_log(
     gravity: float,
     wind: Vector = (0.0, 0.0, 0.0),
 ) -> list[Path]:
-    """Write the log (`.bin`) and the truth (`.json`) of a flight.
-
-    Parameters
-    ----------
-    path : DataFrame
-        As `simulation.fly.propagate` gives it, 100 rows a second or a multiple of that.
-    vehicle : Multirotor
-        A quadcopter; its motors are written in the autopilot's order.
-    folder : Path
-    name, summary : str
-        Of the log.
-    gravity : float
-        With which the flight was computed, m/s^2.
-    wind : tuple of 3 float
-        Velocity of the air, NED, m/s.
-
-    Returns
-    -------
-    list of Path
-        The two files.
-    """
+    """Write the log (`.bin`) and the truth (`.json`) of a flight."""
     order = motor_order(vehicle)
     renamed = {f"w{k + 1}": f"w{number}" for number, k in enumerate(order, start=1)}
     craft = dataclasses.replace(vehicle, rotors=tuple(vehicle.rotors[k] for k in order))
