@@ -22,7 +22,10 @@ from simulation._parameters import (
     AxisSignals,
     BladeParameters,
     CascadeParameters,
+    CraftParameters,
     DriveParameters,
+    Forcing,
+    Instant,
     ResponseParameters,
     SensorParameters,
     TankParameters,
@@ -234,19 +237,8 @@ def derivative(
 ) -> None:
     """Newton-Euler equations of a multirotor on or above flat ground.
 
-    Parameters
-    ----------
-    x : ndarray, shape (13 + n,) or (13 + 4 n,)
-        State.
-    command : ndarray, shape (n,)
-        Rotor speeds towards which the drives go, rad/s.
-    wind : ndarray, shape (3,)
-        Velocity of the air, NED, m/s.
-    dx : ndarray
-        Filled with the derivative of x.
-    load : ndarray, shape (7,)
-        Filled with force [N] and moment [N m] on the body, body axes, without gravity, and the power at the rotors'
-        shafts [W].
+    Fills dx (as x) for commanded rotor speeds (n,) [rad/s] and a wind (3,), NED, and `load` (7,): force [N] and moment
+    [N m] on the body, body axes, without gravity, and the power at the rotors' shafts [W].
     """
     C = np.empty((3, 3))
     rotation_matrix(x[ATTITUDE:RATE], C)
@@ -591,22 +583,20 @@ def low_pass(frequency: float, dt: float) -> tuple[float, float, float]:
 @inner
 def sense_motion(
     x: np.ndarray,
-    n: int,
-    specific_force: np.ndarray,
     noise: np.ndarray,
     drift: np.ndarray,
     sensors: SensorParameters,
     coefficients: tuple[float, float, float],
     first: bool,
-    delays: np.ndarray,
-    measured: np.ndarray,
+    now: Instant,
 ) -> int:
-    """Fill `measured` (6,) with gyro and accelerometer behind their low-pass; return how many axes clipped.
+    """Measure rates and specific force behind their low-pass; return how many axes clipped.
 
     Broadband vibration grows with the square of the rotor speed; `drift` (6,) is what the biases have become on top
-    of their constant parts. `delays` (2, 6) is the filter's memory, started in the steady state of the first sample.
+    of their constant parts. The filter starts in the steady state of the first sample.
     """
     b0, a1, a2 = coefficients
+    measured, delays, n = now.measured, now.delays, now.pwm.size
     mean_square = 0.0
     for i in range(n):
         mean_square += x[ROTORS + i] * x[ROTORS + i] / n
@@ -619,7 +609,7 @@ def sense_motion(
             reach = sensors.gyro_range
         else:
             white = sensors.accel_white + sensors.vibration * shake
-            raw = specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i] + drift[i]
+            raw = now.specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i] + drift[i]
             reach = sensors.accel_range
         if abs(raw) > reach:
             raw = min(max(raw, -reach), reach)
@@ -693,31 +683,23 @@ def draw(shaft_power: float, dt: float, drive: DriveParameters, pack: np.ndarray
 @inner
 def record(
     row: np.ndarray,
-    t: float,
     x: np.ndarray,
-    n: int,
-    specific_force: np.ndarray,
     acceleration: np.ndarray,
     wind: np.ndarray,
-    measured: np.ndarray,
-    autopilot: AutopilotState,
     excitation: np.ndarray,
-    pack: np.ndarray,
-    state: int,
-    clips: int,
-    mass: float,
-    pwm: np.ndarray,
+    autopilot: AutopilotState,
+    now: Instant,
 ) -> None:
-    """Fill one row of a flight's records; columns as in `simulation.fly.RECORD_COLUMNS`.
+    """Fill one row of a flight's records but for its time, state, clips and mass; see `simulation.fly.RECORD_COLUMNS`.
 
     What the autopilot puts out is what the mixer gets, `excitation` included, as ArduPilot logs it.
     """
-    row[0] = t
+    n = now.pwm.size
     put(row, 1, x[:ROTORS])
-    put(row, 14, specific_force)
+    put(row, 14, now.specific_force)
     put(row, 17, acceleration)
     put(row, 20, wind)
-    put(row, 23, measured)
+    put(row, 23, now.measured)
     put(row, 29, autopilot.angle_target)
     put(row, 32, autopilot.angle)
     put(row, 35, autopilot.rate_target)
@@ -726,10 +708,9 @@ def record(
     put(row, 44, autopilot.accel_target)
     put(row, 47, autopilot.thrust[:3])
     row[48] += excitation[3]
-    put(row, 50, pack)
-    row[53], row[54], row[55] = state, clips, mass
+    put(row, 50, now.pack)
     put(row, 56, x[ROTORS : ROTORS + n])
-    put(row, 56 + n, pwm)
+    put(row, 56 + n, now.pwm)
 
 
 @inner
@@ -743,147 +724,77 @@ def fly_cascade(
     x: np.ndarray,
     dt: float,
     every: int,
-    phase: np.ndarray,
-    reference: np.ndarray,
-    excitation: np.ndarray,
-    navigation: np.ndarray,
-    drift: np.ndarray,
-    winds: np.ndarray,
-    noise: np.ndarray,
-    frame: AirframeParameters,
-    air: AirParameters,
-    drive: DriveParameters,
-    cascade: CascadeParameters,
-    sensors: SensorParameters,
+    forcing: Forcing,
+    craft: CraftParameters,
     autopilot: AutopilotState,
+    now: Instant,
     records: np.ndarray,
 ) -> tuple[int, int, int]:
-    """Fly a reference with the PID cascade of Elhesasy 2024.
+    """Fly a reference with the PID cascade of Elhesasy 2024, x in place; a record (56 + 2 n,) every few steps of dt.
 
     Physics and inertial sensors run every step, attitude control every second step, position control five times
-    slower (every tenth step).
-
-    Parameters
-    ----------
-    x : ndarray, shape (13 + n,) or (13 + 4 n,)
-        State; advanced in place.
-    dt : float
-        Step, s.
-    every : int
-        Steps between records.
-    phase : ndarray of int, shape (M,)
-        DISARMED, IDLE, FLYING or LANDING at each position-control tick.
-    reference : ndarray, shape (M, 10)
-        Position, velocity, acceleration (NED) and yaw at each tick.
-    excitation : ndarray, shape (5 M, 4)
-        Added at the mixer to roll, pitch, yaw and throttle at each attitude-control step.
-    navigation : ndarray, shape (M, 9)
-        Errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw) at each tick.
-    drift : ndarray, shape (M, 6)
-        Drift of the biases of gyro and accelerometer at each tick.
-    winds : ndarray, shape (N, 3)
-        Velocity of the air at each step.
-    noise : ndarray, shape (N, 6)
-        Standard normal noise of gyro and accelerometer at each step.
-    records : ndarray, shape (at least N / every + 1, 56 + 2 n)
-        Filled; columns as in `simulation.fly.RECORD_COLUMNS`.
-
-    Returns
-    -------
-    records : int
-        Rows filled.
-    end : int
-        COMPLETED, DIVERGED or OVERTURNED (tilted by more than 90 deg, which no mission asks for).
-    step : int
-        Last step.
+    slower (every tenth step). Returns the number of records, how it ended (COMPLETED, DIVERGED or OVERTURNED: tilted by
+    more than 90 deg, which no mission asks for) and the last step.
     """
-    n = frame.rotor_spin.size
-    steps = winds.shape[0]
+    frame, air, drive, cascade, sensors = craft
+    n = now.pwm.size
+    steps = forcing.winds.shape[0]
     work, load, C = np.empty((5, x.size)), np.empty(7), np.empty((3, 3))
-    specific_force, angles, rate = np.empty(3), np.empty(3), np.zeros(3)
-    command, pwm = np.zeros(n), np.empty(n)
+    rate = np.zeros(3)
     coefficients = low_pass(cascade.filter_frequency, dt)
-    delays, measured = np.zeros((2, 6)), np.zeros(6)
-    pack = np.zeros(3)
-    pack[0] = drive.voltage_full
     limited = False
     state, still, row, clips = DISARMED, 0, 0, 0
     for k in range(steps):
-        tick = k // 10
+        tick, wind, excitation = k // 10, forcing.winds[k], forcing.excitation[k // 2]
         rotation_matrix(x[ATTITUDE:RATE], C)
         if C[2, 2] < 0.0:
             return row, OVERTURNED, k
-        attitude_angles(C, angles)
+        attitude_angles(C, now.angles)
+        errors, drift = forcing.navigation[tick], forcing.drift[tick]
 
         if k % 10 == 0:
             discharge(k * dt, frame)
             if state != LANDED:
-                state = phase[tick]
+                state = forcing.phase[tick]
             # Landed: nearly still for one second while the reference keeps sinking.
             if state == LANDING:
                 still = still + 1 if touched_down(x) else 0
                 if still * (10.0 * dt) > 1.0:
                     state = LANDED
-            believed = angles[2] + navigation[tick, 8]
+            yaw = now.angles[2] + errors[8]
             if state in (FLYING, LANDING):
-                position_control(
-                    x,
-                    C[2, 2],
-                    believed,
-                    reference[tick],
-                    navigation[tick],
-                    limited,
-                    10.0 * dt,
-                    frame.gravity,
-                    cascade,
-                    autopilot,
-                )
+                target = forcing.reference[tick]
+                position_control(x, C[2, 2], yaw, target, errors, limited, 10.0 * dt, frame.gravity, cascade, autopilot)
             else:
-                stand_by(wrap(believed), autopilot)
+                stand_by(wrap(yaw), autopilot)
 
-        derivative(x, command, winds[k], frame, air, work[0], load)
+        derivative(x, now.command, wind, frame, air, work[0], load)
         for i in range(3):
-            specific_force[i] = load[i] / frame.mass[0]
-        clips += sense_motion(
-            x, n, specific_force, noise[k], drift[tick], sensors, coefficients, k == 0, delays, measured
-        )
+            now.specific_force[i] = load[i] / frame.mass[0]
+        clips += sense_motion(x, forcing.noise[k], drift, sensors, coefficients, k == 0, now)
 
         if k % 2 == 0:
-            autopilot.angle[0] = angles[0] + navigation[tick, 6]
-            autopilot.angle[1] = angles[1] + navigation[tick, 7]
-            autopilot.angle[2] = wrap(angles[2] + navigation[tick, 8])
+            autopilot.angle[0] = now.angles[0] + errors[6]
+            autopilot.angle[1] = now.angles[1] + errors[7]
+            autopilot.angle[2] = wrap(now.angles[2] + errors[8])
             if state in (FLYING, LANDING):
                 # The autopilot knows its gyro bias: it flies on the corrected rate.
                 for i in range(3):
-                    rate[i] = measured[i] - sensors.gyro_bias[i] - drift[tick, i]
+                    rate[i] = now.measured[i] - sensors.gyro_bias[i] - drift[i]
                 attitude_control(rate, limited, 2.0 * dt, cascade, autopilot)
-            limited = motor_outputs(state, excitation[k // 2], drive, cascade.mixer, autopilot, pwm)
+            limited = motor_outputs(state, excitation, drive, cascade.mixer, autopilot, now.pwm)
 
-        draw(load[6], dt, drive, pack)
+        draw(load[6], dt, drive, now.pack)
         for i in range(n):
-            command[i] = drive_speed(pwm[i], pack[0], drive)
+            now.command[i] = drive_speed(now.pwm[i], now.pack[0], drive)
 
         if k % every == 0:
-            record(
-                records[row],
-                k * dt,
-                x,
-                n,
-                specific_force,
-                work[0, VELOCITY:ATTITUDE],
-                winds[k],
-                measured,
-                autopilot,
-                excitation[k // 2],
-                pack,
-                state,
-                clips,
-                frame.mass[0],
-                pwm,
-            )
+            records[row, 0] = k * dt
+            record(records[row], x, work[0, VELOCITY:ATTITUDE], wind, excitation, autopilot, now)
+            records[row, 53], records[row, 54], records[row, 55] = state, clips, frame.mass[0]
             row += 1
 
-        rk4_step(x, command, winds[k], dt, frame, air, work)
+        rk4_step(x, now.command, wind, dt, frame, air, work)
         if not sensible(x):
             return row, DIVERGED, k
     return row, COMPLETED, steps
@@ -899,12 +810,9 @@ def first_order(cutoff: float, dt: float) -> float:
 def fly_axis(c: AxisParameters, f: AxisSignals, loop: float) -> tuple[np.ndarray, ...]:
     """Fly one axis: physics at 4.8 kHz, ArduCopter's controllers at 400 Hz (the length of `loop` in s).
 
-    Returns
-    -------
-    output, feedback, integral, derivative, measured, unfiltered, asked, target, angle, lean : ndarray, shape (N,)
-        Controller output with the chirp and without, two of its terms, filtered measurement that it was computed from,
-        mean over the loop before of what the filter got, rate target before and after its filter, attitude and its
-        target.
+    Returns, each of shape (N,), controller output with the chirp and without, its integral and derivative terms, the
+    filtered measurement that it was computed from, the mean over the loop before of what the filter got, the rate
+    target before and after its filter, attitude and its target.
     """
     n, substeps = f.disturbance.shape
     h = loop / substeps

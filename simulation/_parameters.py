@@ -133,6 +133,46 @@ class SensorParameters(NamedTuple):
     accel_range: float  # m/s^2
 
 
+class CraftParameters(NamedTuple):
+    """A craft with its drives, autopilot and inertial sensors in the air of a place."""
+
+    frame: AirframeParameters
+    air: AirParameters
+    drive: DriveParameters
+    cascade: CascadeParameters
+    sensors: SensorParameters
+
+
+class Forcing(NamedTuple):
+    """What a mission asks for and what disturbs it, at M ticks of position control and N = 10 M steps."""
+
+    phase: np.ndarray  # (M,): DISARMED, IDLE, FLYING or LANDING
+    reference: np.ndarray  # (M, 10): position, velocity, acceleration (NED) and yaw
+    excitation: np.ndarray  # (5 M, 4): added at the mixer to roll, pitch, yaw and throttle
+    navigation: np.ndarray  # (M, 9): errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw)
+    drift: np.ndarray  # (M, 6): of the biases of gyro and accelerometer
+    winds: np.ndarray  # (N, 3): velocity of the air
+    noise: np.ndarray  # (N, 6): standard normal, of gyro and accelerometer
+
+
+class Instant(NamedTuple):
+    """What is felt and put out at a step; all arrays, changed in place."""
+
+    specific_force: np.ndarray  # (3,), true
+    angles: np.ndarray  # (3,), true
+    measured: np.ndarray  # (6,): gyro and accelerometer behind their low-pass
+    delays: np.ndarray  # (2, 6): memory of that low-pass
+    pack: np.ndarray  # (3,): voltage [V] seen through 10 Hz, current [A] and charge drawn [A s]
+    pwm: np.ndarray  # (n,), us
+    command: np.ndarray  # (n,): rotor speeds towards which the drives go
+
+    @classmethod
+    def at_boot(cls, rotors: int, voltage: float) -> Self:
+        """Return a craft that stands, its battery at a voltage [V]."""
+        pack = np.array([voltage, 0.0, 0.0])
+        return cls(np.zeros(3), np.zeros(3), np.zeros(6), np.zeros((2, 6)), pack, np.zeros(rotors), np.zeros(rotors))
+
+
 class AxisParameters(NamedTuple):
     """One axis and its controllers; see `simulation.axis_loop.AxisPlant` and `LoopGains`."""
 

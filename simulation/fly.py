@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from simulation import _kernels
-from simulation._parameters import AutopilotState
+from simulation._parameters import AutopilotState, CraftParameters, Forcing, Instant
 from simulation.atmosphere import GRAVITY, Atmosphere
 from simulation.controllers import Cascade
 from simulation.drive import drive_parameters
@@ -218,25 +218,16 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     yaw = math.radians(mission.heading_deg)
     x = vehicle.state(np.zeros(n), attitude=(math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
     records = np.empty((steps // every + 1, len(RECORD_COLUMNS) + 2 * n))
-    rows, end, last = _kernels.fly_cascade(
-        x,
-        step,
-        every,
-        reference.phase,
-        reference.samples,
-        reference.excitation(),
-        navigation,
-        drift,
-        winds,
-        noise,
-        vehicle.kernel_parameters(gravity),
-        atmosphere.kernel_parameters(),
-        drive_parameters(vehicle.drive, vehicle.battery),
-        setup.cascade.kernel_parameters(vehicle, hover_thrust),
-        setup.sensors.inertial.kernel_parameters(step, hover_speed),
-        AutopilotState.at_boot(),
-        records,
+    craft = CraftParameters(
+        frame=vehicle.kernel_parameters(gravity),
+        air=atmosphere.kernel_parameters(),
+        drive=drive_parameters(vehicle.drive, vehicle.battery),
+        cascade=setup.cascade.kernel_parameters(vehicle, hover_thrust),
+        sensors=setup.sensors.inertial.kernel_parameters(step, hover_speed),
     )
+    forcing = Forcing(reference.phase, reference.samples, reference.excitation(), navigation, drift, winds, noise)
+    start = AutopilotState.at_boot(), Instant.at_boot(n, vehicle.battery.voltage_full)
+    rows, end, last = _kernels.fly_cascade(x, step, every, forcing, craft, *start, records)
     if end == _kernels.DIVERGED:
         raise _divergence(last * step, x)
     if end == _kernels.OVERTURNED:
