@@ -16,6 +16,7 @@ from core.units import STANDARD_GRAVITY
 from estimation import estimate
 from logparse import read_log
 from simulation.elhesasy2024 import octocopter
+from simulation.mission import Chirp, GoTo, Mission, Turn
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from sysid.rigid_body.methods.output_error import Prior, fit_output_error
@@ -47,8 +48,24 @@ def run() -> list[Row]:
 @cache
 def flown() -> Experiment:
     """Fly the octocopter of Elhesasy 2024 for three minutes in light wind and cut the record out."""
-    wind = Wind(speed=2.0, from_deg=220.0, gusts=0.0)
-    seen = record(flown_craft(octocopter(), wind=wind, altitude=400.0, seed=5), name="octocopter")
+    steps = (
+        GoTo(30.0, 0.0, 8.0, 8.0),
+        GoTo(0.0, 0.0, 8.0, 3.0),
+        GoTo(0.0, 30.0, 8.0, 8.0),
+        GoTo(0.0, 0.0, 30.0, 5.0),
+        Turn(100.0),
+        GoTo(0.0, 0.0, 8.0, 2.0),
+        GoTo(0.0, 0.0, 30.0, 3.0),
+        GoTo(0.0, 0.0, 8.0, 5.0),
+        Chirp("roll", 0.08, 0.5, 6.0, 12.0),
+        Chirp("pitch", 0.08, 0.5, 6.0, 12.0),
+        Chirp("yaw", 0.15, 0.5, 4.0, 10.0),
+        Turn(200.0),
+        GoTo(20.0, 20.0, 25.0, 6.0),
+        GoTo(0.0, 0.0, 8.0, 6.0),
+    )
+    mission, wind = Mission(takeoff=8.0, steps=steps, acceleration=3.0), Wind(speed=2.0, from_deg=220.0, gusts=0.0)
+    seen = record(flown_craft(octocopter(), mission, wind, altitude=400.0, seed=5), name="octocopter")
     return replace(seen, y=seen.y + 0.01 * np.random.default_rng(5).standard_normal(seen.y.shape))
 
 
