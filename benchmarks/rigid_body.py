@@ -23,6 +23,7 @@ from sysid.rigid_body.methods.output_error import Prior, fit_output_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
 from tests.sysid.flown_craft import flown as flown_craft
 from tests.sysid.flown_craft import record
+from tests.sysid.honesty import simulated_truth
 
 NOT_HERE = "no logs"
 
@@ -74,12 +75,9 @@ def simulated() -> list[Row]:
     seen, craft = flown(), octocopter()
     fit_rigid_body([seen.window(seen.t[0], seen.t[0] + 20.0)])  # compiles
     model, seconds = timed(lambda: fit_rigid_body([seen], mass=craft.mass))
-    rotor, drive = craft.rotors[0].rotor, craft.drive
-    full = rotor.thrust_coefficient * (drive.speed_max * model.reference_voltage / drive.voltage_reference) ** 2
-    truth = {"thrust": full / craft.mass, "thrust_expo": drive.expo}
-    truth |= {f"drag_linear_{a}": d / craft.mass for a, d in zip("xyz", craft.drag_linear, strict=True)}
-    truth |= {f"drag_quadratic_{a}": 0.6125 * d / craft.mass for a, d in zip("xyz", craft.drag_area, strict=True)}
-    truth |= {f"{n}_gain": 0.35 * full / craft.inertia[k, k] for k, n in enumerate(("roll", "pitch"))}
+    judged = ("thrust", "drag", "roll_gain", "pitch_gain")
+    stated = simulated_truth(craft, model.reference_voltage, (0.0, 0.0)).parameters
+    truth = {name: value for name, value in stated.items() if name.startswith(judged)}
     errors = {n: model.value(n) / v - 1.0 for n, v in truth.items() if model.parameters[n].determined}
     worst = max(errors, key=lambda n: abs(errors[n]))
     sigmas = {n: abs(model.value(n) - truth[n]) / model.parameters[n].sigma for n in errors}
