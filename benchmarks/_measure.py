@@ -29,10 +29,11 @@ Row = tuple[str, str, str, str, str]
 
 def row(what: str, ours: object, peer: object = "-", ratio: object = "-", goal: str = "-") -> Row:
     """Return a row; numbers are written with three digits."""
-    return what, _text(ours), _text(peer), _text(ratio), goal
+    return what, text(ours), text(peer), text(ratio), goal
 
 
-def _text(cell: object) -> str:
+def text(cell: object) -> str:
+    """Return a cell of a row as text."""
     return f"{cell:.3g}" if isinstance(cell, float) else str(cell)
 
 
@@ -68,13 +69,13 @@ def copy_speed(size: int = 100_000_000) -> float:
 
 def memory(kind: str, pid: int | str = "self") -> float:
     """Return bytes of a process in memory: now (VmRSS) or at most so far (VmHWM)."""
-    status = Path(f"/proc/{pid}/status").read_text()
+    status = Path(f"/proc/{pid}/status").readtext()
     return 1024.0 * int(status.split(kind + ":")[1].split()[0])
 
 
 def forget_peak(pid: int | str = "self") -> None:
     """Reset VmHWM to what is in memory now."""
-    Path(f"/proc/{pid}/clear_refs").write_text("5")
+    Path(f"/proc/{pid}/clear_refs").writetext("5")
 
 
 def used(*whose: int) -> float:

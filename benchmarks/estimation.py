@@ -11,6 +11,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
+import pandas as pd
 
 from benchmarks._measure import SITL, Row, cpu, row
 from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
@@ -89,14 +90,19 @@ def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
     return time.process_time() - start
 
 
+def aiding(tables: Tables) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
+    """Return the fixes that count, their places [m] and their velocities [m/s], NED."""
+    fixes = usable_fixes(tables.gps)
+    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
+    return fixes, ned, fixes[["v_n", "v_e", "v_d"]].to_numpy()
+
+
 def smsfusion_seconds(tables: Tables) -> float:
     """Time smsfusion's AidedINS in its fixed-interval smoother, with a heading at the compass's rate."""
     import smsfusion as sf
 
     imu = tables.imu
-    fixes = usable_fixes(tables.gps)
-    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
-    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    fixes, ned, speed = aiding(tables)
     fix_at = {int(k): i for i, k in enumerate(np.searchsorted(imu.index, fixes["t_valid"]))}
     force, rate = imu[ACCEL].to_numpy(), np.degrees(imu[GYRO].to_numpy())
     fs = 1.0 / float(np.median(np.diff(imu.index)))
@@ -122,9 +128,7 @@ def gtsam_seconds(tables: Tables) -> float:
     from gtsam.symbol_shorthand import B, V, X
 
     imu = tables.imu
-    fixes = usable_fixes(tables.gps)
-    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
-    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    fixes, ned, speed = aiding(tables)
     force, rate = imu[ACCEL].to_numpy(), imu[GYRO].to_numpy()
     step = float(np.median(np.diff(imu.index)))
     per_node = round(0.1 / step)

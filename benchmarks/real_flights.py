@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks._measure import SHARED, Row, listed, row
@@ -28,53 +29,7 @@ SETS = SHARED / "bench"
 #: Samples of the published protocol.
 STEPS = 50
 
-NANODRONE = {
-    "time": "t",
-    "frame": {"world": "ENU", "body": "FLU"},
-    "position": ["x", "y", "z"],
-    "velocity": ["vx", "vy", "vz"],
-    "attitude": {"columns": ["qx", "qy", "qz", "qw"], "order": "xyzw"},
-    "rates": ["wx", "wy", "wz"],
-    "motors": {
-        "columns": ["m1_erpm", "m2_erpm", "m3_erpm", "m4_erpm"],
-        "quantity": "erpm",
-        "poles": 12,
-        "places": [[1, -1, "ccw"], [-1, -1, "cw"], [-1, 1, "ccw"], [1, 1, "cw"]],
-    },
-    "mass": 0.045,
-    "indoors": True,
-    "fill": True,
-}
-NEURAL_FLY = {
-    "time": "t",
-    "frame": {"world": "NWU", "body": "FLU"},
-    "position": "p",
-    "velocity": "v",
-    "attitude": {"columns": "q", "order": "xyzw"},
-    "rates": "w",
-    "motors": {
-        "columns": "pwm",
-        "quantity": "pwm",
-        "pwm": [500, 2000],
-        "places": [[1, -1, "ccw"], [-1, 1, "ccw"], [1, 1, "cw"], [-1, -1, "cw"]],
-    },
-}
-TAILSITTER = {
-    "time": "time",
-    "frame": {"world": "NWU", "body": "FLU"},
-    "position": "vision_position",
-    "velocity": "vision_velocity",
-    "attitude": {"columns": "vision_attitude", "kind": "angles"},
-    "rates": "vision_rate",
-    "motors": {
-        "columns": [f"actuator_outputs[{k}]" for k in range(4)],
-        "quantity": "pwm",
-        "places": [[-1, -1, "cw"], [1, 1, "cw"], [1, -1, "ccw"], [-1, 1, "ccw"]],
-    },
-    "inputs": {"elevon_1": "actuator_outputs[4]", "elevon_2": "actuator_outputs[5]"},
-    "mass": 0.83,
-    "indoors": True,
-}
+NANODRONE, NEURAL_FLY, TAILSITTER = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text()).values()
 
 #: Wind of neural-fly by the name of the flight, m/s along -x.
 WINDS = {"nowind": 0.0, "35wind": 4.2, "50wind": 6.1, "70wind": 8.5, "100wind": 12.1}

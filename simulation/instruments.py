@@ -17,6 +17,15 @@ from simulation.vehicle import Multirotor
 #: What the logs say in place of a firmware version.
 FIRMWARE = "ArduCopter V4.7.0-sim (simulated by rotorid)"
 
+#: Parameters in the order of the log; those of the craft are put in their places.
+_PARAMETERS = """
+FORMAT_VERSION=120 FRAME_CLASS=0 FRAME_TYPE=0 MOT_PWM_TYPE=0 MOT_PWM_MIN=0 MOT_PWM_MAX=0 MOT_SPIN_ARM=0 MOT_SPIN_MIN=0
+MOT_SPIN_MAX=0 MOT_THST_EXPO=0 MOT_BAT_VOLT_MAX=0 MOT_BAT_VOLT_MIN=0 INS_GYRO_FILTER=0 INS_ACCEL_FILTER=0 GPS1_TYPE=1
+GPS1_RATE_MS=0 GPS1_DELAY_MS=0 GPS1_POS_X=0 GPS1_POS_Y=0 GPS1_POS_Z=0 COMPASS_ENABLE=1 COMPASS_USE=1 COMPASS_AUTODEC=1
+COMPASS_ORIENT=0 COMPASS_OFS_X=0 COMPASS_OFS_Y=0 COMPASS_OFS_Z=0 AHRS_ORIENTATION=0 AHRS_TRIM_X=0 AHRS_TRIM_Y=0
+BATT_MONITOR=4 BATT_CAPACITY=0 BARO1_GND_PRESS=0 SCHED_LOOP_RATE=400 LOG_DISARMED=1
+"""
+
 _GPS_EPOCH = dt.datetime(1980, 1, 6, tzinfo=dt.UTC)
 _LEAP_SECONDS = 18
 
@@ -103,42 +112,19 @@ class Instruments:
     def parameters(self) -> dict[str, float]:
         """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
         vehicle, drive, sensors = self.vehicle, self.vehicle.drive, self.sensors
-        parameters: dict[str, float] = {
-            "FORMAT_VERSION": 120,
+        parameters = {name: float(value) for name, value in (line.split("=") for line in _PARAMETERS.split())}
+        motors = ("PWM_MIN", "PWM_MAX", "SPIN_ARM", "SPIN_MIN", "SPIN_MAX")
+        parameters |= {f"MOT_{name}": getattr(drive, name.lower()) for name in motors}
+        parameters |= {
             "FRAME_CLASS": vehicle.frame_class,
             "FRAME_TYPE": vehicle.frame_type,
-            "MOT_PWM_TYPE": 0,
-            "MOT_PWM_MIN": drive.pwm_min,
-            "MOT_PWM_MAX": drive.pwm_max,
-            "MOT_SPIN_ARM": drive.spin_arm,
-            "MOT_SPIN_MIN": drive.spin_min,
-            "MOT_SPIN_MAX": drive.spin_max,
             "MOT_THST_EXPO": drive.expo,
-            "MOT_BAT_VOLT_MAX": 0,
-            "MOT_BAT_VOLT_MIN": 0,
             "INS_GYRO_FILTER": self.filter_frequency,
             "INS_ACCEL_FILTER": self.filter_frequency,
-            "GPS1_TYPE": 1,
             "GPS1_RATE_MS": round(1000.0 / sensors.gps.rate),
             "GPS1_DELAY_MS": round(1000.0 * sensors.gps.lag),
-            "GPS1_POS_X": 0,
-            "GPS1_POS_Y": 0,
-            "GPS1_POS_Z": 0,
-            "COMPASS_ENABLE": 1,
-            "COMPASS_USE": 1,
-            "COMPASS_AUTODEC": 1,
-            "COMPASS_ORIENT": 0,
-            "COMPASS_OFS_X": 0,
-            "COMPASS_OFS_Y": 0,
-            "COMPASS_OFS_Z": 0,
-            "AHRS_ORIENTATION": 0,
-            "AHRS_TRIM_X": 0,
-            "AHRS_TRIM_Y": 0,
-            "BATT_MONITOR": 4,
             "BATT_CAPACITY": round(1000.0 * vehicle.battery.capacity),
             "BARO1_GND_PRESS": round(float(self.baro["pressure"].iloc[0]), 1),
-            "SCHED_LOOP_RATE": 400,
-            "LOG_DISARMED": 1,
         }
         for number in range(1, 17):
             parameters[f"SERVO{number}_FUNCTION"] = 32 + number if number <= len(vehicle.rotors) else 0
