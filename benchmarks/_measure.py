@@ -69,13 +69,13 @@ def copy_speed(size: int = 100_000_000) -> float:
 
 def memory(kind: str, pid: int | str = "self") -> float:
     """Return bytes of a process in memory: now (VmRSS) or at most so far (VmHWM)."""
-    status = Path(f"/proc/{pid}/status").readtext()
+    status = Path(f"/proc/{pid}/status").read_text()
     return 1024.0 * int(status.split(kind + ":")[1].split()[0])
 
 
 def forget_peak(pid: int | str = "self") -> None:
     """Reset VmHWM to what is in memory now."""
-    Path(f"/proc/{pid}/clear_refs").writetext("5")
+    Path(f"/proc/{pid}/clear_refs").write_text("5")
 
 
 def used(*whose: int) -> float:
