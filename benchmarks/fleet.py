@@ -72,7 +72,7 @@ class Measuring(Executor):
 
 
 def measured(function: Callable[..., Any], args: tuple[Any, ...], named: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    """Call a function in a worker and tell what it cost."""
+    """Call a function in a worker and measure what it costs."""
     before = memory("VmRSS")
     forget_peak()
     cpu = time.process_time()

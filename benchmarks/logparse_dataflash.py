@@ -37,7 +37,7 @@ def grown(source: Path, target: Path, size: int) -> Path:
 
 
 def ours(path: str, names: tuple[str, ...] | None) -> tuple[int, float]:
-    """Read a log and decode some or all message types; gives messages read and a sum over one column."""
+    """Read a log and decode some or all message types; return messages read and a sum over one column."""
     log = read_log(path)
     log.messages.load(log.messages if names is None else names)
     read = sum(len(log.messages[name]) for name in (log.messages if names is None else names))

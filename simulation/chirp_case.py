@@ -83,8 +83,8 @@ def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
     def write_log(folder: Path) -> list[Path]:
         log, truth = folder / f"{name}.bin", folder / f"{name}.json"
         write_rate_log(log, runs, rate=settings.rate, filter_hz=filter_hz, gains=gains)
-        told = {fact.name: fact.value if isinstance(fact.value, str) else round(fact.value, 4) for fact in facts}
-        truth.write_text(json.dumps({"what": "simulated by rotorid, not flown", "truth": told}, indent=1) + "\n")
+        stated = {fact.name: fact.value if isinstance(fact.value, str) else round(fact.value, 4) for fact in facts}
+        truth.write_text(json.dumps({"what": "simulated by rotorid, not flown", "truth": stated}, indent=1) + "\n")
         return [log, truth]
 
     rows = slice(None, None, 20)

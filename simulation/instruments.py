@@ -1,4 +1,4 @@
-"""A simulated flight as its instruments and its autopilot tell it, before it is written as a log of some format."""
+"""A simulated flight as its instruments and its autopilot measure it, before it is written as a log."""
 
 import datetime as dt
 import math
@@ -137,7 +137,7 @@ class Instruments:
         return offset + t - 604800.0 * week, week
 
     def pressure_altitude(self) -> Column:
-        """Height that the barometer tells above where it was calibrated, m."""
+        """Return the height by the barometer above where it was calibrated, m."""
         pressure = self.baro["pressure"].to_numpy()
         ratio = np.array([math.pow(p / SEA_LEVEL_PRESSURE, 1.0 / PRESSURE_EXPONENT) for p in pressure])
         altitude: Column = SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - ratio)

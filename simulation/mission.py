@@ -1,4 +1,4 @@
-"""Missions: what the autopilot is told to do, and the reference that comes out of it."""
+"""Missions: the steps that the autopilot flies, and the reference planned from them."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a simulated case gives: figures in words, plots, tables, a history and a log."""
+"""Results of a simulated case: characteristics, plots, tables, a history and a log."""
 
 import re
 from collections.abc import Callable
@@ -49,7 +49,7 @@ class Outcome:
     facts: tuple[Fact, ...]  #: Characteristics of the flight.
     plots: tuple[Plot, ...]
     history: pd.DataFrame  #: Index `t` [s]; names of columns carry their units.
-    write_log: Callable[[Path], list[Path]]  #: Writes the flight's log and its truth into a folder and gives the files.
+    write_log: Callable[[Path], list[Path]]  #: Writes the log and its truth into a folder; returns the files.
     notes: tuple[str, ...] = ()  #: Where this differs from what the paper prints, and why.
     tables: tuple[Table, ...] = field(default=())
     #: What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
