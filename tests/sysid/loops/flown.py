@@ -13,6 +13,12 @@ from sysid.loops.loop import RateLoop, loop_of_records
 from sysid.loops.signals import LoopRecord
 
 
+def bending(gain: float, *, mode: tuple[float, float, float], **plant: float) -> AxisPlant:
+    """Return a craft whose frame has a mode: its frequency [Hz], damping and part of the acceleration."""
+    hz, damping, share = mode
+    return AxisPlant(gain=gain, flex_hz=hz, flex_damping=damping, flex_share=share, **plant)
+
+
 def fly_chirp(
     plant: AxisPlant,
     gains: LoopGains,
