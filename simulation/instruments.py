@@ -43,24 +43,9 @@ def attitude_angles(rows: pd.DataFrame) -> tuple[Column, Column, Column]:
 class Instruments:
     """A simulated craft with the samples of its instruments.
 
-    Parameters
-    ----------
-    truth : DataFrame
-        Index `t` [s]; columns as in `simulation.fly.RECORD_COLUMNS` as far as they are known, then w1 ... and m1 ...
-    vehicle : Multirotor
-    place : Place
-        Origin of the truth.
-    sensors : Sensors
-    seed : int
-        Of the sensors' noise.
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since boot at the start of the simulation, s.
-    filter_frequency : float
-        Corner of the low-pass behind gyro and accelerometer, Hz.
-    imu_rate : float
-        Samples per second before that low-pass.
+    `truth` has as index `t` [s] and as columns those of `simulation.fly.RECORD_COLUMNS` that are known, then w1 ... and
+    m1 ...; `start_utc` and `boot` [s since boot] are the start of the simulation, `imu_rate` [Hz] the samples before the
+    low-pass of `filter_frequency` [Hz].
     """
 
     def __init__(
