@@ -40,8 +40,8 @@ class Cascade:
     filter_frequency: float = 20.0  #: Corner of the gyro and accelerometer low-pass, Hz.
 
     def __post_init__(self) -> None:
-        gains = (*self.angle_p, *self.roll_rate, *self.pitch_rate, *self.yaw_rate, *self.position_p)
-        gains += (*self.horizontal_velocity, *self.vertical_velocity)
+        gains: tuple[float, ...] = (*self.angle_p, *self.roll_rate, *self.pitch_rate, *self.yaw_rate, *self.position_p)
+        gains = (*gains, *self.horizontal_velocity, *self.vertical_velocity)
         if not all(math.isfinite(gain) and gain >= 0.0 for gain in gains):
             raise ParameterError("controller gains must be finite and not negative (a negative one diverges)")
         if not 0.0 < self.tilt_limit_deg < 60.0:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import pymap3d
+from scipy.spatial.transform import Rotation
 
 from simulation.atmosphere import LAPSE_RATE, PRESSURE_EXPONENT, SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE
 from simulation.fly import Flight
@@ -34,17 +35,16 @@ Column = npt.NDArray[np.float64]
 
 def attitude_angles(rows: pd.DataFrame) -> tuple[Column, Column, Column]:
     """Return roll, pitch and yaw [rad] of the quaternions q_w, q_x, q_y, q_z of rows."""
-    w, x, y, z = (rows[name].to_numpy(dtype=float) for name in ("q_w", "q_x", "q_y", "q_z"))
-    roll = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
-    return roll, pitch, np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy(dtype=float)
+    yaw, pitch, roll = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
+    return roll, pitch, yaw
 
 
 class Instruments:
     """A simulated craft with the samples of its instruments.
 
-    `truth` has as index `t` [s] and as columns those of `simulation.fly.RECORD_COLUMNS` that are known, then w1 ... and
-    m1 ...; `start_utc` and `boot` [s since boot] are the start of the simulation, `imu_rate` [Hz] the samples before the
+    `truth` has the index `t` [s] and as columns those of `simulation.fly.RECORD_COLUMNS` that are known, w1 ... and m1
+    ...; `start_utc` and `boot` [s since boot] are the start of the simulation, `imu_rate` [Hz] the samples before the
     low-pass of `filter_frequency` [Hz].
     """
 

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.signal import butter, lfilter, lfilter_zi
 
+from logparse.craft.frames import FRAME_TYPES, motor_table
 from simulation._kernels import actuator
 from simulation.flight_log import write_open_loop
 from simulation.instruments import Instruments, attitude_angles
@@ -31,12 +32,9 @@ FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
 #: Of the sensors' noise.
 _SEED = 1
 
-_GUIDED = 4
 _START = dt.datetime(2025, 1, 15, 12, 0, 0, tzinfo=dt.UTC)
 _BOOT = 20.0
 _FILTER = 20.0
-#: Angle [deg clockwise from the nose] and spin of ArduPilot's motors 1 to 4, by FRAME_TYPE of a quadcopter.
-_QUADS = {0: ((90, -1), (-90, -1), (0, 1), (180, 1)), 1: ((45, -1), (-135, -1), (-45, 1), (135, 1))}
 
 
 def write_paper_log(
@@ -84,10 +82,10 @@ def write_paper_log(
 def motor_order(vehicle: Multirotor) -> list[int]:
     """Index of the rotor that is ArduPilot's motor 1, 2, 3 and 4 of this quadcopter's frame."""
     order = []
-    for angle, spin in _QUADS[vehicle.frame_type]:
+    for motor in motor_table("quad", FRAME_TYPES[vehicle.frame_type]):
         for k, mount in enumerate(vehicle.rotors):
-            bearing = math.degrees(math.atan2(mount.position[1], mount.position[0]))
-            if abs(math.remainder(bearing - angle, 360.0)) < 1.0 and mount.spin == spin:
+            turn = math.atan2(mount.position[1], mount.position[0]) - motor.angle
+            if abs(math.remainder(turn, 2.0 * math.pi)) < 0.02 and mount.spin == motor.spin:
                 order.append(k)
     return order
 

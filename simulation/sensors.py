@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from simulation._parameters import SensorParameters
 from simulation.errors import ParameterError
@@ -244,15 +245,8 @@ def _smooth_wander(n: int, correlation: float, smoothing: float, random: np.rand
 
 def rotate_to_body(q: np.ndarray, vector_n: np.ndarray) -> np.ndarray:
     """Turn NED vectors (3,) or (N, 3) into body axes by quaternions q (N, 4), scalar first, body to NED; (N, 3)."""
-    w, x, y, z = q.T
-    vn, ve, vd = vector_n.T
-    return np.column_stack(
-        (
-            (1 - 2 * (y * y + z * z)) * vn + 2 * (x * y + w * z) * ve + 2 * (x * z - w * y) * vd,
-            2 * (x * y - w * z) * vn + (1 - 2 * (x * x + z * z)) * ve + 2 * (y * z + w * x) * vd,
-            2 * (x * z + w * y) * vn + 2 * (y * z - w * x) * ve + (1 - 2 * (x * x + y * y)) * vd,
-        )
-    )
+    turned: np.ndarray = Rotation.from_quat(q, scalar_first=True).apply(vector_n, inverse=True)
+    return turned
 
 
 def _at(frame: pd.DataFrame, columns: list[str], t: np.ndarray) -> np.ndarray:

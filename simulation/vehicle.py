@@ -6,14 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from logparse.craft.frames import FRAME_CLASSES, FRAME_TYPES, motor_table
 from simulation._parameters import AirframeParameters, TankParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import Battery, Drive
 from simulation.errors import ParameterError
 from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
-
-_FRAME_CLASSES = {1: "QUAD", 2: "HEXA", 3: "OCTA"}
-_FRAME_TYPES = {0: "PLUS", 1: "X"}
 
 Vector = tuple[float, float, float]
 
@@ -44,6 +42,23 @@ def mounts(
         RotorMount(rotor, place, spin=spin, layer=layer, inertia=inertia)
         for rotor, place, spin, layer in zip(rotors, places, spins, layers or [0] * len(rotors), strict=True)
     )
+
+
+def on_frame(
+    frame: str,
+    kind: str,
+    rotor: Rotor,
+    arm: float,
+    downs: dict[int, float],
+    *,
+    layered: bool = False,
+    inertia: float = 0.0,
+) -> tuple[RotorMount, ...]:
+    """Mount rotors on a frame of ArduPilot, an arm [m] from its middle, as far down [m] as their spin says."""
+    motors = motor_table(frame, kind)
+    places = [(arm * math.cos(motor.angle), arm * math.sin(motor.angle), downs[motor.spin]) for motor in motors]
+    spins = [motor.spin for motor in motors]
+    return mounts([rotor] * len(motors), places, spins, layers=spins if layered else (), inertia=inertia)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +116,7 @@ class Multirotor:
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ParameterError(f"{self.name}: mass must be positive, not {self.mass:g} kg")
         _check_inertia(self.name, self.inertia)
-        if self.frame_class not in _FRAME_CLASSES or self.frame_type not in _FRAME_TYPES:
+        if self.frame_class not in (1, 2, 3) or self.frame_type not in (0, 1):
             raise ParameterError(f"{self.name}: frame class {self.frame_class}, type {self.frame_type} is not known")
         if not self.rotors:
             raise ParameterError(f"{self.name}: a multirotor needs rotors")
@@ -119,7 +134,7 @@ class Multirotor:
     @property
     def frame(self) -> str:
         """Frame as ArduPilot names it in its log, such as ``"OCTA/PLUS"``."""
-        return f"{_FRAME_CLASSES[self.frame_class]}/{_FRAME_TYPES[self.frame_type]}"
+        return f"{FRAME_CLASSES[self.frame_class]}/{FRAME_TYPES[self.frame_type]}".upper()
 
     @property
     def states(self) -> int:
