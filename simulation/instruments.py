@@ -35,7 +35,7 @@ Column = npt.NDArray[np.float64]
 
 def attitude_angles(rows: pd.DataFrame) -> tuple[Column, Column, Column]:
     """Return roll, pitch and yaw [rad] of the quaternions q_w, q_x, q_y, q_z of rows."""
-    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy(dtype=float)
+    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy(dtype=float, copy=True)
     yaw, pitch, roll = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
     return roll, pitch, yaw
 

@@ -245,7 +245,8 @@ def _smooth_wander(n: int, correlation: float, smoothing: float, random: np.rand
 
 def rotate_to_body(q: np.ndarray, vector_n: np.ndarray) -> np.ndarray:
     """Turn NED vectors (3,) or (N, 3) into body axes by quaternions q (N, 4), scalar first, body to NED; (N, 3)."""
-    turned: np.ndarray = Rotation.from_quat(q, scalar_first=True).apply(vector_n, inverse=True)
+    # Columns of a table may be read-only, which SciPy refuses.
+    turned: np.ndarray = Rotation.from_quat(q.copy(), scalar_first=True).apply(vector_n.copy(), inverse=True)
     return turned
 
 
