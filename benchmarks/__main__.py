@@ -20,13 +20,13 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 import benchmarks
 from benchmarks import real_logs
+from benchmarks._measure import ROOT, Row, text
 
 PEERS = ("pymavlink", "signalviewer-lite", "filterpy", "gtsam", "smsfusion", "pysib", "aeroid")
 
@@ -43,15 +43,12 @@ WHOLE = (
     "flight",
 )
 
-ROOT = Path(__file__).parents[1]
 PAGE, STORED = ROOT / "docs" / "benchmarks.md", ROOT / "benchmarks" / "stored.json"
 BEGIN, END = "<!-- made by make bench -->\n", "<!-- end of what make bench made -->\n"
 COLUMNS = ("benchmark", "what", "ours", "peer", "ratio", "goal", "met")
 
 #: A ratio may fall to this part of the stored one: less is a fault, and not the load of the machine.
 WORST = 0.5
-
-Row = tuple[str, str, str, str, str]
 
 
 def names() -> list[str]:
@@ -96,11 +93,6 @@ def met(row: Row) -> str:
         return ""
     reached = float(number[0]) <= float(asked[2]) if asked[1] == "<" else float(number[0]) >= float(asked[2])
     return "yes" if reached else "MISSED"
-
-
-def text_of(cell: object) -> str:
-    """Return a cell of a row as text."""
-    return f"{cell:.3g}" if isinstance(cell, float) else str(cell)
 
 
 def page(rows: list[tuple[str, ...]], about: str) -> str:
@@ -152,7 +144,7 @@ def main(given: list[str]) -> int:
     options = parser.parse_args(given)
     if options.rows:
         rows = importlib.import_module(f"benchmarks.{options.names[0]}").run()
-        print(json.dumps([[text_of(cell) for cell in row] for row in rows]))
+        print(json.dumps([[text(cell) for cell in row] for row in rows]))
         return 0
     # A log file has no edge to wrap at: rows of a word a line are nobody's table.
     console = Console(width=None if sys.stdout.isatty() else 160)

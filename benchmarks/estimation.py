@@ -8,15 +8,15 @@ batch of CombinedImuFactors between nodes at 10 Hz, GPS positions and velocities
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from estimation import errors, estimate
+from benchmarks._measure import SITL, Row, cpu, row
+from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
+from estimation import estimate
 from estimation.alignment import align
-from estimation.attitude import quat_from_euler
 from estimation.filter import ForwardPass, Problem, World, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe, usable_fixes
@@ -28,9 +28,6 @@ from estimation.timing import ACCEL, GYRO, InertialSignal
 from logparse import Tables, read_log
 from tests.estimation.simulated_flight import PLACE, Sensors, fly
 
-Row = tuple[str, str, str, str, str]
-
-SITL = Path(__file__).parents[2] / "shared" / "logs" / "sitl"
 MEASURES = {
     "horizontal position, m": ("p_n", "p_e"),
     "vertical position, m": ("p_d",),
@@ -39,17 +36,6 @@ MEASURES = {
     "tilt, deg": ("phi_n", "phi_e"),
     "yaw, deg": ("phi_d",),
 }
-
-
-def cpu(work: Callable[[], object], passes: int = 3) -> float:
-    """Least CPU time of a few passes, s; a first pass compiles and warms up."""
-    work()
-    best = np.inf
-    for _ in range(passes):
-        start = time.process_time()
-        work()
-        best = min(best, time.process_time() - start)
-    return best
 
 
 def problem_of(tables: Tables, rate: float) -> Callable[[], Problem]:
@@ -104,14 +90,19 @@ def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
     return time.process_time() - start
 
 
+def aiding(tables: Tables) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
+    """Return the fixes that count, their places [m] and their velocities [m/s], NED."""
+    fixes = usable_fixes(tables.gps)
+    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
+    return fixes, ned, fixes[["v_n", "v_e", "v_d"]].to_numpy()
+
+
 def smsfusion_seconds(tables: Tables) -> float:
     """Time smsfusion's AidedINS in its fixed-interval smoother, with a heading at the compass's rate."""
     import smsfusion as sf
 
     imu = tables.imu
-    fixes = usable_fixes(tables.gps)
-    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
-    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    fixes, ned, speed = aiding(tables)
     fix_at = {int(k): i for i, k in enumerate(np.searchsorted(imu.index, fixes["t_valid"]))}
     force, rate = imu[ACCEL].to_numpy(), np.degrees(imu[GYRO].to_numpy())
     fs = 1.0 / float(np.median(np.diff(imu.index)))
@@ -137,9 +128,7 @@ def gtsam_seconds(tables: Tables) -> float:
     from gtsam.symbol_shorthand import B, V, X
 
     imu = tables.imu
-    fixes = usable_fixes(tables.gps)
-    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
-    speed = fixes[["v_n", "v_e", "v_d"]].to_numpy()
+    fixes, ned, speed = aiding(tables)
     force, rate = imu[ACCEL].to_numpy(), imu[GYRO].to_numpy()
     step = float(np.median(np.diff(imu.index)))
     per_node = round(0.1 / step)
@@ -185,61 +174,51 @@ def speed_rows() -> list[Row]:
     """Time ours alone, then the peers on as much of the flight as they do in seconds."""
     rows: list[Row] = []
     long = fly(0, duration=1200.0).tables
-    seconds = cpu(forward_and_back(problem_of(long, 50.0)))
-    rows.append(("20 min at 50 Hz: filter, smoother, covariance at 50 Hz", f"{seconds:.2f} s", "", "", "< 0.2 s"))
-    whole = cpu(lambda: estimate(long))
-    rows.append(("  the same with tuning and tables: estimate()", f"{whole:.2f} s", "", "", ""))
+    seconds = cpu(forward_and_back(problem_of(long, 50.0)), 3, warm=True)
+    rows.append(row("20 min at 50 Hz: filter, smoother, covariance at 50 Hz", f"{seconds:.2f} s", goal="< 0.2 s"))
+    whole = cpu(lambda: estimate(long), 3, warm=True)
+    rows.append(row("  the same with tuning and tables: estimate()", f"{whole:.2f} s"))
     fast = fly(0, duration=120.0, sensors=Sensors(imu_rate=500.0)).tables
-    each = cpu(forward_and_back(problem_of(fast, 10.0))) / len(fast.imu)
-    rows.append(("per IMU sample at 500 Hz, forward and back", f"{1e6 * each:.2f} us", "", "", "< 4 us"))
+    each = cpu(forward_and_back(problem_of(fast, 10.0)), 3, warm=True) / len(fast.imu)
+    rows.append(row("per IMU sample at 500 Hz, forward and back", f"{1e6 * each:.2f} us", goal="< 4 us"))
     # The slow log is all outputs and measurements; in the fast one ours moves the covariance from node to node only,
     # where the peers move it with every IMU sample.
     for rate in (50.0, 500.0):
         tables = fly(0, duration=30.0, sensors=Sensors(imu_rate=rate)).tables
-        ours = cpu(forward_and_back(problem_of(tables, 50.0)), passes=20)
+        ours = cpu(forward_and_back(problem_of(tables, 50.0)), 20, warm=True)
         each_sample = problem_of(tables, rate)()
         theirs = min(filterpy_seconds(each_sample, filter_forward(each_sample)) for _ in range(3))
         rows.append(compared(f"30 s of {rate:.0f} Hz IMU, given the matrices: filterpy", ours, theirs, "> 40"))
         what = f"30 s of {rate:.0f} Hz IMU: smsfusion"
-        if find_spec("smsfusion"):
-            theirs = min(smsfusion_seconds(tables) for _ in range(2))  # the first one compiles
-            rows.append(compared(what, ours, theirs, "> 40"))
-        else:
-            rows.append((what, f"{ours:.4f} s", "not installed", "", "> 40"))
+        there = find_spec("smsfusion") is not None  # its first run compiles
+        theirs = min(smsfusion_seconds(tables) for _ in range(2)) if there else None
+        rows.append(compared(what, ours, theirs, "> 40"))
     tables = fly(0, duration=60.0).tables
-    ours = cpu(forward_and_back(problem_of(tables, 10.0)))
+    ours = cpu(forward_and_back(problem_of(tables, 10.0)), 3, warm=True)
     what = "60 s of 50 Hz IMU, 10 Hz nodes: gtsam"
-    if find_spec("gtsam"):
-        rows.append(compared(what, ours, gtsam_seconds(tables), "> 15"))
-    else:
-        rows.append((what, f"{ours:.4f} s", "not installed", "", "> 15"))
-    return rows
+    return [*rows, compared(what, ours, gtsam_seconds(tables) if find_spec("gtsam") else None, "> 15")]
 
 
-def compared(what: str, ours: float, theirs: float, target: str) -> Row:
+def compared(what: str, ours: float, theirs: float | None, target: str) -> Row:
+    if theirs is None:
+        return row(what, f"{ours:.4f} s", "not installed", goal=target)
     return what, f"{ours:.4f} s", f"{theirs:.3f} s", f"{theirs / ours:.0f}", target
 
 
 def accuracy_rows() -> list[Row]:
     """Pool RMS errors over the simulator's logs, airborne: of our smoother, our plain filter and EKF3."""
     if not SITL.is_dir():
-        return [("accuracy on the simulator's logs", "", "logs not there", "", "")]
+        return [row("accuracy on the simulator's logs", "", peer="logs not there")]
     ours, plain, theirs = [], [], []
     for path in sorted(SITL.glob("*.BIN")):
         log = read_log(path)
         if log.tables.ekf is None or log.flight is None:
             continue
-        truth = log.tables.truth.loc[log.flight.start + 1.0 : log.flight.stop - 1.0]
+        truth = airborne_truth(log)
         trajectory = estimate(log.tables)
-        ekf = log.tables.ekf
-        quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy().T)
-        columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
-        autopilot = replace(trajectory, states=ekf.assign(**columns).dropna())
-        for result, pool in ((trajectory, ours), (estimate(log.tables, smooth=False), plain), (autopilot, theirs)):
-            error = errors(result, truth)
-            # The simulator's origin is not the EKF's: constant offsets of position say nothing.
-            error[["p_n", "p_e", "p_d"]] -= error[["p_n", "p_e", "p_d"]].median()
-            pool.append([np.nanmean((error[[*c]].to_numpy() ** 2).sum(axis=1)) for c in MEASURES.values()])
+        plainly, autopilot = estimate(log.tables, smooth=False), autopilots(log, trajectory)
+        for result, pool in ((trajectory, ours), (plainly, plain), (autopilot, theirs)):
+            pool.append([*squares_of(errors_from(result, truth), MEASURES).values()])
     rows = []
     for name, squares in (("smoother", ours), ("plain filter", plain)):
         for measure, us, them in zip(MEASURES, np.sqrt(np.mean(squares, 0)), np.sqrt(np.mean(theirs, 0)), strict=True):

@@ -10,13 +10,8 @@ each other and, with the coordinator's own CPU time, how far more of them would 
 """
 
 import argparse
-import dataclasses
 import json
-import os
-import resource
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -26,10 +21,9 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-import psutil
+from benchmarks._measure import SAMPLES, Row, command_cpu, forget_peak, in_process, memory, row, wandering_flight
 
-ROOT = Path(__file__).parents[1]
-SHORT = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
+SHORT = SAMPLES / "octa01_zurich_calm.bin"
 
 #: Logs of a run that is one of many benchmarks.
 FEW = 4
@@ -37,36 +31,18 @@ FEW = 4
 #: Flight time that makes 10 MB at these rates, min.
 MINUTES = 2.6
 
-Row = tuple[str, str, str, str, str]
-
 
 def write_log(folder: Path, number: int, minutes: float = MINUTES) -> Path:
     """Fly the log of a number; another number is another flight."""
-    import numpy as np
-
     from simulation import FLIGHTS
-    from simulation.dataflash_log import Logging
-    from simulation.mission import GoTo, Mission, Wait
     from simulation.sample_logs import write_flight
 
-    samples = [sample for name, sample in FLIGHTS.items() if name.startswith("octa")][:6]
-    random = np.random.default_rng(number)
-    steps: list[GoTo | Wait] = []
-    for _ in range(round(minutes * 60.0 / 13.0)):  # s, of a leg of up to 20 m at 4 m/s and a wait
-        north, east = random.uniform(-20.0, 20.0, 2)
-        steps += [GoTo(float(north), float(east), float(random.uniform(5.0, 16.0)), 4.0), Wait(2.0)]
-    sample = samples[number % len(samples)]
-    setup = dataclasses.replace(sample.setup, mission=Mission(takeoff=7.0, steps=tuple(steps)))
+    like = [name for name in FLIGHTS if name.startswith("octa")][number % 6]
     # On a day of its own, lest it count as another recording of a flight at the same time and place.
-    flown = dataclasses.replace(
-        sample,
-        name=f"flight{number:03d}",
-        setup=setup,
-        start_utc=sample.start_utc + timedelta(days=number),
-        logging=Logging(imu=400.0, rate=400.0),
-        telemetry=False,
+    day = FLIGHTS[like].start_utc + timedelta(days=number)
+    path, truth, *_ = write_flight(
+        wandering_flight(f"flight{number:03d}", minutes, number, like, start_utc=day), folder
     )
-    path, truth, *_ = write_flight(flown, folder)
     truth.unlink()
     return path
 
@@ -96,19 +72,16 @@ class Measuring(Executor):
 
 
 def measured(function: Callable[..., Any], args: tuple[Any, ...], named: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    """Call a function in a worker and tell what it cost."""
-    before = psutil.Process().memory_info().rss
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins again
-    began, cpu = time.perf_counter(), time.process_time()
+    """Call a function in a worker and measure what it costs."""
+    before = memory("VmRSS")
+    forget_peak()
+    cpu = time.process_time()
     result = function(*args, **named)
-    status = Path("/proc/self/status").read_text()
     cost = {
         "what": function.__name__,
-        "seconds": time.perf_counter() - began,
         "cpu": time.process_time() - cpu,
         "before": before,
-        "peak": 1024 * int(status.split("VmHWM:")[1].split()[0]),
-        "pid": os.getpid(),
+        "peak": memory("VmHWM"),
     }
     return cost, result
 
@@ -125,50 +98,28 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
         for first in [processes.submit(measured, analyze, (SHORT,), {}) for _ in range(count)]:
             first.result()
         executor = Measuring(processes)
-        began, cpu = time.perf_counter(), time.process_time()
+        cpu = time.process_time()
         fleet = pipeline.analyze_fleet([logs], executor=executor, store=out, publish=reports.publish)
         reports.write_fleet(fleet)
         fleet.confirm_report()
-        seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
+        cpu = time.process_time() - cpu
     analyses = [cost for cost in executor.costs if cost["what"] == "run"]
     stages: dict[str, float] = defaultdict(float)
     for flight in fleet.flights:
         for stage, spent in fleet.store.read_json(f"flights/{flight.folder}/report.json")["timings_s"].items():
             stages[stage] += spent / len(fleet.flights)
     return {
-        "workers": count,
-        "flights": len(fleet.flights),
-        "failures": [failure.reason for failure in fleet.failures],
         "flown": sum(flight.flight.duration for flight in fleet.flights if flight.flight) / 60.0,
-        "seconds": seconds,
         "logs_seconds": fleet.timings["logs"],
         "cpu_coordinator": cpu,
         "cpu_logs": sum(cost["cpu"] for cost in analyses),
-        "cpu_hashes": sum(cost["cpu"] for cost in executor.costs if "digest" in cost["what"]),
         "cpu_joint": sum(cost["cpu"] for cost in executor.costs if "alone" in cost["what"]),
         "peak": max(cost["peak"] for cost in analyses),
         "base": min(cost["before"] for cost in analyses),
         "peak_joint": max((cost["peak"] for cost in executor.costs if cost["what"] != "run"), default=0),
-        "peak_coordinator": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "peak_coordinator": memory("VmHWM"),
         "stages": stages,
     }
-
-
-def unchanged(logs: Path, out: Path) -> tuple[float, float]:
-    """Run the command on a folder that it knows: seconds and CPU seconds of the whole program."""
-    command = [
-        sys.executable,
-        "-c",
-        "from rotorid.cli.main import main; main()",
-        "analyze",
-        str(logs),
-        "--out",
-        str(out),
-    ]
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    return seconds, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def measure(count: int, folder: Path) -> dict[str, Any]:
@@ -177,10 +128,11 @@ def measure(count: int, folder: Path) -> dict[str, Any]:
     size = sum(write_log(logs, number).stat().st_size for number in range(count))
     runs = {}
     for workers in (1, 2):
-        command = [sys.executable, "-m", "benchmarks.fleet", "--run", str(workers), str(folder)]
-        runs[workers] = json.loads(subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout)
+        runs[workers] = in_process("fleet", "--run", workers, folder)
     out = folder / "out2"
-    seconds, cpu = unchanged(logs, out)
+    began = time.perf_counter()
+    cpu = command_cpu("analyze", str(logs), "--out", str(out))
+    seconds = time.perf_counter() - began
     kept = {
         part.name: sum(file.stat().st_size for file in part.rglob("*") if file.is_file())
         for part in out.iterdir()
@@ -208,44 +160,36 @@ def rows(found: dict[str, Any]) -> list[Row]:
     stages = ", ".join(f"{name} {spent:.1f}" for name, spent in one["stages"].items() if spent >= 0.05)
     kept = ", ".join(f"{name} {size / count / 1e6:.1f}" for name, size in found["kept"].items())
     return [
-        (f"{what}: logs, 1 / 2 workers, s", f"{one['logs_seconds']:.0f} / {two['logs_seconds']:.0f}", "", "", ""),
-        (
+        row(f"{what}: logs, 1 / 2 workers, s", f"{one['logs_seconds']:.0f} / {two['logs_seconds']:.0f}"),
+        row(
             "of the ideal from 1 to 2 workers, by the clock",
             f"{one['logs_seconds'] / two['logs_seconds'] / 2:.2f}",
-            "",
-            "",
-            ">= 0.9",
+            goal=">= 0.9",
         ),
-        ("the same by CPU time, with the coordinator's", f"{ideal:.2f}", "", "", ">= 0.9"),
-        ("CPU per log, 1 / 2 workers, s", f"{one['cpu_logs'] / count:.2f} / {two['cpu_logs'] / count:.2f}", "", "", ""),
-        ("CPU per MB / per minute flown, s", _per(one, megabytes), "", "", ""),
-        ("coordinator: CPU per log, s", f"{serial / count:.3f}", "", "", ""),
-        ("joint fits: CPU in all, s", f"{one['cpu_joint']:.1f}", "", "", ""),
-        ("a worker's memory, before / at most, MB", f"{one['base'] / 1e6:.0f} / {one['peak'] / 1e6:.0f}", "", "", ""),
-        ("at most in joint fits / coordinator, MB", _peaks(one), "", "", ""),
-        ("stages of a log, s", stages, "", "", ""),
-        ("results of a log, MB", kept, "", "", ""),
-        ("manifest / report.json, bytes per log", _files(found), "", "", ""),
-        (
+        row("the same by CPU time, with the coordinator's", f"{ideal:.2f}", goal=">= 0.9"),
+        row("CPU per log, 1 / 2 workers, s", f"{one['cpu_logs'] / count:.2f} / {two['cpu_logs'] / count:.2f}"),
+        row(
+            "CPU per MB / per minute flown, s",
+            f"{one['cpu_logs'] / megabytes:.2f} / {one['cpu_logs'] / one['flown']:.2f}",
+        ),
+        row("coordinator: CPU per log, s", f"{serial / count:.3f}"),
+        row("joint fits: CPU in all, s", f"{one['cpu_joint']:.1f}"),
+        row("a worker's memory, before / at most, MB", f"{one['base'] / 1e6:.0f} / {one['peak'] / 1e6:.0f}"),
+        row(
+            "at most in joint fits / coordinator, MB",
+            f"{one['peak_joint'] / 1e6:.0f} / {one['peak_coordinator'] / 1e6:.0f}",
+        ),
+        row("stages of a log, s", stages),
+        row("results of a log, MB", kept),
+        row(
+            "manifest / report.json, bytes per log", f"{found['manifest'] / count:.0f} / {found['report'] / count:.0f}"
+        ),
+        row(
             "unchanged second run, s / CPU s",
             f"{found['unchanged_seconds']:.1f} / {found['unchanged_cpu']:.2f}",
-            "",
-            "",
-            "< 2",
+            goal="< 2",
         ),
     ]
-
-
-def _per(one: dict[str, Any], megabytes: float) -> str:
-    return f"{one['cpu_logs'] / megabytes:.2f} / {one['cpu_logs'] / one['flown']:.2f}"
-
-
-def _peaks(one: dict[str, Any]) -> str:
-    return f"{one['peak_joint'] / 1e6:.0f} / {one['peak_coordinator'] / 1e6:.0f}"
-
-
-def _files(found: dict[str, Any]) -> str:
-    return f"{found['manifest'] / found['logs']:.0f} / {found['report'] / found['logs']:.0f}"
 
 
 def run(count: int = FEW) -> list[Row]:
@@ -266,5 +210,5 @@ if __name__ == "__main__":
         workers, place = int(arguments.run[0]), Path(arguments.run[1])
         print(json.dumps(run_once(workers, place / "logs", place / f"out{workers}")))
     else:
-        for row in run(arguments.logs):
-            print(f"{row[0]:55} {row[1]} {row[4]}")
+        for what, ours, *_, goal in run(arguments.logs):
+            print(f"{what:55} {ours} {goal}")

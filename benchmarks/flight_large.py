@@ -6,9 +6,6 @@ some 3 GB of memory.
 """
 
 import json
-import os
-import resource
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -17,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.flight import ROOT, Row, in_process, write_long_log
+from benchmarks._measure import Row, command_cpu, in_process, row
+from benchmarks.flight import write_long_log
 from logparse.dataflash.chain import Chain
 
 Bytes = npt.NDArray[np.uint8]
@@ -32,24 +30,16 @@ CLOCKS = {"TimeUS": 1_000_000, "GMS": 1_000}
 
 def write_large_log(folder: Path, size: float = SIZE) -> Path:
     """Write the log, of `size` bytes or somewhat more."""
-    source = write_long_log(folder, like="octa01_zurich_calm", hover=HOVER)
+    source = write_long_log(folder, "octa01_zurich_calm", HOVER)
     truth = json.loads(source.with_suffix(".json").read_text())
     start, stop = truth["time_s"]["airborne"]
     return repeat(source, folder / "large.bin", size, start + RISEN, stop - LANDING)
 
 
 def repeat(source: Path, target: Path, size: float, start: float, stop: float) -> Path:
-    """Write a log in which a stretch comes again and again.
+    """Write a log in which the whole seconds between two times on the boot clock come again and again, to a size.
 
-    Parameters
-    ----------
-    source : Path
-        A DataFlash log of the simulator.
-    target : Path
-    size : float
-        Bytes that it has at least.
-    start, stop : float
-        Where the craft is in the same state, s on the boot clock; whole seconds of it are repeated.
+    The craft must be in the same state at both times.
     """
     chain = Chain(source.read_bytes())
     places, _ = chain.locate(chain.whole, set(range(len(chain.slots))))
@@ -93,29 +83,20 @@ def _later(data: Bytes, clocks: list[tuple[npt.NDArray, npt.NDArray, int]], seco
     return moved
 
 
-def inspect_seconds(path: Path) -> float:
-    """Return the CPU time of ``rotorid inspect`` of a log, imports included, s."""
-    command = [sys.executable, "-m", "rotorid", "inspect", str(path), "--json"]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, check=True, cwd=ROOT, capture_output=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
 def run() -> list[Row]:
     """Measure."""
     with tempfile.TemporaryDirectory() as folder:
         path = write_large_log(Path(folder))
         size = path.stat().st_size
-        looked = inspect_seconds(path)
-        found = in_process("measure", path)
+        looked = command_cpu("inspect", str(path), "--json")
+        found = in_process("flight", "measure", path)
     growth = (found["peak"] - found["before"]) / size
     slow = sorted(found["cpu"].items(), key=lambda item: -item[1])
     return [
-        (f"5 h octocopter, {size / 1e9:.2f} GB, all stages, CPU", f"{found['total']:.0f} s", "-", "-", "< 60 s"),
-        *((f"... {stage}", f"{seconds:.1f} s", "-", "-", "-") for stage, seconds in slow if seconds >= 1.0),
-        ("... memory beyond the imported process, over file", f"{growth:.2f}", "-", "-", "< 1.2"),
-        ("... rotorid inspect, CPU", f"{looked:.1f} s", "-", "-", "< 2 s"),
+        row(f"5 h octocopter, {size / 1e9:.2f} GB, all stages, CPU", f"{found['total']:.0f} s", goal="< 60 s"),
+        *(row(f"... {stage}", f"{seconds:.1f} s") for stage, seconds in slow if seconds >= 1.0),
+        row("... memory beyond the imported process, over file", f"{growth:.2f}", goal="< 1.2"),
+        row("... rotorid inspect, CPU", f"{looked:.1f} s", goal="< 2 s"),
     ]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import lzma
 import tempfile
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ import pandas as pd
 from scipy.signal import csd, welch
 
 import logparse
+from benchmarks._measure import CRAFT, LOGS, SHARED, Row, row, unpacked
 from logparse import FlightLog
 from pipeline.fleet.history import ALPHA, history
 from pipeline.fleet.meta_analysis import holm
@@ -24,36 +24,25 @@ from sysid import Experiment, frequency
 from sysid.frequency.structures import low_pass
 from sysid.frequency.survey import survey
 
-SHARED = Path(__file__).parents[1].parent / "shared"
-CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
-
 #: Simulated craft of each kind of flight.
 MADE = 20
-
-Row = tuple[str, object, object, object, str]
 
 
 def run() -> Iterator[Row]:
     """Yield what was measured, row by row."""
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        if (SHARED / "logs").is_dir():
+        if LOGS.is_dir():
             yield from _firmware(scratch)
         yield from _made(scratch, sticks=False)
         yield from _made(scratch, sticks=True)
         yield from _histories(scratch)
         yield from _bias(scratch)
         yield from _speed(scratch)
-        if (SHARED / "logs").is_dir():
+        if LOGS.is_dir():
             yield from _real()
         if (SHARED / "bench" / "nanodrone").is_dir():
             yield from _nanodrone()
-
-
-def _unpacked(name: str, scratch: Path) -> FlightLog:
-    path = scratch / f"{name}.BIN"
-    path.write_bytes(lzma.decompress((SHARED / "logs" / "pairs" / f"{name}.BIN.xz").read_bytes()))
-    return logparse.read_log(path)
 
 
 def _truth(name: str, axis: str, frf: frequency.FrequencyResponse, climb: float) -> tuple[np.ndarray, float]:
@@ -62,7 +51,7 @@ def _truth(name: str, axis: str, frf: frequency.FrequencyResponse, climb: float)
     Damping is that of the simulator, of the motors' momentum drag as they move with the turn, and of their inflow where
     the craft climbs (as it does by 1.5 m/s in SYSTEMID mode); the delay is half a period of the 400 Hz loop.
     """
-    truth = json.loads((SHARED / "logs" / "pairs" / f"{name}_id.json").read_text())["truth"]
+    truth = json.loads((LOGS / "pairs" / f"{name}_id.json").read_text())["truth"]
     count, mass = truth["num_motors"], truth["mass_kg"]
     density = 0.93 if name == "y6high" else 1.165
     momentum = truth["mdrag_coef_used"] * np.sqrt(density * truth["true_prop_area_per_motor"] * mass * 9.81 / count)
@@ -79,7 +68,7 @@ def _firmware(scratch: Path) -> Iterator[Row]:
     for kind, target in (("id", "5 %, 5 ms"), ("g1", "5 %, 5 ms"), ("g2", "5 %, 5 ms"), ("sticks", "10 %, 10 ms")):
         decibels, degrees, coherent, gains, delays, scores, costs = [], [], [], [], [], [], []
         for name in CRAFT:
-            log = _unpacked(f"{name}_{kind}", scratch)
+            log = logparse.read_log(unpacked(LOGS / "pairs" / f"{name}_{kind}.BIN.xz", scratch))
             for axis in ("roll", "pitch"):
                 frf = frequency.response(log, axis)
                 fit = frequency.fit(frf)
@@ -100,19 +89,15 @@ def _firmware(scratch: Path) -> Iterator[Row]:
                     delays.append(1e3 * (late.value - 0.00125))
         worst = f"{np.max(np.concatenate(decibels)):.2f} dB, {np.max(np.concatenate(degrees)):.1f} deg"
         within = np.mean((np.concatenate(decibels) < 1.0) & (np.concatenate(degrees) < 5.0))
-        yield f"firmware, {kind}: worst error where coherent", worst, "", "", "1 dB, 5 deg"
-        yield f"firmware, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(within), "", "", "100"
-        yield (
-            f"firmware, {kind}: least share of 0.5-15 Hz coherent (%)",
-            100.0 * float(min(coherent)),
-            "",
-            "",
-            "90 calm",
+        yield row(f"firmware, {kind}: worst error where coherent", worst, goal="1 dB, 5 deg")
+        yield row(f"firmware, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(within), goal="100")
+        yield row(
+            f"firmware, {kind}: least share of 0.5-15 Hz coherent (%)", 100.0 * float(min(coherent)), goal="90 calm"
         )
         errors = f"{100 * np.max(np.abs(gains)):.1f} %, {np.max(np.abs(delays)):.1f} ms"
-        yield f"firmware, {kind}: largest error of gain, delay", errors, "", "", target
-        yield f"firmware, {kind}: gain within 2 sigma (%)", _share(scores), "", "", "90-98"
-        yield f"firmware, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", "", "", "50, 100"
+        yield row(f"firmware, {kind}: largest error of gain, delay", errors, goal=target)
+        yield row(f"firmware, {kind}: gain within 2 sigma (%)", _share(scores), goal="90-98")
+        yield row(f"firmware, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", goal="50, 100")
 
 
 def _climb(log: FlightLog, axis: str) -> float:
@@ -185,10 +170,10 @@ def _made(scratch: Path, *, sticks: bool) -> Iterator[Row]:
     targets |= {"lag (%)": "" if sticks else "3", "mode_frequency (%)": "3", "mode_damping (%)": "5"}
     for label, values in sorted(errors.items()):
         text = f"{np.median(values):.2f}, {np.percentile(values, 90):.2f}"
-        yield f"made, {kind}: {label}, median and 90 %, n = {len(values)}", text, "", "", targets.get(label, "")
-    yield f"made, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(np.mean(within)), "", "", "100"
-    yield f"made, {kind}: truth within 2 sigma, n = {len(scores)} (%)", _share(scores), "", "", "90-98"
-    yield f"made, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", "", "", "50, 100"
+        yield row(f"made, {kind}: {label}, median and 90 %, n = {len(values)}", text, goal=targets.get(label, ""))
+    yield row(f"made, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(np.mean(within)), goal="100")
+    yield row(f"made, {kind}: truth within 2 sigma, n = {len(scores)} (%)", _share(scores), goal="90-98")
+    yield row(f"made, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", goal="50, 100")
 
 
 def _histories(scratch: Path) -> Iterator[Row]:
@@ -210,7 +195,7 @@ def _histories(scratch: Path) -> Iterator[Row]:
         changes = [change for each in followed for change in (each.trend, each.step) if change is not None]
         alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
     share = f"{alarms} of {craft}"
-    yield f"craft of {flights} flights, unchanged, whose gain or delay is said to drift or jump", share, "", "", "5 %"
+    yield row(f"craft of {flights} flights, unchanged, whose gain or delay is said to drift or jump", share, goal="5 %")
 
 
 def _bias(scratch: Path) -> Iterator[Row]:
@@ -227,7 +212,7 @@ def _bias(scratch: Path) -> Iterator[Row]:
     low = (frf.hz > 0.7) & (frf.hz < 2.0)
     truth = plant.response(frf.hz)
     ours, plain = (8.686 * float(np.mean(np.log(np.abs(g / truth))[low])) for g in (frf.response, frf.direct))
-    yield "bias of gain in gusts, 0.7-2 Hz (dB): instrument, regression", ours, plain, "", "0"
+    yield row("bias of gain in gusts, 0.7-2 Hz (dB): instrument, regression", ours, peer=plain, goal="0")
 
 
 def _speed(scratch: Path) -> Iterator[Row]:
@@ -271,13 +256,9 @@ def _speed(scratch: Path) -> Iterator[Row]:
         for axis, frf in found.items()
     ]
     yield "70 s at 400 Hz, four axes: responses and fits, CPU (s); scipy.signal.csd", ours, peer, ours / peer, "2"
-    yield "of that the responses (s)", spectra, "", "", ""
-    yield (
-        "all that `rotorid frequency` does with them: checks, coupling, attitude, log by log (s)",
-        everything,
-        "",
-        "",
-        "2",
+    yield row("of that the responses (s)", spectra)
+    yield row(
+        "all that `rotorid frequency` does with them: checks, coupling, attitude, log by log (s)", everything, goal="2"
     )
     both = (float(np.percentile(np.concatenate(parts), 95)) for parts in (mine, errors))
     ours_db, peer_db = both
@@ -288,8 +269,8 @@ def _real() -> Iterator[Row]:
     """Count real flights with a determined statement, and compare the halves of each."""
     flights = determined = 0
     scores: list[float] = []
-    for path in sorted((SHARED / "logs" / "real").iterdir()):
-        if path.suffix == ".tsv" or "plane" in path.name or "rover" in path.name:
+    for path in sorted((LOGS / "real").iterdir()):
+        if path.suffix in (".tsv", ".md") or "plane" in path.name or "rover" in path.name:
             continue
         try:
             log = logparse.read_log(path)
@@ -308,9 +289,9 @@ def _real() -> Iterator[Row]:
                 known |= _attitude(log, axis, scores)
             _gains_of_halves(log, axis, scores)
         determined += known
-    yield f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), "", "", "70"
+    yield row(f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), goal="70")
     rms = float(np.sqrt(np.mean(np.square(scores)))) if scores else float("nan")
-    yield f"halves of real flights, difference over sigma, n = {len(scores)}", rms, "", "", "below 1.5"
+    yield row(f"halves of real flights, difference over sigma, n = {len(scores)}", rms, goal="below 1.5")
 
 
 def _gains_of_halves(log: FlightLog, axis: str, scores: list[float]) -> None:
@@ -371,7 +352,12 @@ def _nanodrone() -> Iterator[Row]:
                 regression = f"{float(np.median((frf.direct * 2j * np.pi * frf.hz).real[low])):.0f}"
                 top = f"coherent to {frf.hz[frf.usable][-1]:.2f} Hz"
                 known = str(frequency.fit(frf).parameters["gain"])
-            yield f"nano-drone, {axis}, {label} ({top}): gain; by regression, 0.5-2 Hz", known, regression, "", "alike"
+            yield row(
+                f"nano-drone, {axis}, {label} ({top}): gain; by regression, 0.5-2 Hz",
+                known,
+                peer=regression,
+                goal="alike",
+            )
 
 
 def _nano_flight(path: Path, axis: str) -> Experiment:
@@ -388,6 +374,3 @@ def _nano_flight(path: Path, axis: str) -> Experiment:
 
 def _share(scores: list[float]) -> float:
     return 100.0 * float(np.mean(np.abs(scores) < 2.0))
-
-
-__all__ = ["made_craft", "run"]

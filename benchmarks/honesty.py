@@ -5,17 +5,15 @@ the truth beside them. A row has the root mean square and the largest of z = (va
 """
 
 import json
-import lzma
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks._measure import Row, logs
 from estimation import estimate
 from logparse import MissingDataError, read_log
-from simulation.papers.elhesasy2024 import octocopter
-from simulation.papers.kim2017 import quadcopter as kim_quadcopter
+from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter as kim_quadcopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
@@ -31,8 +29,6 @@ from tests.sysid.honesty import (
 )
 from tests.sysid.six_dof.papers import measured, stated
 
-LOGS = Path("../shared/logs")
-
 #: Of every row: root mean square and largest of z.
 TARGET = "1.3, 4"
 
@@ -42,8 +38,6 @@ SEEDS = 3
 
 #: Flights of each craft and kind of input for the body with six degrees of freedom.
 PAPER_FLIGHTS = 10
-
-Row = tuple[str, str, str, str, str]
 
 
 def run() -> list[Row]:
@@ -82,11 +76,12 @@ def simulated() -> Iterator[Stated]:
 
 def firmware() -> Iterator[Stated]:
     """Read every flight whose truth is known."""
-    for path in sorted([*LOGS.glob("sitl/*.BIN"), *LOGS.glob("pairs/*.BIN.xz")]):
-        name = path.name.partition(".")[0]
-        facts = json.loads((path.parent / f"{name}.json").read_text())
+    for packed, path in logs("sitl/*.BIN", "pairs/*.BIN.xz"):
+        name = path.stem
+        facts = json.loads((packed.parent / f"{name}.json").read_text())
         try:
-            seen = _flight(path, name)
+            log = read_log(path)
+            seen = Experiment.from_flight(log, estimate(log.tables), rate=50.0, name=name)
         except MissingDataError:  # a craft at the edge of its loops, whose trajectory is withdrawn
             continue
         mass, arm = facts["truth"]["mass_kg"], facts["truth"]["arm_length_m"]
@@ -95,13 +90,3 @@ def firmware() -> Iterator[Stated]:
         yield from stated_by_body(model, seen, truth)
         found = physical_parameters([seen], mass, arm=arm, rigid_body=model)
         yield from stated_side_by_side(found, seen, truth)
-
-
-def _flight(path: Path, name: str) -> Experiment:
-    with tempfile.TemporaryDirectory() as folder:
-        file = path
-        if path.suffix == ".xz":
-            file = Path(folder) / f"{name}.BIN"
-            file.write_bytes(lzma.decompress(path.read_bytes()))
-        log = read_log(file)
-        return Experiment.from_flight(log, estimate(log.tables), rate=50.0, name=name)

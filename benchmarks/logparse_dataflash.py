@@ -6,10 +6,8 @@ memory is what the first pass adds to the process. All readers must give the sam
 """
 
 import json
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
@@ -18,50 +16,28 @@ from pathlib import Path
 import numpy as np
 from pymavlink import DFReader
 
-ROOT = Path(__file__).parents[1]
-FIVE = ("IMU", "GPS", "BARO", "RCOU", "ATT")
+from benchmarks._measure import SAMPLES, SITL, Row, copy_speed, in_process, read_timed, row
+from benchmarks.flight_large import repeat
+from logparse import read_log
 
-Row = tuple[str, str, str, str, str]
+MODULE = "logparse_dataflash"
+FIVE = ("IMU", "GPS", "BARO", "RCOU", "ATT")
 
 
 def base_log() -> Path:
     """Find a log to repeat: a full-rate log of the shared ones, else the largest sample log."""
-    shared = ROOT.parent / "shared" / "logs" / "sitl" / "octa09_systemid_mixer.BIN"
-    if shared.exists():
-        return shared
-    return max((ROOT / "sample_logs").glob("*.bin"), key=lambda path: path.stat().st_size)
+    shared = SITL / "octa09_systemid_mixer.BIN"
+    return shared if shared.exists() else max(SAMPLES.glob("*.bin"), key=lambda path: path.stat().st_size)
 
 
-def repeat(source: Path, target: Path, size: int) -> None:
+def grown(source: Path, target: Path, size: int) -> Path:
     """Repeat the messages of a log to `size` bytes, each time later by the length of the log."""
-    reader = DFReader.DFReader_binary(str(source))
-    data = np.fromfile(source, np.uint8)
-    places = []
-    end = 0
-    for message_id, offsets in enumerate(reader.offsets):
-        form = reader.formats.get(message_id)
-        if form is None or not len(offsets):
-            continue
-        whole = np.array([o for o in offsets if o + form.len <= len(data)], np.int64)
-        end = max(end, int(whole[-1]) + form.len)
-        if form.columns[:1] == ["TimeUS"]:
-            places.append(whole)
-    reader.close()
-    clocks = np.concatenate(places)[:, None] + np.arange(3, 11)
-    first = data[clocks].view("<u8")[:, 0]
-    span = int(first.max() - first.min()) + 100_000
-    with target.open("wb") as file:
-        k = 0
-        while file.tell() < size:
-            data[clocks] = (first + np.uint64(k * span)).astype("<u8")[:, None].view(np.uint8)
-            file.write(data[:end].data)
-            k += 1
+    times = read_log(source).messages["ATT"].index
+    return repeat(source, target, size, float(times[0]), float(times[-1]))
 
 
 def ours(path: str, names: tuple[str, ...] | None) -> tuple[int, float]:
-    """Read a log and decode some or all message types; gives messages read and a sum over one column."""
-    from logparse import read_log
-
+    """Read a log and decode some or all message types; return messages read and a sum over one column."""
     log = read_log(path)
     log.messages.load(log.messages if names is None else names)
     read = sum(len(log.messages[name]) for name in (log.messages if names is None else names))
@@ -70,8 +46,6 @@ def ours(path: str, names: tuple[str, ...] | None) -> tuple[int, float]:
 
 def scan(path: str) -> tuple[int, float]:
     """Follow the header chain only."""
-    from logparse import read_log
-
     return sum(read_log(path).messages.counts.values()), 0.0
 
 
@@ -113,69 +87,27 @@ MEASURES: dict[str, Callable[[str], tuple[int, float]]] = {
 }
 
 
-def measure(what: str, path: str, small: str, passes: int) -> dict[str, float]:
-    """Run in a process of its own: least CPU time, peak memory over that before, and what was read."""
-    read = MEASURES[what]
-    read(small)
-    before = memory("VmRSS")
-    best, peak, result = np.inf, 0.0, (0, 0.0)
-    for k in range(passes):
-        begun = time.process_time()
-        result = read(path)
-        best = min(best, time.process_time() - begun)
-        if k == 0:
-            peak = memory("VmHWM") - before
-    return {"cpu": best, "peak": peak, "messages": result[0], "sum": result[1]}
-
-
-def memory(kind: str) -> float:
-    """Bytes of this process in memory: now (VmRSS) or at most so far (VmHWM); nan where Linux does not tell."""
-    try:
-        status = Path("/proc/self/status").read_text()
-    except OSError:
-        return float("nan")
-    return 1024.0 * int(status.split(kind + ":")[1].split()[0])
-
-
-def measured(what: str, path: Path, small: Path, passes: int) -> dict[str, float]:
-    command = [sys.executable, "-m", "benchmarks.logparse_dataflash", what, str(path), str(small), str(passes)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
-
-
-def copy_speed() -> float:
-    """Bytes a second of a memory copy into memory already in use."""
-    source, target = np.ones(1 << 28, np.uint8), np.ones(1 << 28, np.uint8)
-    times = []
-    for _ in range(5):
-        begun = time.process_time()
-        np.copyto(target, source)
-        times.append(time.process_time() - begun)
-    return len(source) / min(times)
-
-
 def run() -> list[Row]:
     rows: list[Row] = []
     small = base_log()
-    copy = copy_speed()
+    copy = 1e6 * copy_speed(1 << 28)
     with tempfile.TemporaryDirectory() as folder:
         peers: dict[str, float] = {}
         for label, size in (("100 MB", 100_000_000), ("1 GB", 1_000_000_000)):
             path = Path(folder) / "log.bin"
-            repeat(small, path, size)
-            size = path.stat().st_size
-            found = {what: measured(what, path, small, 3) for what in ("scan", "ours, all", "ours, five")}
+            size = grown(small, path, size).stat().st_size
+            found = {what: in_process(MODULE, what, path, small, 3) for what in ("scan", "ours, all", "ours, five")}
             everything = found["ours, all"]
             rate = {what: size / result["cpu"] for what, result in found.items()}
             if label == "100 MB":
                 # At 2 MB/s once is enough, and a larger file would tell nothing else.
-                theirs = measured("pymavlink", path, small, 1)
-                assert theirs["messages"] == everything["messages"]
-                assert np.isclose(theirs["sum"], everything["sum"], rtol=1e-6)
+                theirs = in_process(MODULE, "pymavlink", path, small, 1)
+                assert theirs["read"][0] == everything["read"][0]
+                assert np.isclose(theirs["read"][1], everything["read"][1], rtol=1e-6)
                 peers["pymavlink"] = size / theirs["cpu"]
             if find_spec("signalviewer") is not None:
-                theirs = measured("signalviewer", path, small, 1)
-                assert np.isclose(theirs["sum"], everything["sum"], rtol=1e-6)
+                theirs = in_process(MODULE, "signalviewer", path, small, 1)
+                assert np.isclose(theirs["read"][1], everything["read"][1], rtol=1e-6)
                 peers["signalviewer-lite"] = size / theirs["cpu"]
             for peer, target in (("signalviewer-lite", "> 9"), ("pymavlink", "> 500")):
                 what = f"{label}, all messages to columns, CPU"
@@ -183,21 +115,15 @@ def run() -> list[Row]:
                     ratio = f"{rate['ours, all'] / peers[peer]:.0f}"
                     rows.append((what, _speed(rate["ours, all"]), f"{peer} {_speed(peers[peer])}", ratio, target))
                 else:
-                    rows.append((what, _speed(rate["ours, all"]), f"{peer} not installed", "-", target))
+                    rows.append(row(what, _speed(rate["ours, all"]), peer=f"{peer} not installed", goal=target))
             for what, target in (("scan", "-"), ("ours, all", "-"), ("ours, five", "800 MB/s")):
-                rows.append(
-                    (
-                        f"{label}, {what}, of a memory copy",
-                        _speed(rate[what]),
-                        f"copy {_speed(copy)}",
-                        f"{rate[what] / copy:.2f}",
-                        target,
-                    )
-                )
+                share = f"{rate[what] / copy:.2f}"
+                peer = f"copy {_speed(copy)}"
+                rows.append(row(f"{label}, {what}, of a memory copy", _speed(rate[what]), peer, share, target))
             if label == "1 GB":
                 for what, target in (("ours, all", "< 1.3"), ("ours, five", "< 0.3")):
                     share = f"{found[what]['peak'] / size:.2f}"
-                    rows.append((f"{label}, {what}, peak memory over file", share, "-", "-", target))
+                    rows.append(row(f"{label}, {what}, peak memory over file", share, goal=target))
     return rows
 
 
@@ -206,4 +132,5 @@ def _speed(bytes_per_second: float) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(measure(sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4]))))
+    what, path, small, passes = sys.argv[1:]
+    sys.stdout.write(json.dumps(read_timed(MEASURES[what], path, small, int(passes))))

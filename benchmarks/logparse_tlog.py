@@ -12,35 +12,29 @@ CPU time, the best of a few runs in a process of its own, after one run on the s
 
 import json
 import mmap
-import resource
-import subprocess
 import sys
 import tempfile
-import time
 from collections import defaultdict
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-PROJECT = Path(__file__).parents[1]
-SHARED = PROJECT.parent / "shared" / "logs"
+from benchmarks._measure import LOGS, SAMPLES, Row, copy_speed, in_process, read_timed, row
+
 #: A long MAVLink 1 log and a MAVLink 2 log; where the shared logs are missing, the project's own.
 SOURCES = (
-    ("MAVLink 1", SHARED / "real" / "pypi-fasttlogparser__pymavlink_flight.tlog"),
-    ("MAVLink 2", SHARED / "sitl" / "quad06_auto.tlog"),
+    ("MAVLink 1", LOGS / "real" / "pypi-fasttlogparser__pymavlink_flight.tlog"),
+    ("MAVLink 2", LOGS / "sitl" / "quad06_auto.tlog"),
 )
 MEGABYTE = 1_000_000
 FIVE = ("ATTITUDE", "GLOBAL_POSITION_INT", "SERVO_OUTPUT_RAW", "RAW_IMU", "GPS_RAW_INT")
-
-Row = tuple[str, object, object, object, str]
 
 
 def run() -> list[Row]:
     rows: list[Row] = []
     sources = [(what, path) for what, path in SOURCES if path.exists()]
     if not sources:
-        sources = [("sample log", path) for path in sorted((PROJECT / "sample_logs").glob("*.tlog"))[:1]]
+        sources = [("sample log", path) for path in sorted(SAMPLES.glob("*.tlog"))[:1]]
     with tempfile.TemporaryDirectory() as folder:
         for what, path in sources:
             big = repeat(path, 100 * MEGABYTE, Path(folder) / "100.tlog")
@@ -50,18 +44,18 @@ def run() -> list[Row]:
             rows += [
                 compared(f"{title}, vs signalviewer-lite", ours, measure("signalviewer", big, path), ">= 30"),
                 compared(f"{title}, vs pymavlink", ours, measure("pymavlink", small, path), ">= 300"),
-                (f"tlog {what}, part of memory copy's speed", ours["speed"] / ours["copy"], "", "", ""),
-                (f"tlog {what}, five messages, MB/s", measure("five", big, path)["speed"], "", "", ""),
+                row(f"tlog {what}, part of memory copy's speed", ours["speed"] / copy_speed()),
+                row(f"tlog {what}, five messages, MB/s", measure("five", big, path)["speed"]),
             ]
             big.unlink()
         what, path = sources[0]
         huge = repeat(path, 1000 * MEGABYTE, Path(folder) / "1000.tlog")
         for kind, title, target in (("ours", "all columns", "<= 1.3"), ("five", "five messages", "<= 0.3")):
             speed = measure(kind, huge, path)["speed"]
-            memory = measure(kind, huge, path, "1")["memory"]
+            memory = measure(kind, huge, path, 1)["memory"]
             rows += [
-                (f"tlog {what} 1 GB, {title}, MB/s", speed, "", "", ""),
-                (f"tlog {what} 1 GB, {title}, peak memory / file", memory, "", "", target),
+                row(f"tlog {what} 1 GB, {title}, MB/s", speed),
+                row(f"tlog {what} 1 GB, {title}, peak memory / file", memory, goal=target),
             ]
     return rows
 
@@ -75,48 +69,17 @@ def repeat(source: Path, size: int, target: Path) -> Path:
     return target
 
 
-def compared(what: str, ours: dict[str, float], peer: dict[str, float] | None, target: str) -> Row:
+def compared(what: str, ours: dict[str, float], peer: dict[str, float] | None, goal: str) -> Row:
     if peer is None:
-        return what, ours["speed"], "not installed", "", target
-    return what, ours["speed"], peer["speed"], ours["speed"] / peer["speed"], target
+        return row(what, ours["speed"], "not installed", goal=goal)
+    return row(what, ours["speed"], peer["speed"], ours["speed"] / peer["speed"], goal)
 
 
-def measure(reader: str, path: Path, warm_up: Path, runs: str = "3") -> dict[str, float] | None:
-    """Run a reader in its own process; None where it is not installed."""
-    command = [sys.executable, "-m", "benchmarks.logparse_tlog", reader, str(path), str(warm_up), runs]
-    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
-    if done.returncode:
-        if "ModuleNotFoundError" in done.stderr:
-            return None
-        raise RuntimeError(done.stderr)
-    return json.loads(done.stdout)
-
-
-def worker(reader: str, path: str, warm_up: str, runs: int) -> dict[str, float]:
-    read: Callable[[str], object] = READERS[reader]
-    read(warm_up)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    best = float("inf")
-    for _ in range(runs):
-        start = time.process_time()
-        result = read(path)
-        best = min(best, time.process_time() - start)
-        del result
-    peak = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
-    size = Path(path).stat().st_size
-    return {"speed": size / MEGABYTE / best, "memory": peak / size, "copy": copy_speed()}
-
-
-def copy_speed() -> float:
-    """Speed of copying memory, MB/s."""
-    source = np.ones(100 * MEGABYTE, np.uint8)
-    target = np.ones_like(source)
-    best = float("inf")
-    for _ in range(5):
-        start = time.process_time()
-        np.copyto(target, source)
-        best = min(best, time.process_time() - start)
-    return len(source) / MEGABYTE / best
+def measure(reader: str, path: Path, warm_up: Path, runs: int = 3) -> dict[str, float] | None:
+    """Return speed [MB/s] and peak memory [parts of the file] of a reader; None where it is not installed."""
+    found = in_process("logparse_tlog", reader, path, warm_up, runs)
+    size = path.stat().st_size
+    return found and {"speed": size / MEGABYTE / found["cpu"], "memory": found["peak"] / size}
 
 
 def read_ours(path: str, names: tuple[str, ...] | None = None) -> object:
@@ -169,4 +132,5 @@ def read_pymavlink(path: str) -> object:
 READERS = {"ours": read_ours, "five": read_five, "signalviewer": read_signalviewer, "pymavlink": read_pymavlink}
 
 if __name__ == "__main__":
-    print(json.dumps(worker(sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4]))))
+    reader, path, warm_up, runs = sys.argv[1:]
+    print(json.dumps(read_timed(READERS[reader], path, warm_up, int(runs))))

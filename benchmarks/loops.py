@@ -4,9 +4,7 @@ The tables of issue 16: margins predicted from one flight against those measured
 many 95 % intervals hold, what tuned gains do in truth, and that nothing is proposed without the evidence.
 """
 
-import lzma
 import tempfile
-import time
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
@@ -14,10 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks._measure import CRAFT, LOGS, Row, row, timed, unpacked
 from logparse import FlightLog, RotoridError, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, random_axis, run_axis
-from simulation.axis_loop.log import write_rate_log
-from simulation.axis_loop.truth import gains_of, settings_of, true_loop
+from simulation.axis_loop import (
+    AxisPlant,
+    AxisRun,
+    Excitation,
+    LoopGains,
+    gains_of,
+    random_axis,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
 from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
@@ -29,11 +37,8 @@ from sysid.loops.search import tune_axis
 from sysid.loops.signals import plant_response
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight
 
-LOGS = Path(__file__).parents[1].parent / "shared" / "logs"
-CRAFT = ("quad15", "octa3", "octa8", "hexa3", "y6high", "quadslow")
 QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
 HZ = np.geomspace(0.1, 120.0, 4000)
-Row = tuple[str, str, str, str, str]
 
 
 def run() -> list[Row]:
@@ -69,18 +74,15 @@ class Errors:
         def spread(values: list[float], unit: str, scale: float = 1.0) -> str:
             return f"{scale * np.median(values):.2g} median, {scale * max(values):.2g} worst {unit} ({len(values)})"
 
-        yield (f"{what}: crossover", spread(self.relative["crossover_hz"], "%", 100.0), "", "", "5 %")
-        yield (f"{what}: phase margin", spread(self.absolute["phase_deg"], "deg"), "", "", "3 median, 6 worst")
-        yield (f"{what}: gain margin", spread(self.absolute["gain_db"], "dB"), "", "", "1 dB")
-        yield (f"{what}: rejection bandwidth", spread(self.relative["rejection_hz"], "%", 100.0), "", "", "10 %")
-        yield (f"{what}: 95 % intervals hold", f"{100.0 * np.mean(self.held):.0f} %", "", "", "90-98 %")
+        yield row(f"{what}: crossover", spread(self.relative["crossover_hz"], "%", 100.0), goal="5 %")
+        yield row(f"{what}: phase margin", spread(self.absolute["phase_deg"], "deg"), goal="3 median, 6 worst")
+        yield row(f"{what}: gain margin", spread(self.absolute["gain_db"], "dB"), goal="1 dB")
+        yield row(f"{what}: rejection bandwidth", spread(self.relative["rejection_hz"], "%", 100.0), goal="10 %")
+        yield row(f"{what}: 95 % intervals hold", f"{100.0 * np.mean(self.held):.0f} %", goal="90-98 %")
 
 
 def _read(folder: Path, name: str) -> FlightLog:
-    path = folder / f"{name}.BIN"
-    if not path.exists():
-        path.write_bytes(lzma.decompress((LOGS / "pairs" / f"{name}.BIN.xz").read_bytes()))
-    return read_log(path)
+    return read_log(unpacked(LOGS / "pairs" / f"{name}.BIN.xz", folder))
 
 
 def _firmware(folder: Path) -> list[Row]:
@@ -96,18 +98,18 @@ def _firmware(folder: Path) -> list[Row]:
                     errors.add(name, row["predicted"], row["measured"], held=bool(held))
                 fits.append(float(proof.table.loc[(axis, "step_fit"), "predicted"]))
                 _both_ways(ways, second.own_margins, second.measured_margins)
-        start = time.process_time()
-        proposed += tune(_read(folder, f"{craft}_id")).refused is None
-        cpu.append(time.process_time() - start)
+        tuning, seconds = timed(lambda: tune(_read(folder, f"{craft}_id")))  # noqa: B023
+        proposed += tuning.refused is None
+        cpu.append(seconds)
     hot = prove(_read(folder, "quad15_id"), _read(folder, "quad15_hot"))
     called = all(predicted.margins.unstable > 0.95 for predicted, _ in hot.loops.values())
     return [
         *errors.rows("firmware, before -> after"),
         *ways.rows("firmware, computed -> measured by chirp"),
-        ("firmware: closed-loop step fit", f"{min(fits):.1f} % worst, {np.median(fits):.1f} % median", "", "", "90 %"),
-        ("firmware: gains of quad15_hot", "called unstable" if called else "MISSED", "", "", "unstable"),
-        ("firmware: tune proposes", f"{proposed} of {len(CRAFT)}", "", "", ""),
-        ("firmware: tune, CPU of a 5 min log at 100 Hz", f"{max(cpu):.1f} s worst", "", "", ""),
+        row("firmware: closed-loop step fit", f"{min(fits):.1f} % worst, {np.median(fits):.1f} % median", goal="90 %"),
+        row("firmware: gains of quad15_hot", "called unstable" if called else "MISSED", goal="unstable"),
+        row("firmware: tune proposes", f"{proposed} of {len(CRAFT)}"),
+        row("firmware: tune, CPU of a 5 min log at 100 Hz", f"{max(cpu):.1f} s worst"),
     ]
 
 
@@ -171,10 +173,10 @@ def _random_craft(count: int = 100) -> list[Row]:
         )
     share = f"{accepted} of {tried}"
     return [
-        ("simulator: random craft accepted", share, "", "", "70 of 100"),
-        ("simulator: accepted with true PM < 30 deg or GM < 4 dB", str(unsafe), "", "", "0"),
-        ("simulator: rejection bandwidth better than before", f"{better} of {accepted}", "", "", "80 %"),
-        ("simulator: true margins worse than promised", str(broken), "", "", "0"),
+        row("simulator: random craft accepted", share, goal="70 of 100"),
+        row("simulator: accepted with true PM < 30 deg or GM < 4 dB", str(unsafe), goal="0"),
+        row("simulator: rejection bandwidth better than before", f"{better} of {accepted}", goal="80 %"),
+        row("simulator: true margins worse than promised", str(broken), goal="0"),
     ]
 
 
@@ -195,11 +197,9 @@ def _long_log(path: Path) -> list[Row]:
         )
         runs[name] = run_axis(axis, flown[name], shaken, k)
     write_rate_log(path, runs, rate=400.0, filter_hz=40.0, gains=flown)
-    start = time.process_time()
-    result = tune(read_log(path))
-    took = time.process_time() - start
+    result, took = timed(lambda: tune(read_log(path)))
     told = "proposed" if result.refused is None else result.refused
-    return [("simulator: tune of 3 min at 400 Hz, CPU", f"{took:.1f} s ({told})", "", "", "5 s")]
+    return [row("simulator: tune of 3 min at 400 Hz, CPU", f"{took:.1f} s ({told})", goal="5 s")]
 
 
 def _designs(count: int = 50, flights: int = 2) -> list[Row]:
@@ -260,33 +260,26 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
     for name in ("gain", "delay"):
         own = rms(scatter[f"{name} random"])
         rows += [
-            (f"designs, {count} craft: {name}, scatter over predicted", f"{own:.2f}", "", "", "0.75-1.33"),
-            (
+            row(f"designs, {count} craft: {name}, scatter over predicted", f"{own:.2f}", goal="0.75-1.33"),
+            row(
                 f"designs: {name}, error over predicted total",
                 f"{rms(scatter[f'{name} total']):.2f}",
-                "",
-                "",
-                "below 1.33",
+                goal="below 1.33",
             ),
-            (
+            row(
                 f"designs: {name}, scatter of the default chirp within the same limits over the design's",
                 f"{rms(scatter[f'{name} default']) / own:.1f}",
-                "",
-                "",
-                "2",
+                goal="2",
             ),
-            (
+            row(
                 f"designs: {name}, the same at 0.05 of the mixer whatever its limits, medians",
                 f"{np.median(scatter[f'{name} plain']) / np.nanmedian(scatter[f'{name} random']):.1f}",
-                "",
-                "",
-                "",
             ),
         ]
     return [
         *rows,
-        ("designs: craft with a limit exceeded; flights without result", f"{beyond}; {undetermined}", "", "", "0; 0"),
-        ("designs: craft on which the default chirp ends itself (30 deg)", str(ended), "", "", ""),
+        row("designs: craft with a limit exceeded; flights without result", f"{beyond}; {undetermined}", goal="0; 0"),
+        row("designs: craft on which the default chirp ends itself (30 deg)", str(ended)),
     ]
 
 
@@ -307,7 +300,7 @@ def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
 def _real_logs() -> list[Row]:
     refused = proposed = 0
     for path in sorted((LOGS / "real").iterdir()):
-        if path.suffix == ".tsv":
+        if path.suffix in (".tsv", ".md"):
             continue
         try:
             log = read_log(path)
@@ -316,4 +309,4 @@ def _real_logs() -> list[Row]:
         result = tune(log)
         refused += result.refused is not None
         proposed += result.refused is None
-    return [("tune on real logs", f"{refused} refused with a sentence, {proposed} proposals", "", "", "no traceback")]
+    return [row("tune on real logs", f"{refused} refused with a sentence, {proposed} proposals", goal="no traceback")]

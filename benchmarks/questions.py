@@ -23,32 +23,31 @@ from api.machine.folder_library import FolderLibrary
 from api.machine.tools import Tools
 from api.work.craft_flights import keep
 from api.work.flown import Flown
+from benchmarks._measure import SAMPLES, Row, row
 from core.serialization import as_json
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import FolderStore
 from reports.numbers.reading import read_report
 
-ROOT = Path(__file__).parents[1]
-
 FLIGHTS, CRAFT, CALLS = 1000, 5, 300
 
 
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         entries = _fly(folder / "out")
         served = _over_http(folder, entries)
         read = _of_folder(folder / "out", entries)
     return [
-        (f"questions over HTTP on {FLIGHTS} flights, 95 % of calls below", f"{served:.2f} s", "-", "-", "2 s"),
-        (f"questions of a folder of {FLIGHTS} flights, 95 % of calls below", f"{read:.2f} s", "-", "-", "2 s"),
+        row(f"questions over HTTP on {FLIGHTS} flights, 95 % of calls below", f"{served:.2f} s", goal="2 s"),
+        row(f"questions of a folder of {FLIGHTS} flights, 95 % of calls below", f"{read:.2f} s", goal="2 s"),
     ]
 
 
 def _fly(out: Path) -> list[FlightEntry]:
     """Analyse a log, and make a folder of many flights of it."""
-    log = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
+    log = SAMPLES / "octa01_zurich_calm.bin"
     pipeline.analyze_fleet([log], pipeline.AnalysisConfig(), None, None, store=out, publish=reports.write)
     (first,) = (out / "flights").iterdir()
     entry = FolderStore(out).read_as(f"flights/{first.name}/entry.json", FlightEntry)

@@ -15,66 +15,21 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.signal import butter, sosfiltfilt
 
+from benchmarks._measure import SHARED, Row, listed, row
 from sysid import Experiment, SixDofModel, estimate_trim, estimate_wind, fit_six_dof
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
 from sysid.rigid_body.six_dof.shooting import state_errors
 
-SHARED = Path("../shared/bench")
-Row = tuple[str, str, str, str, str]
+SETS = SHARED / "bench"
 
 #: Samples of the published protocol.
 STEPS = 50
 
-NANODRONE = {
-    "time": "t",
-    "frame": {"world": "ENU", "body": "FLU"},
-    "position": ["x", "y", "z"],
-    "velocity": ["vx", "vy", "vz"],
-    "attitude": {"columns": ["qx", "qy", "qz", "qw"], "order": "xyzw"},
-    "rates": ["wx", "wy", "wz"],
-    "motors": {
-        "columns": ["m1_erpm", "m2_erpm", "m3_erpm", "m4_erpm"],
-        "quantity": "erpm",
-        "poles": 12,
-        "places": [[1, -1, "ccw"], [-1, -1, "cw"], [-1, 1, "ccw"], [1, 1, "cw"]],
-    },
-    "mass": 0.045,
-    "indoors": True,
-    "fill": True,
-}
-NEURAL_FLY = {
-    "time": "t",
-    "frame": {"world": "NWU", "body": "FLU"},
-    "position": "p",
-    "velocity": "v",
-    "attitude": {"columns": "q", "order": "xyzw"},
-    "rates": "w",
-    "motors": {
-        "columns": "pwm",
-        "quantity": "pwm",
-        "pwm": [500, 2000],
-        "places": [[1, -1, "ccw"], [-1, 1, "ccw"], [1, 1, "cw"], [-1, -1, "cw"]],
-    },
-}
-TAILSITTER = {
-    "time": "time",
-    "frame": {"world": "NWU", "body": "FLU"},
-    "position": "vision_position",
-    "velocity": "vision_velocity",
-    "attitude": {"columns": "vision_attitude", "kind": "angles"},
-    "rates": "vision_rate",
-    "motors": {
-        "columns": [f"actuator_outputs[{k}]" for k in range(4)],
-        "quantity": "pwm",
-        "places": [[-1, -1, "cw"], [1, 1, "cw"], [1, -1, "ccw"], [-1, 1, "ccw"]],
-    },
-    "inputs": {"elevon_1": "actuator_outputs[4]", "elevon_2": "actuator_outputs[5]"},
-    "mass": 0.83,
-    "indoors": True,
-}
+NANODRONE, NEURAL_FLY, TAILSITTER = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text()).values()
 
 #: Wind of neural-fly by the name of the flight, m/s along -x.
 WINDS = {"nowind": 0.0, "35wind": 4.2, "50wind": 6.1, "70wind": 8.5, "100wind": 12.1}
@@ -82,22 +37,17 @@ WINDS = {"nowind": 0.0, "35wind": 4.2, "50wind": 6.1, "70wind": 8.5, "100wind": 
 
 def data_folder() -> Path:
     """Folder after --data on the command line."""
-    return Path(sys.argv[sys.argv.index("--data") + 1]) if "--data" in sys.argv[:-1] else SHARED
+    return Path(sys.argv[sys.argv.index("--data") + 1]) if "--data" in sys.argv[:-1] else SETS
 
 
 def run() -> list[Row]:
-    """Judge all three sets, and print the rows as a Markdown table too."""
+    """Judge all three sets."""
     folder = data_folder()
     rows: list[Row] = []
-    print("| what | ours | published or peer | ratio | target |\n|---|---|---|---|---|")
     for name, part in (("nanodrone", nanodrone), ("neural-fly", neural_fly), ("tailsitter", tailsitter)):
         files, training = gathered(folder, name)
-        if not files and folder != SHARED:
-            continue
-        found = part(files, training) if files or training else [(name, "no flights", "-", "-", "-")]
-        for row in found:
-            print("| " + " | ".join(row) + " |", flush=True)
-        rows += found
+        if files or folder == SETS:
+            rows += part(files, training) if files or training else [row(name, "no flights")]
     return rows
 
 
@@ -106,7 +56,7 @@ def gathered(folder: Path, name: str) -> tuple[list[Path], list[Path]]:
     suffix = {"nanodrone": ".parquet", "neural-fly": ".csv.xz", "tailsitter": ".mat"}[name]
     here = folder / name if (folder / name).is_dir() else folder
     found = sorted(path for path in here.glob(f"*{suffix}")) if here.is_dir() else []
-    spare = sorted((SHARED / name).glob(f"*{suffix}")) if (SHARED / name).is_dir() else []
+    spare = sorted((SETS / name).glob(f"*{suffix}")) if (SETS / name).is_dir() else []
     return found, spare
 
 
@@ -174,13 +124,11 @@ def published_physics(record: BodyRecord, starts: np.ndarray, marks: np.ndarray)
 
 
 def _sums(name: str, values: np.ndarray, peer: str, target: str) -> Row:
-    parts = ", ".join(f"{value:.2f}" for value in values)
-    return (
+    return row(
         f"nanodrone: {name}: position, velocity, attitude, rate",
-        f"{parts}; sum {values.sum():.2f}",
-        peer,
-        "-",
-        target,
+        f"{listed(values)}; sum {values.sum():.2f}",
+        peer=peer,
+        goal=target,
     )
 
 
@@ -255,7 +203,7 @@ def neural_fly(files: list[Path], spare: list[Path]) -> list[Row]:
     # 8.5 m/s is left out of the fit, so that it is interpolated.
     known = [f for f in training if f.wind in WINDS and f.wind != "70wind"]
     if not known or not judged:
-        return [("neural-fly", "no flights of two controllers", "-", "-", "-")]
+        return [row("neural-fly", "no flights of two controllers")]
     began = time.process_time()
     model = fit_six_dof(
         [records[f] for f in known],
@@ -265,7 +213,7 @@ def neural_fly(files: list[Path], spare: list[Path]) -> list[Row]:
         attitude="measured",
     )
     learned = learn_correction(_blown(model, [records[f] for f in training]), [records[f] for f in training], 1.0, 2.5)
-    rows = [("neural-fly: fit to indi at known winds, CPU s", f"{time.process_time() - began:.0f}", "-", "-", "300")]
+    rows = [row("neural-fly: fit to indi at known winds, CPU s", f"{time.process_time() - began:.0f}", goal="300")]
     trims = {f.controller: estimate_trim(model, records[f]) for f in [*training, *judged] if f.wind == "nowind"}
     for flight in judged:
         record = records[flight]
@@ -281,11 +229,11 @@ def neural_fly(files: list[Path], spare: list[Path]) -> list[Row]:
                 for track in tracks
             ]
             limit = "6 %" if flight.wind == "70wind" else "10 %" if speed else "-"
-            rows.append((f"{label}: wind", "; not tared ".join(texts), f"{speed} m/s (known)", "-", limit))
+            rows.append(row(f"{label}: wind", "; not tared ".join(texts), peer=f"{speed} m/s (known)", goal=limit))
         else:
             texts = [f"{_sine_error(track.t, -track.wind[:, 0]):.2f} m/s" for track in tracks]
             what = f"{label}: wind 8.5 + 2.4 sin (t + phase), RMS"
-            rows.append((what, "; not tared ".join(texts), "-", "-", "0.8 m/s"))
+            rows.append(row(what, "; not tared ".join(texts), goal="0.8 m/s"))
         ours, velocity = ahead_errors(_blown(learned, [record]), record, 1.0, 3.0)
         what = f"{label}: position 1 s ahead, attitude measured, learned observer"
         rows.append((what, f"{ours:.3f} m", f"{velocity:.3f} m (constant velocity)", f"{velocity / ours:.1f} x", "8 x"))
@@ -352,8 +300,8 @@ def tailsitter(files: list[Path], spare: list[Path]) -> list[Row]:
     limit = {"1 s": "0.090, 0.055, 0.140 m", "5 s": "a fifth of constant velocity"}
     rows = []
     for name, each in sorted(errors.items()):
-        text = ", ".join(f"{value:.3f}" for value in np.sqrt(np.mean(np.square(each), axis=0)))
-        rows.append((f"tailsitter, {how}: {name}: x, y, z", f"{text} m", "-", "-", limit[name[-3:]]))
+        text = listed(np.sqrt(np.mean(np.square(each), axis=0)), ".3f")
+        rows.append(row(f"tailsitter, {how}: {name}: x, y, z", f"{text} m", goal=limit[name[-3:]]))
     return rows
 
 

@@ -5,30 +5,28 @@ installed: aeroid (output error by finite differences over SciPy's integrator), 
 """
 
 import json
-import time
+from dataclasses import replace
 from functools import cache
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from benchmarks._measure import SITL, Row, listed, row, timed
 from core.units import STANDARD_GRAVITY
 from estimation import estimate
-from logparse import Motor, Vehicle, read_log
-from simulation.fly import Setup, fly
+from logparse import read_log
+from simulation.elhesasy2024 import octocopter
 from simulation.mission import Chirp, GoTo, Mission, Turn
-from simulation.papers.elhesasy2024 import octocopter
-from simulation.place import Place
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
-from sysid.records.context import standard_density
 from sysid.rigid_body.methods.output_error import Prior, fit_output_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
+from tests.sysid.flown_craft import flown as flown_craft
+from tests.sysid.flown_craft import record
+from tests.sysid.honesty import simulated_truth
 
-LOGS = Path("../shared/logs/sitl")
 NOT_HERE = "no logs"
 
-Row = tuple[str, str, str, str, str]
 
 #: Parameters of the problem that the peer solves too, and where both start.
 SHARED_PROBLEM = {
@@ -67,82 +65,35 @@ def flown() -> Experiment:
         GoTo(20.0, 20.0, 25.0, 6.0),
         GoTo(0.0, 0.0, 8.0, 6.0),
     )
-    craft, place = octocopter(), Place(name="bench", lat_deg=47.0, lon_deg=8.0, alt=400.0)
-    mission = Mission(takeoff=8.0, steps=steps, acceleration=3.0)
-    wind = Wind(speed=2.0, from_deg=220.0, gusts=0.0)
-    flight = fly(Setup(mission=mission, place=place, vehicle=craft, wind=wind, seed=5), rate=50.0)
-    rows = flight.truth.loc[flight.airborne[0] + 2.0 : flight.airborne[1] - 3.0]
-    w, x, y, z = (rows[f"q_{a}"].to_numpy() for a in "wxyz")
-    rng = np.random.default_rng(5)
-    context = rows[["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d", "voltage"]].assign(
-        roll=np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        pitch=np.arcsin(2 * (w * y - x * z)),
-        yaw=np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))),
-        density=standard_density(place.alt - rows["p_d"].to_numpy()),
-    )
-    drive, names = craft.drive, [f"m{k + 1}" for k in range(len(craft.rotors))]
-    motors = tuple(
-        Motor(
-            number=k,
-            channel=k,
-            angle=float(np.arctan2(mount.position[1], mount.position[0])),
-            spin=mount.spin,
-            layer=mount.layer,
-            roll=-mount.position[1],
-            pitch=mount.position[0],
-            yaw=-float(mount.spin),
-        )
-        for k, mount in enumerate(craft.rotors, start=1)
-    )
-    position = rows[["p_n", "p_e", "p_d"]].to_numpy() * [1.0, 1.0, -1.0]
-    return Experiment.from_arrays(
-        rows.index.to_numpy(),
-        rows[names].to_numpy(),
-        position + 0.01 * rng.standard_normal(position.shape),
-        name="octocopter",
-        input_names=names,
-        output_names=("x", "y", "z"),
-        context=pd.DataFrame(context),
-        vehicle=Vehicle(
-            motors=motors,
-            pwm_min=drive.pwm_min,
-            pwm_max=drive.pwm_max,
-            spin_min=drive.spin_min,
-            spin_max=drive.spin_max,
-            thrust_expo=drive.expo,
-        ),
-    )
+    mission, wind = Mission(takeoff=8.0, steps=steps, acceleration=3.0), Wind(speed=2.0, from_deg=220.0, gusts=0.0)
+    seen = record(flown_craft(octocopter(), mission, wind, altitude=400.0, seed=5), name="octocopter")
+    return replace(seen, y=seen.y + 0.01 * np.random.default_rng(5).standard_normal(seen.y.shape))
 
 
 def simulated() -> list[Row]:
     """Fit the octocopter: worst error of what is determined, and the time that it takes."""
-    record, craft = flown(), octocopter()
-    fit_rigid_body([record.window(record.t[0], record.t[0] + 20.0)])  # compiles
-    begun = time.process_time()
-    model = fit_rigid_body([record], mass=craft.mass)
-    seconds = time.process_time() - begun
-    rotor, drive = craft.rotors[0].rotor, craft.drive
-    full = rotor.thrust_coefficient * (drive.speed_max * model.reference_voltage / drive.voltage_reference) ** 2
-    truth = {"thrust": full / craft.mass, "thrust_expo": drive.expo}
-    truth |= {f"drag_linear_{a}": d / craft.mass for a, d in zip("xyz", craft.drag_linear, strict=True)}
-    truth |= {f"drag_quadratic_{a}": 0.6125 * d / craft.mass for a, d in zip("xyz", craft.drag_area, strict=True)}
-    truth |= {f"{n}_gain": 0.35 * full / craft.inertia[k, k] for k, n in enumerate(("roll", "pitch"))}
+    seen, craft = flown(), octocopter()
+    fit_rigid_body([seen.window(seen.t[0], seen.t[0] + 20.0)])  # compiles
+    model, seconds = timed(lambda: fit_rigid_body([seen], mass=craft.mass))
+    judged = ("thrust", "drag", "roll_gain", "pitch_gain")
+    stated = simulated_truth(craft, model.reference_voltage, (0.0, 0.0)).parameters
+    truth = {name: value for name, value in stated.items() if name.startswith(judged)}
     errors = {n: model.value(n) / v - 1.0 for n, v in truth.items() if model.parameters[n].determined}
     worst = max(errors, key=lambda n: abs(errors[n]))
     sigmas = {n: abs(model.value(n) - truth[n]) / model.parameters[n].sigma for n in errors}
     farthest = max(sigmas, key=lambda n: sigmas[n])
-    minutes = record.duration / 60.0
+    minutes = seen.duration / 60.0
     return [
-        ("simulated octocopter: worst error", f"{100 * errors[worst]:.1f} % ({worst})", "-", "-", "3 %"),
-        ("simulated octocopter: farthest", f"{sigmas[farthest]:.1f} sigma ({farthest})", "-", "-", "2 sigma"),
-        (f"full rigid body, {minutes:.1f} min at 50 Hz, CPU s", f"{seconds:.2f}", "-", "-", "< 0.5"),
+        row("simulated octocopter: worst error", f"{100 * errors[worst]:.1f} % ({worst})", goal="3 %"),
+        row("simulated octocopter: farthest", f"{sigmas[farthest]:.1f} sigma ({farthest})", goal="2 sigma"),
+        row(f"full rigid body, {minutes:.1f} min at 50 Hz, CPU s", f"{seconds:.2f}", goal="< 0.5"),
     ]
 
 
 def against_aeroid() -> list[Row]:
     """Solve one output-error problem with both: 20 s of free run, nine parameters."""
-    record = flown().window(flown().t[0], flown().t[0] + 20.0)
-    flight = motion(record, record.vehicle, float(record.context["voltage"].median()))
+    seen = flown().window(flown().t[0], flown().t[0] + 20.0)
+    flight = motion(seen, seen.vehicle, float(seen.context["voltage"].median()))
     flight = Motion(
         **{
             name: value[::5] if isinstance(value, np.ndarray) and len(value) == len(flight.t) else value
@@ -153,7 +104,7 @@ def against_aeroid() -> list[Row]:
     try:
         import aeroid
     except ImportError:
-        return [("output error, 20 s, 9 parameters, CPU s", f"{seconds:.3f}", "not installed", "-", "> 20")]
+        return [row("output error, 20 s, 9 parameters, CPU s", f"{seconds:.3f}", peer="not installed", goal="> 20")]
     theirs, their_seconds = _theirs(aeroid, flight)
     errors = _position_error(flight, ours), _position_error(flight, theirs)
     ratio = f"{their_seconds / seconds:.0f} x" if errors[0] < 1.1 * errors[1] else "another answer"
@@ -185,10 +136,12 @@ def _ours(flight: Motion) -> tuple[dict[str, float], float]:
         start[names.index(name)], sigma[names.index(name)] = value, np.inf
     prior = Prior(start.copy(), sigma, np.full(count, -100.0), np.full(count, 100.0))
     shapes = [np.ones((len(flight.t), 1))]
-    fit_output_error([flight], shapes, start, prior, law=0, window_seconds=None)  # compiles
-    begun = time.process_time()
-    fit = fit_output_error([flight], shapes, start, prior, law=0, window_seconds=None)
-    seconds = time.process_time() - begun
+
+    def work() -> Any:
+        return fit_output_error([flight], shapes, start, prior, law=0, window_seconds=None)
+
+    work()  # compiles
+    fit, seconds = timed(work)
     found = dict(zip(names, map(float, fit.values), strict=True))
     return {name: found[name] for name in SHARED_PROBLEM}, seconds
 
@@ -216,36 +169,35 @@ def _theirs(aeroid, flight: Motion) -> tuple[dict[str, float], float]:
     )  # fmt: skip
     measured = dict(zip(states, np.hstack([flight.position, flight.velocity]).T, strict=True))
     data = aeroid.FlightData(time=flight.t - flight.t[0], channels={**measured, **controls})
-    begun = time.process_time()
-    result = aeroid.identify(model, data, list(SHARED_PROBLEM))
-    return {name: result.parameters[name] for name in SHARED_PROBLEM}, time.process_time() - begun
+    result, seconds = timed(lambda: aeroid.identify(model, data, list(SHARED_PROBLEM)))
+    return {name: result.parameters[name] for name in SHARED_PROBLEM}, seconds
 
 
 @cache
 def flight(name: str) -> Experiment:
-    log = read_log(LOGS / f"{name}.BIN")
+    log = read_log(SITL / f"{name}.BIN")
     return Experiment.from_flight(log, estimate(log.tables), rate=50.0)
 
 
 def firmware() -> list[Row]:
     """Judge parameters on flights of known truth from sea level to 2850 m, and prediction on others."""
-    if not LOGS.is_dir():
-        return [("firmware in the loop", NOT_HERE, "-", "-", "-")]
+    if not SITL.is_dir():
+        return [row("firmware in the loop", NOT_HERE)]
     rows = []
     for names in (("octa07_loiter_sticks",), ("octa09_systemid_mixer",), ("octa01_auto_calm", "octa05_auto_quito")):
-        facts = json.loads((LOGS / f"{names[0]}.json").read_text())["truth"]
+        facts = json.loads((SITL / f"{names[0]}.json").read_text())["truth"]
         model = fit_rigid_body([flight(name) for name in names], mass=facts["mass_kg"])
         volts = model.reference_voltage / facts["model_inputs"]["maxVoltage"]
         full = facts["max_thrust_per_motor_N_sea_level_static_full_voltage"] * volts**2 / facts["mass_kg"]
         expo = facts["model_inputs"]["propExpo"]
         hover = model.value("thrust") * (0.55 - 0.2475 * model.value("thrust_expo")) / (full * (0.55 - 0.2475 * expo))
         label = ", ".join(names)
-        rows.append((f"{label}: thrust at hover command", f"{100 * (hover - 1):+.2f} %", "-", "-", "2 %"))
+        rows.append(row(f"{label}: thrust at hover command", f"{100 * (hover - 1):+.2f} %", goal="2 %"))
         for axis, inertia in (("roll", "Ixx"), ("pitch", "Iyy")):
             gain = model.parameters[f"{axis}_gain"]
             expected = facts["arm_length_m"] * full * facts["mass_kg"] / facts["inertia_kgm2"][inertia]
             text = f"{100 * (gain.value / expected - 1):+.1f} %" if gain.determined else "not determined"
-            rows.append((f"{label}: {axis} effectiveness", text, "-", "-", "5 %"))
+            rows.append(row(f"{label}: {axis} effectiveness", text, goal="5 %"))
         momentum = facts["mdrag_coef_used"] * np.sqrt(1.225 * facts["true_prop_area_per_motor"])
         linear = momentum * np.sqrt(facts["num_motors"] * STANDARD_GRAVITY / facts["mass_kg"])
         drag = linear * 4.0 + 0.6125 * facts["areaCd_m2"] / facts["mass_kg"] * 16.0
@@ -253,7 +205,7 @@ def firmware() -> list[Row]:
             text = f"{100 * (model.drag(axis, 4.0)[0] / drag - 1.0):+.1f} %"
             known = model.parameters[f"drag_quadratic_{axis}"].determined
             what = f"{label}: drag along {axis} at 4 m/s"
-            rows.append((what, text if known else "not determined", "-", "-", "15 %"))
+            rows.append(row(what, text if known else "not determined", goal="15 %"))
     model = fit_rigid_body([flight("octa01_auto_calm"), flight("octa07_loiter_sticks")])
     result = validate(model, [flight("octa02_auto_wind2"), flight("octa05_auto_quito")], horizons=(1.0, 5.0))
     for horizon, target in ((1.0, "0.03 m"), (5.0, "0.35 m")):
@@ -273,16 +225,21 @@ def firmware() -> list[Row]:
 
 def paper_protocol() -> list[Row]:
     """Fit three flights of the core paper's protocol, run freely over every other flight of it."""
-    if not LOGS.is_dir():
-        return [("core paper's protocol", NOT_HERE, "-", "-", "-")]
+    if not SITL.is_dir():
+        return [row("core paper's protocol", NOT_HERE)]
     model = fit_rigid_body([flight(f"paper0{k}") for k in (1, 2, 3)])
-    others = [flight(path.stem) for path in sorted(LOGS.glob("paper*.BIN")) if path.stem[-2:] not in ("01", "02", "03")]
+    others = [flight(path.stem) for path in sorted(SITL.glob("paper*.BIN")) if path.stem[-2:] not in ("01", "02", "03")]
     rows = []
     for seconds, what in ((None, "whole flight"), (30.0, "first 30 s")):
         average = validate(model.trimmed(others, seconds=seconds), others, horizons=()).average
-        numbers = ", ".join(f"{average[axis]:.2f}" for axis in "xyz")
+        numbers = listed(average[axis] for axis in "xyz")
         label = f"paper protocol, {len(others)} flights, wind and thrust scale from {what}: RMSE x, y, z"
         rows.append(
-            (label, f"{numbers} m", "Elhesasy 2024, own flights", "-", "0.32, 0.27, 0.25 m" if not seconds else "-")
+            row(
+                label,
+                f"{numbers} m",
+                peer="Elhesasy 2024, own flights",
+                goal="0.32, 0.27, 0.25 m" if not seconds else "-",
+            )
         )
     return rows

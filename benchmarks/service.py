@@ -5,7 +5,6 @@ Everything goes over loopback against `rotorid serve` in a process of its own.
 
 import hashlib
 import os
-import re
 import socket
 import statistics
 import subprocess
@@ -19,29 +18,29 @@ from pathlib import Path
 
 import httpx
 
-ROOT = Path(__file__).parents[1]
+from benchmarks._measure import ROOT, SAMPLES, Row, forget_peak, memory, row
 
 MB = 1_000_000
 
 #: A log's first bytes, so that it is taken for one, and what no packing makes smaller.
-_BLOCK = (ROOT / "sample_logs" / "octa01_zurich_calm.bin").read_bytes()[:30_000] + os.urandom(MB - 30_000)
+_BLOCK = (SAMPLES / "octa01_zurich_calm.bin").read_bytes()[:30_000] + os.urandom(MB - 30_000)
 
 
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder, _service(Path(folder)) as (address, pid):
         started = time.perf_counter()
         lost = upload_many(address, clients=50, size=10 * MB)
         took = time.perf_counter() - started
-        many = peak_memory(pid)
+        many = memory("VmHWM", pid) / MB
         growth = upload_large(address, pid, size=1000 * MB)
         idle, busy, states = status_reads(address)
     return [
-        ("50 clients upload 10 MB each at once: lost", f"{lost}", "-", "-", "0"),
-        ("... most memory of the server's process", f"{many:.0f} MB", "-", "-", "300 MB"),
-        ("... rate of all together", f"{500 / took:.0f} MB/s", "-", "-", "-"),
-        ("growth of the server's process over an upload of 1 GB", f"{growth:.0f} MB", "-", "-", "100 MB"),
-        (f"median of {len(states)} status reads while workers are busy", f"{busy:.1f} ms", "-", "-", "50 ms"),
-        ("... and when they are not", f"{idle:.1f} ms", "-", "-", "-"),
+        row("50 clients upload 10 MB each at once: lost", f"{lost}", goal="0"),
+        row("... most memory of the server's process", f"{many:.0f} MB", goal="300 MB"),
+        row("... rate of all together", f"{500 / took:.0f} MB/s"),
+        row("growth of the server's process over an upload of 1 GB", f"{growth:.0f} MB", goal="100 MB"),
+        row(f"median of {len(states)} status reads while workers are busy", f"{busy:.1f} ms", goal="50 ms"),
+        row("... and when they are not", f"{idle:.1f} ms"),
     ]
 
 
@@ -63,19 +62,19 @@ def upload_many(address: str, *, clients: int, size: int) -> int:
 
 def upload_large(address: str, pid: int, *, size: int) -> float:
     """Upload one log; gives how much more memory the process needed for it than before, MB."""
-    Path(f"/proc/{pid}/clear_refs").write_text("5")  # forget the peak of what was before
-    before = peak_memory(pid)
+    forget_peak(pid)
+    before = memory("VmHWM", pid)
     answer = httpx.post(
         f"{address}/api/v1/logs", content=_form(b"large", size, hashlib.sha256()), headers=_FORM, timeout=600.0
     )
     assert answer.json().get("size") == size, answer.text
-    return max(0.0, peak_memory(pid) - before)
+    return max(0.0, memory("VmHWM", pid) - before) / MB
 
 
 def status_reads(address: str) -> tuple[float, float, list[str]]:
     """Time reads of an analysis, in ms, before and while sample logs are analysed; and what they said."""
     with httpx.Client(base_url=address, timeout=60.0) as client:
-        samples = sorted((ROOT / "sample_logs").glob("*.bin"))
+        samples = sorted(SAMPLES.glob("*.bin"))
         logs = [
             client.post("/api/v1/logs", files={"file": (path.name, path.read_bytes())}).json()["id"] for path in samples
         ]
@@ -90,13 +89,6 @@ def status_reads(address: str) -> tuple[float, float, list[str]]:
         for analysis in analyses:
             client.post(f"{analysis}/cancel")
     return idle, statistics.median(busy), states
-
-
-def peak_memory(pid: int) -> float:
-    """Return the most memory that a process has had, MB."""
-    found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
-    assert found is not None
-    return int(found[1]) * 1024 / MB
 
 
 _FORM = {"Content-Type": "multipart/form-data; boundary=b"}

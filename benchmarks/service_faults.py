@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks._measure import Row, row
 from tests.api import postgresql
 from tests.api.programs import Service, wait_until
 
@@ -21,22 +22,22 @@ from tests.api.programs import Service, wait_until
 DEATHS = {"ROTORID_DEATHS": "1000"}
 
 
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     rows = _killed("SQLite", {})
     try:
         with postgresql.running() as server:
             rows += _killed("PostgreSQL", {"ROTORID_DATABASE": server.url})
     except pytest.skip.Exception as missing:
-        rows.append((f"the same on PostgreSQL: {missing}", "-", "-", "-", "0"))
+        rows.append(row(f"the same on PostgreSQL: {missing}", "-", goal="0"))
     return rows
 
 
-def _killed(name: str, settings: dict[str, str]) -> list[tuple[str, str, str, str, str]]:
+def _killed(name: str, settings: dict[str, str]) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder, closing(Service(Path(folder), **DEATHS, **settings)) as service:
         lost, wrong = kill_at_random(service, kills=30)
     return [
-        (f"kill -9 of workers, server or both on {name}, 30 times: logs lost", f"{lost}", "-", "-", "0"),
-        ("... analyses that do not end once with their right result", f"{wrong}", "-", "-", "0"),
+        row(f"kill -9 of workers, server or both on {name}, 30 times: logs lost", f"{lost}", goal="0"),
+        row("... analyses that do not end once with their right result", f"{wrong}", goal="0"),
     ]
 
 

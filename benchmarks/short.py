@@ -4,7 +4,6 @@ Against peers that tests need anyway where they do the same work, else against a
 (SciPy's filter and eigenvalues, many small calls); a ratio says more than a time on a machine that others use too.
 """
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from pymavlink import DFReader
 from scipy.signal import lfilter
 
+from benchmarks._measure import SAMPLES, Row, cpu, row
 from benchmarks.estimation import filterpy_seconds, forward_and_back, problem_of
 from benchmarks.logparse_tlog import read_ours, read_pymavlink
 from benchmarks.sysid import _rao_garnier_record
@@ -20,11 +20,8 @@ from logparse import read_log
 from sysid import fit_transfer_functions
 from tests.estimation.simulated_flight import fly
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
 LOG, TELEMETRY = SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "octa02_alain_breeze.tlog"
 LARGE = SAMPLES / "quad02_delft_systemid.bin"
-
-Row = tuple[str, str, str, str, str]
 
 
 def run() -> list[Row]:
@@ -50,17 +47,9 @@ def run() -> list[Row]:
 def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], passes: int) -> Row:
     """Time the two in turn, after one of ours that loads compiled code; least times of each."""
     ours()
-    mine = other = np.inf
-    for _ in range(passes):
-        mine = min(mine, *(_cpu(ours) for _ in range(3)))
-        other = min(other, _cpu(theirs))
-    return what, f"{1e3 * mine:.1f} ms", f"{1e3 * other:.1f} ms", f"{other / mine:.3g}", "-"
-
-
-def _cpu(work: Callable[[], object]) -> float:
-    begun = time.process_time()
-    work()
-    return time.process_time() - begun
+    pairs = [(cpu(ours, 3), cpu(theirs)) for _ in range(passes)]
+    mine, other = (min(times) for times in zip(*pairs, strict=True))
+    return row(what, f"{1e3 * mine:.1f} ms", peer=f"{1e3 * other:.1f} ms", ratio=f"{other / mine:.3g}")
 
 
 def every_message(path: Path = LOG) -> None:

@@ -2,21 +2,19 @@
 
 import dataclasses
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import fsolve
 
-from simulation import FLIGHTS, propagate, write_sample_logs
+from benchmarks._measure import Row, cpu, row
+from simulation import FLIGHTS, guntur2019, motion2018, propagate, write_sample_logs
 from simulation.mission import GoTo, Wait
-from simulation.papers import guntur2019, motion2018
 from simulation.rotor import BladeElementRotor
 from simulation.sample_logs import fly_sample, write_flight
 
 
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     sample = FLIGHTS["octa04_bergen_gusty"]
     steps = tuple(step for k in range(6) for step in (GoTo(8.0 * (k % 2), 6.0, 8.0 + k % 3), Wait(17.0)))
     mission = dataclasses.replace(sample.setup.mission, steps=steps)
@@ -24,28 +22,18 @@ def run() -> list[tuple[str, str, str, str, str]]:
     flown = fly_sample(sample).truth.index[-1]  # compiles
     with tempfile.TemporaryDirectory() as folder:
         write_flight(sample, Path(folder))
-        logged = min(_cpu(lambda: write_flight(sample, Path(folder))) for _ in range(3))
-        every = _cpu(lambda: write_sample_logs(folder))
-    euler = min(_euler() for _ in range(3))
+        logged = cpu(lambda: write_flight(sample, Path(folder)), 3)
+        every = cpu(lambda: write_sample_logs(folder))
+    euler = _euler()
     there, flight = _spatial()
     ours, thesis = _blade_element()
     return [
-        (
-            f"{flown:.0f} s octocopter mission at 1 kHz, sensors and log",
-            f"{logged:.2f} s",
-            "-",
-            "-",
-            "< 3 s",
+        row(f"{flown:.0f} s octocopter mission at 1 kHz, sensors and log", f"{logged:.2f} s", goal="< 3 s"),
+        row(
+            "60 s of Motion 2018, Euler at 1e-4 s (600 000 steps), autopilot at 100 Hz", f"{euler:.2f} s", goal="< 1 s"
         ),
-        (
-            "60 s of Motion 2018, Euler at 1e-4 s (600 000 steps), autopilot at 100 Hz",
-            f"{euler:.2f} s",
-            "-",
-            "-",
-            "< 1 s",
-        ),
-        (f"Motion 2018, spatial flight until arrival ({flight:.1f} s)", f"{there:.2f} s", "-", "-", "-"),
-        ("all of sample_logs/", f"{every:.1f} s", "-", "-", "< 20 s"),
+        row(f"Motion 2018, spatial flight until arrival ({flight:.1f} s)", f"{there:.2f} s"),
+        row("all of sample_logs/", f"{every:.1f} s", goal="< 20 s"),
         (
             "step of RK4 with four blade-element rotors",
             f"{1e6 * ours:.1f} us",
@@ -65,13 +53,13 @@ def _euler() -> float:
     def flight() -> None:
         propagate(craft, start, autopilot, 60.0, dt=1e-4, hold=100, every=10, method="euler", wind=(-0.5, 0.0, 0.0))
 
-    return _cpu(flight)
+    return cpu(flight, 3)
 
 
 def _spatial() -> tuple[float, float]:
     """CPU seconds of the paper's spatial flight, and how long it takes in the air."""
     flown = motion2018.fly_to_point(motion2018.SPATIAL)
-    return _cpu(lambda: motion2018.fly_to_point(motion2018.SPATIAL)), float(flown.index[-1])
+    return cpu(lambda: motion2018.fly_to_point(motion2018.SPATIAL)), float(flown.index[-1])
 
 
 def _blade_element() -> tuple[float, float]:
@@ -103,12 +91,5 @@ def _blade_element() -> tuple[float, float]:
         for _ in range(4 * 4):
             fsolve(residual, 0.1)
 
-    pairs = [(_cpu(steps) / 10_000, _cpu(thesis)) for _ in range(20)]
+    pairs = [(cpu(steps) / 10_000, cpu(thesis)) for _ in range(20)]
     return min(ours for ours, _ in pairs), min(peer for _, peer in pairs)
-
-
-def _cpu(work: Callable[[], object]) -> float:
-    """CPU seconds of a call."""
-    start = time.process_time()
-    work()
-    return time.process_time() - start

@@ -18,6 +18,7 @@ from scipy.io import loadmat, savemat
 from scipy.linalg import expm
 from scipy.signal import lfilter, lsim, max_len_seq
 
+from benchmarks._measure import Row, cpu, listed, row, timed
 from sysid import Experiment, fit_transfer_functions
 from sysid.transfer_functions.response import discretise
 from sysid.transfer_functions.sections import denominators
@@ -43,11 +44,11 @@ MASS, ARM, INERTIA, LIFT = 4.3, 0.35, 0.06, 0.012
 MOTOR_LAG, RATE_DAMPING, DRAG, HEAVE = 0.06, 2.0, 0.35, 0.5
 
 
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     return [*rao_garnier(), *physical_truth(), *paper_size()]
 
 
-def rao_garnier() -> list[tuple[str, str, str, str, str]]:
+def rao_garnier() -> list[Row]:
     """Fit 20 seeds at 10 dB and judge the free run on a clean record with another input."""
     records = [_rao_garnier_record(seed) for seed in range(SEEDS)]
     fresh = _inputs(SAMPLES, 8)
@@ -57,9 +58,8 @@ def rao_garnier() -> list[tuple[str, str, str, str, str]]:
     fit_transfer_functions(records[:1], 4, 1)  # compiles
     fits, errors, deviations, seconds = [], [], [], []
     for seed, record in enumerate(records):
-        begun = time.process_time()
-        model = fit_transfer_functions([record], 4, 1, seed=seed)
-        seconds.append(time.process_time() - begun)
+        model, spent = timed(lambda: fit_transfer_functions([record], 4, 1, seed=seed))  # noqa: B023
+        seconds.append(spent)
         function = model.transfer_functions["y1"]["u1"]
         errors.append(np.concatenate([function.num, function.den[1:]]) - truth)
         deviations.append(function.standard_deviation)
@@ -71,16 +71,12 @@ def rao_garnier() -> list[tuple[str, str, str, str, str]]:
     quality = f"{np.mean(fits):.2f} %, least {min(fits):.2f} %"
     failures = f"{sum(fit < 95.0 for fit in fits)} of {SEEDS}"
     rows = [
-        ("Rao-Garnier, 10 dB, 20 seeds: fit on clean fresh data", quality, "-", "-", ">= 99.0 %"),
-        ("Rao-Garnier: failures (fit below 95 %)", failures, "-", "-", "<= 0"),
-        (
-            "Rao-Garnier: RMSE over Cramer-Rao bound, worst parameter",
-            f"{(scatter / bound).max():.2f}",
-            "-",
-            "-",
-            "< 1.25",
+        row("Rao-Garnier, 10 dB, 20 seeds: fit on clean fresh data", quality, goal=">= 99.0 %"),
+        row("Rao-Garnier: failures (fit below 95 %)", failures, goal="<= 0"),
+        row(
+            "Rao-Garnier: RMSE over Cramer-Rao bound, worst parameter", f"{(scatter / bound).max():.2f}", goal="< 1.25"
         ),
-        ("Rao-Garnier: claimed deviation over bound", f"{claimed.min():.2f}-{claimed.max():.2f}", "-", "-", "1"),
+        row("Rao-Garnier: claimed deviation over bound", f"{claimed.min():.2f}-{claimed.max():.2f}", goal="1"),
     ]
     peers = {"pysib oe": _pysib(records[0], fresh, clean), "Octave moen4": _octave(records[0], fresh, clean)}
     for name, peer in peers.items():
@@ -91,7 +87,7 @@ def rao_garnier() -> list[tuple[str, str, str, str, str]]:
     return rows
 
 
-def physical_truth() -> list[tuple[str, str, str, str, str]]:
+def physical_truth() -> list[Row]:
     """Motor commands of an octocopter to its position, inputs projected by the mixer; free run over 180 s from rest.
 
     The truth is the linearised physics: motor lag, rate damping, attitude, drag; from a roll or pitch moment to
@@ -116,38 +112,28 @@ def physical_truth() -> list[tuple[str, str, str, str, str]]:
             model = fit_transfer_functions([record], structure, 0, "common", integrators=integrators)
             seconds.append(time.process_time() - begun)
             errors += [np.sqrt(np.mean((model.simulate(test) - test.y) ** 2, axis=0)) for test in tests]
-        axes = ", ".join(f"{error:.4f}" for error in np.median(errors, axis=0))
+        axes = listed(np.median(errors, axis=0), ".4f")
         what = f"physical octocopter, 180 s, motors {label}: "
         rows += [
-            (f"{what}free run on new flights (median; x, y, z)", f"{axes} m", "-", "-", "0.004 m"),
-            (f"{what}time", f"{np.median(seconds):.2f} s", "-", "-", "< 0.2 s"),
+            row(f"{what}free run on new flights (median; x, y, z)", f"{axes} m", goal="0.004 m"),
+            row(f"{what}time", f"{np.median(seconds):.2f} s", goal="< 0.2 s"),
         ]
     return rows
 
 
-def paper_size() -> list[tuple[str, str, str, str, str]]:
+def paper_size() -> list[Row]:
     """Eight inputs and three outputs, five poles and three zeros, 10 Hz: one record, and ten jointly."""
     records = [octocopter_record(seed, 2000) for seed in range(10)]
-    begun = time.process_time()
-    fit_transfer_functions(records[:1])
-    one = time.process_time() - begun
-    begun = time.process_time()
-    model = fit_transfer_functions(records[:9])
-    joint = time.process_time() - begun
+    one = cpu(lambda: fit_transfer_functions(records[:1]))
+    model, joint = timed(lambda: fit_transfer_functions(records[:9]))
     test = records[9]
     error = np.sqrt(np.mean((model.simulate(test) - test.y)[30:] ** 2, axis=0))
     floor = max(report.rmse for report in model.reports.values())
     return [
-        ("8 inputs, 3 outputs, 5/3, own denominators, N = 2000", f"{one:.2f} s", "-", "-", "< 0.7 s"),
-        ("the same, joint fit on 9 records", f"{joint:.1f} s", "-", "-", "< 10 s"),
-        ("joint fit: worst training RMSE (noise 0.05 m)", f"{floor:.4f} m", "-", "-", "< 0.051 m"),
-        (
-            "joint fit: free run on another record, worst axis (with noise)",
-            f"{error.max():.3f} m",
-            "-",
-            "-",
-            "< 0.058 m",
-        ),
+        row("8 inputs, 3 outputs, 5/3, own denominators, N = 2000", f"{one:.2f} s", goal="< 0.7 s"),
+        row("the same, joint fit on 9 records", f"{joint:.1f} s", goal="< 10 s"),
+        row("joint fit: worst training RMSE (noise 0.05 m)", f"{floor:.4f} m", goal="< 0.051 m"),
+        row("joint fit: free run on another record, worst axis (with noise)", f"{error.max():.3f} m", goal="< 0.058 m"),
     ]
 
 
@@ -239,9 +225,9 @@ def _craft(spread: float) -> tuple[np.ndarray, np.ndarray]:
     effect = 1.0 + spread * np.random.default_rng(0).standard_normal(8)
     a, b = np.zeros((18, 18)), np.zeros((18, 8))
     a[:8, :8], b[:8] = -np.eye(8) / MOTOR_LAG, np.diag(LIFT * effect) / MOTOR_LAG
-    for row, moment, gravity in ((8, MIXER[1], 9.81), (12, MIXER[2], -9.81)):
-        a[row, :8], a[row, row] = ARM * moment / INERTIA, -RATE_DAMPING
-        a[row + 1, row], a[row + 2, row + 1], a[row + 2, row + 2], a[row + 3, row + 2] = 1.0, gravity, -DRAG, 1.0
+    for k, moment, gravity in ((8, MIXER[1], 9.81), (12, MIXER[2], -9.81)):
+        a[k, :8], a[k, k] = ARM * moment / INERTIA, -RATE_DAMPING
+        a[k + 1, k], a[k + 2, k + 1], a[k + 2, k + 2], a[k + 3, k + 2] = 1.0, gravity, -DRAG, 1.0
     a[16, :8], a[16, 16], a[17, 16] = 1.0 / MASS, -HEAVE, 1.0
     exponential = expm(0.1 * np.block([[a, b], [np.zeros((8, 26))]]))
     return exponential[:18, :18], exponential[:18, 18:]

@@ -7,21 +7,18 @@ sysid_flights` gives the figures; `python -m benchmarks.sysid_flights` prints wh
 """
 
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from benchmarks._measure import SITL, Row, row, timed
 from estimation import Trajectory, estimate
 from logparse import FlightLog, read_log
 from sysid import Experiment, Validation, fit_closed_loop, fit_transfer_functions, validate
-from sysid.records.excitation import coherence, examine
-
-SITL = Path(__file__).resolve().parents[2] / "shared" / "logs" / "sitl"
+from sysid.records.excitation import examine
 
 FITTED = ("paper01", "paper02", "paper03")
 JUDGED = ("paper04", "paper05", "paper06")
@@ -60,9 +57,7 @@ def black_box(
 ) -> tuple[Validation, float]:
     """Fit some flights jointly with 5 poles and 3 zeros and judge on all; gives CPU seconds of the fit too."""
     seen = [record(name, inputs, frame) for name in fitted]
-    begun = time.process_time()
-    model = fit_transfer_functions(seen, 5, 3, structure, time_limit=120.0)
-    seconds = time.process_time() - begun
+    model, seconds = timed(lambda: fit_transfer_functions(seen, 5, 3, structure, time_limit=120.0))
     return validate(model, [*seen, *(record(name, inputs, frame) for name in judged)]), seconds
 
 
@@ -122,51 +117,9 @@ def thrust_gain() -> tuple[float, float]:
     return float(gain), 9.81 / float(np.mean([exp.input_trim[0] for exp in fitted]))
 
 
-def coherences() -> pd.DataFrame:
-    """Median multiple coherence between 0.5 and 5 rad/s by input set: the protocol's flights, and one that turns."""
-    rows = {}
-    for inputs, frame in SETS:
-        row: dict[str, float] = {}
-        for label, names in (("protocol", FITTED), ("turning", ("octa07_loiter_sticks",))):
-            found = coherence([record(name, inputs, frame) for name in names])
-            band = (found.frequency > 0.5) & (found.frequency < 5.0)
-            row |= {f"{label} {axis}": float(np.median(found.multiple[band, k])) for k, axis in enumerate("xyz")}
-            row[f"{label} chance"] = found.threshold
-        rows[f"{inputs}, {frame}"] = row
-    return pd.DataFrame(rows).T
-
-
-def against_truth(validation: Validation, names: Sequence[str]) -> pd.DataFrame:
-    """RMSE of the free runs against the simulator's truth, whose origin is a constant from the autopilot's."""
-    rows = {}
-    for name in names:
-        exp, truth = record(name, "reference"), flight(name)[0].tables.truth
-        assert truth is not None
-        axes = (("p_n", 1.0), ("p_e", 1.0), ("p_d", -1.0))
-        path = [sign * np.interp(exp.t, truth.index.to_numpy(), truth[axis].to_numpy()) for axis, sign in axes]
-        apart = exp.y - np.array(path).T
-        error = validation.predictions[name] - np.array(path).T - apart.mean(axis=0)
-        rows[name] = _rms(error[30:])
-    return pd.DataFrame(rows, index=["x", "y", "z"]).T
-
-
-def own_error(name: str) -> np.ndarray:
-    """RMS of the autopilot's own position estimate about the simulator's truth, after its mean: no loop knows it."""
-    log, _ = flight(name)
-    own, truth = log.tables.ekf, log.tables.truth
-    assert own is not None
-    assert truth is not None
-    inside = own.loc[log.flight.start : log.flight.stop] if log.flight else own
-    error = [
-        inside[axis].to_numpy() - np.interp(inside.index.to_numpy(), truth.index.to_numpy(), truth[axis].to_numpy())
-        for axis in ("p_n", "p_e", "p_d")
-    ]
-    return np.std(np.array(error), axis=1)
-
-
-def run() -> list[tuple[str, str, str, str, str]]:
+def run() -> list[Row]:
     if not SITL.is_dir():
-        return [("flights of firmware in the loop", "shared logs are not here", "-", "-", "-")]
+        return [row("flights of firmware in the loop", "shared logs are not here")]
     rows = []
     for inputs, frame in SETS:
         validation, seconds = black_box(inputs, frame, "common")
@@ -183,19 +136,17 @@ def run() -> list[tuple[str, str, str, str, str]]:
     evidence = altitude_evidence().mean()
     gain, expected = thrust_gain()
     rows += [
-        (
+        row(
             "z from mixer commands, unseen flights: own inputs, those of other flights",
             f"{evidence['own inputs']:.2f} m, {evidence['borrowed inputs']:.1f} m",
-            f"{evidence['mean of z']:.1f} m (mean)",
-            f"{evidence['own inputs'] / evidence['mean of z']:.2f}",
-            "-",
+            peer=f"{evidence['mean of z']:.1f} m (mean)",
+            ratio=f"{evidence['own inputs'] / evidence['mean of z']:.2f}",
         ),
-        (
+        row(
             "the same about the trim of the fitted flights",
             f"{evidence['trim of the fit']:.0f} m",
-            f"{evidence['mean of z']:.1f} m (mean)",
-            f"{evidence['trim of the fit'] / evidence['mean of z']:.0f}",
-            "-",
+            peer=f"{evidence['mean of z']:.1f} m (mean)",
+            ratio=f"{evidence['trim of the fit'] / evidence['mean of z']:.0f}",
         ),
         (
             "climb per thrust at 2 rad/s, fitted to paper01-03",
@@ -222,37 +173,21 @@ def run() -> list[tuple[str, str, str, str, str]]:
 
 
 def tables() -> None:
-    """Print every table in Markdown."""
+    """Print every flight of every table."""
+    protocol, mission = (FITTED, JUDGED), ((MISSION,), OCTAS)
     for inputs, frame in SETS:
-        for structure in STRUCTURES:
-            validation, seconds = black_box(inputs, frame, structure)
-            print(f"\n### {inputs}, {frame} frame, {structure.replace('_', ' ')} denominators ({seconds:.1f} s)\n")
-            print(_markdown(table_4(validation), 2))
-            print(*(f"\n- {sentence}" for sentence in validation.verdicts))
+        for structure, flights in (("per_input", protocol), ("common", protocol), ("common", mission)):
+            validation, seconds = black_box(inputs, frame, structure, *flights)
+            _print(f"{inputs}, {frame} frame, {structure}, {seconds:.1f} s", validation)
         excitation = examine([record(name, inputs, frame) for name in FITTED])
         print(f"\ncondition {excitation.condition:.3g}; {'; '.join(f.reason for f in excitation.findings)}")
-    for inputs, frame in SETS:
-        validation, _ = black_box(inputs, frame, "common", [MISSION], OCTAS)
-        print(f"\n### {inputs}, {frame} frame, common denominators, {MISSION} fitted\n")
-        print(_markdown(table_4(validation), 2))
-        print(*(f"\n- {sentence}" for sentence in validation.verdicts))
-    print("\n### z from mixer commands\n")
-    print(_markdown(altitude_evidence(), 2))
-    print("\nthrust gain {:.2f}, gravity over hover {:.2f} m/s^2".format(*thrust_gain()))
-    print("\n### coherence\n")
-    print(_markdown(coherences(), 2))
-    validation = closed_loop(FITTED, JUDGED)
-    print("\n### closed loop, paper01-03 fitted\n")
-    print(_markdown(table_4(validation), 3))
-    validation = closed_loop([MISSION], [*OTHERS, GUSTY])
+    for fitted, judged in (protocol, ((MISSION,), (*OTHERS, GUSTY))):
+        _print("closed loop", closed_loop(fitted, judged))
+
+
+def _print(what: str, validation: Validation) -> None:
     form = table_4(validation)
-    print(f"\n### closed loop, {MISSION} fitted\n")
-    plain = following([*form.index[:-2]])
-    errors = pd.DataFrame({name: own_error(name) for name in form.index[:-2]}, index=["x", "y", "z"]).T
-    truth = against_truth(validation, [*form.index[:-2]])
-    beside = (plain.add_suffix(" reference"), truth.add_suffix(" to truth"), errors.add_suffix(" own error"))
-    print(_markdown(form.join(list(beside)), 3))
-    print(*(f"\n- {sentence}" for sentence in validation.verdicts))
+    print(f"\n{what}\n{form.to_string(float_format='{:.3f}'.format)}", *validation.verdicts, sep="\n- ")
 
 
 def _rms(error: np.ndarray) -> np.ndarray:
@@ -261,15 +196,6 @@ def _rms(error: np.ndarray) -> np.ndarray:
 
 def _three(values: np.ndarray) -> str:
     return " ".join(f"{value:.3g}" for value in values)
-
-
-def _markdown(table: pd.DataFrame, digits: int) -> str:
-    head = ["flight", *map(str, table.columns)]
-    rows = [
-        [str(name), *("" if np.isnan(value) else f"{value:.{digits}f}" for value in row)]
-        for name, row in zip(table.index, table.to_numpy(), strict=True)
-    ]
-    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
 
 
 if __name__ == "__main__":

@@ -5,21 +5,17 @@ one with NEES of position, velocity and attitude. A sensor of which more than 5 
 must be named; beyond 20 % the trajectory must be withdrawn.
 """
 
-import lzma
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from benchmarks._measure import Row, logs, row
 from estimation import Trajectory, errors, estimate
 from estimation.attitude import quat_from_euler
 from estimation.consistency import nees_of
 from logparse import FlightLog, MissingDataError, read_log
 
-LOGS = Path("../shared/logs")
 SUFFIXES = (".bin", ".BIN", ".log", ".tlog", ".ulg")
 #: What EKF3 is compared in.
 MEASURES = {
@@ -32,20 +28,6 @@ MEASURES = {
 #: A speed that changes by more between two rows of truth, m/s, is an impact. What lies on the ground is not judged: the
 #: simulator's has 0.12 m/s there.
 IMPACT = 5.0
-
-Row = tuple[str, str, str, str, str]
-
-
-def logs(*folders: str) -> Iterator[tuple[str, FlightLog]]:
-    """Read the logs of folders below `LOGS`, unpacked where they are packed."""
-    with tempfile.TemporaryDirectory() as scratch:
-        for path in sorted(path for folder in folders for path in (LOGS / folder).glob("*")):
-            plain = path
-            if path.suffix == ".xz":
-                plain = Path(scratch) / path.stem
-                plain.write_bytes(lzma.decompress(path.read_bytes()))
-            if plain.suffix in SUFFIXES:
-                yield f"{path.parent.name}/{plain.stem}", read_log(plain)
 
 
 def airborne_truth(log: FlightLog) -> pd.DataFrame | None:
@@ -64,11 +46,11 @@ def errors_from(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
     return error
 
 
-def squares_of(error: pd.DataFrame) -> dict[str, float]:
+def squares_of(error: pd.DataFrame, measures: dict[str, tuple[str, ...]] = MEASURES) -> dict[str, float]:
     """Mean squares of errors by measure."""
     return {
         name: float(np.nanmean((error[[*columns]].to_numpy(float) ** 2).sum(axis=1)))
-        for name, columns in MEASURES.items()
+        for name, columns in measures.items()
     }
 
 
@@ -113,16 +95,19 @@ def run() -> list[Row]:
     rows: list[Row] = []
     ours: list[dict[str, float]] = []
     theirs: list[dict[str, float]] = []
-    for name, log in logs("real", "sitl", "pairs", "faults"):
+    for packed, path in logs(*(f"{folder}/*" for folder in ("real", "sitl", "pairs", "faults"))):
+        if path.suffix not in SUFFIXES:
+            continue
+        name, log = f"{packed.parent.name}/{path.stem}", read_log(path)
         try:
             trajectory = estimate(log.tables)
         except MissingDataError as missing:
-            rows.append((name, "no trajectory", str(missing)[:60], "", ""))
+            rows.append(row(name, "no trajectory", peer=str(missing)[:60]))
             continue
         silent = sum(not c.named for c in complaints(trajectory))
         withdrawn = any(f.id == "trajectory-inconsistent" for f in trajectory.findings)
         said = f"{silent} silent{', withdrawn' if withdrawn else ''}"
-        rows.append((f"{name}: {spoken(trajectory)}", said, "", "", "< 1"))
+        rows.append(row(f"{name}: {spoken(trajectory)}", said, goal="< 1"))
         truth = airborne_truth(log)
         if truth is None or truth.empty or trajectory.method != "strapdown":
             continue
@@ -131,7 +116,7 @@ def run() -> list[Row]:
         if withdrawn:
             continue
         each = ", ".join(f"{group} {value:.2f}" for group, value in honest.items())
-        rows.append((f"{name}: largest NEES of {each}", f"{max(honest.values()):.2f}", "", "", "< 2"))
+        rows.append(row(f"{name}: largest NEES of {each}", f"{max(honest.values()):.2f}", goal="< 2"))
         if (ekf := autopilots(log, trajectory)) is not None:
             ours.append(squares_of(error))
             theirs.append(squares_of(errors_from(ekf, truth)))

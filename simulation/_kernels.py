@@ -8,7 +8,7 @@ to give the same log, to the last bit.
 One file on purpose: numba's cache notices a change in a function's own file only, not in the files that it calls.
 """
 
-from math import asin, atan, atan2, cos, exp, isfinite, pi, sin, sqrt, tan
+from math import asin, atan, atan2, cos, exp, inf, isfinite, pi, sin, sqrt, tan
 
 import numpy as np
 
@@ -18,13 +18,19 @@ from simulation._parameters import (
     AirframeParameters,
     AirParameters,
     AutopilotState,
+    AxisParameters,
+    AxisSignals,
     BladeParameters,
     CascadeParameters,
+    CraftParameters,
     DriveParameters,
+    Forcing,
+    Instant,
     ResponseParameters,
     SensorParameters,
     TankParameters,
 )
+from simulation.atmosphere import GRAVITY
 
 POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
 
@@ -34,6 +40,9 @@ COMPLETED, DIVERGED, OVERTURNED = 0, 1, 2
 #: What the autopilot does, as recorded.
 DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 
+
+#: Drag over mass of an axis that holds its place, 1/s.
+_DRIFT_DRAG = 0.3
 
 #: For what only compiled code calls.
 inner = compiled.inner(nogil=True, allocates=True)
@@ -73,13 +82,6 @@ def induced_velocity(
     `axial` is the rotor's velocity through the air against its thrust (positive sinking), `in_plane_squared` the
     square of the velocity across it. The momentum side grows from zero with v and the blade side falls to zero at
     ``end``, so a root lies between; Newton steps, bisection where they leave the bracket.
-
-    Returns
-    -------
-    v : float
-        Induced velocity, m/s.
-    thrust : float
-        N.
     """
     if blade.radius * speed < 1e-3:
         return 0.0, 0.0
@@ -235,19 +237,8 @@ def derivative(
 ) -> None:
     """Newton-Euler equations of a multirotor on or above flat ground.
 
-    Parameters
-    ----------
-    x : ndarray, shape (13 + n,) or (13 + 4 n,)
-        State.
-    command : ndarray, shape (n,)
-        Rotor speeds towards which the drives go, rad/s.
-    wind : ndarray, shape (3,)
-        Velocity of the air, NED, m/s.
-    dx : ndarray
-        Filled with the derivative of x.
-    load : ndarray, shape (7,)
-        Filled with force [N] and moment [N m] on the body, body axes, without gravity, and the power at the rotors'
-        shafts [W].
+    Fills dx (as x) for commanded rotor speeds (n,) [rad/s] and a wind (3,), NED, and `load` (7,): force [N] and moment
+    [N m] on the body, body axes, without gravity, and the power at the rotors' shafts [W].
     """
     C = np.empty((3, 3))
     rotation_matrix(x[ATTITUDE:RATE], C)
@@ -478,6 +469,20 @@ def wrap(angle: float) -> float:
 
 
 @inner
+def pid(error: float, gains: np.ndarray, memory: np.ndarray, smoothing: float, dt: float, limit: float) -> float:
+    """Advance a PID controller by dt; `memory` (3,) is its integral within `limit`, its smoothed slope, the last error.
+
+    `gains` (3,) are P, I and D; a limit of 0 leaves the integral as it is.
+    """
+    memory[1] += smoothing * ((error - memory[2]) / dt - memory[1])
+    memory[2] = error
+    if limit > 0.0:
+        memory[0] = min(max(memory[0] + gains[1] * error * dt, -limit), limit)
+    output: float = gains[0] * error + memory[0] + gains[2] * memory[1]
+    return output
+
+
+@inner
 def position_control(
     x: np.ndarray,
     upright: float,
@@ -507,18 +512,10 @@ def position_control(
         velocity_target[0] *= cascade.speed_limit[0] / horizontal
         velocity_target[1] *= cascade.speed_limit[0] / horizontal
     velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
+    held = 0.0 if limited or not flying else inf
     for i in range(3):
         error = velocity_target[i] - (x[VELOCITY + i] + errors[3 + i])
-        change = (error - autopilot.last_velocity_error[i]) / dt
-        autopilot.slope_velocity[i] += smoothing * (change - autopilot.slope_velocity[i])
-        autopilot.last_velocity_error[i] = error
-        if flying and not limited:
-            autopilot.integral_velocity[i] += cascade.velocity_pid[i, 1] * error * dt
-        accel_target[i] = (
-            cascade.velocity_pid[i, 0] * error
-            + autopilot.integral_velocity[i]
-            + cascade.velocity_pid[i, 2] * autopilot.slope_velocity[i]
-        )
+        accel_target[i] = pid(error, cascade.velocity_pid[i], autopilot.velocity_memory[i], smoothing, dt, held)
     # Horizontal: the output is an acceleration; lean into it, yaw taken out.
     for i in range(2):
         accel_target[i] += reference[6 + i]
@@ -545,13 +542,9 @@ def position_control(
 @inner
 def stand_by(yaw: float, autopilot: AutopilotState) -> None:
     """Forget everything while the motors idle or stand; the heading to hold is the present one."""
-    for memory in (
-        autopilot.integral_velocity,
-        autopilot.slope_velocity,
-        autopilot.last_velocity_error,
-        autopilot.integral_rate,
-        autopilot.slope_rate,
-        autopilot.last_rate_error,
+    autopilot.velocity_memory[:] = 0.0
+    autopilot.rate_memory[:] = 0.0
+    for decision in (
         autopilot.velocity_target,
         autopilot.accel_target,
         autopilot.rate_target,
@@ -559,8 +552,8 @@ def stand_by(yaw: float, autopilot: AutopilotState) -> None:
         autopilot.angle_target,
         autopilot.thrust,
     ):
-        for i in range(memory.size):
-            memory[i] = 0.0
+        for i in range(decision.size):
+            decision[i] = 0.0
     autopilot.angle_target[2] = yaw
 
 
@@ -571,19 +564,11 @@ def attitude_control(
     """Angle P, rate PID to normalised torques (Elhesasy 2024, eq. 18-20); `rate` (3,) is the measured rate."""
     smoothing = 1.0 - exp(-dt * 2.0 * pi * 20.0)
     spool = autopilot.thrust[3]
+    held = 0.0 if limited or spool < 1.0 else inf
     for i in range(3):
         autopilot.rate_target[i] = cascade.angle_p[i] * wrap(autopilot.angle_target[i] - autopilot.angle[i])
         error = autopilot.rate_target[i] - rate[i]
-        change = (error - autopilot.last_rate_error[i]) / dt
-        autopilot.slope_rate[i] += smoothing * (change - autopilot.slope_rate[i])
-        autopilot.last_rate_error[i] = error
-        if not limited and spool >= 1.0:
-            autopilot.integral_rate[i] += cascade.rate_pid[i, 1] * error * dt
-        out = (
-            cascade.rate_pid[i, 0] * error
-            + autopilot.integral_rate[i]
-            + cascade.rate_pid[i, 2] * autopilot.slope_rate[i]
-        )
+        out = pid(error, cascade.rate_pid[i], autopilot.rate_memory[i], smoothing, dt, held)
         autopilot.torque[i] = min(max(out, -1.0), 1.0) * spool
 
 
@@ -598,22 +583,20 @@ def low_pass(frequency: float, dt: float) -> tuple[float, float, float]:
 @inner
 def sense_motion(
     x: np.ndarray,
-    n: int,
-    specific_force: np.ndarray,
     noise: np.ndarray,
     drift: np.ndarray,
     sensors: SensorParameters,
     coefficients: tuple[float, float, float],
     first: bool,
-    delays: np.ndarray,
-    measured: np.ndarray,
+    now: Instant,
 ) -> int:
-    """Fill `measured` (6,) with gyro and accelerometer behind their low-pass; return how many axes clipped.
+    """Measure rates and specific force behind their low-pass; return how many axes clipped.
 
     Broadband vibration grows with the square of the rotor speed; `drift` (6,) is what the biases have become on top
-    of their constant parts. `delays` (2, 6) is the filter's memory, started in the steady state of the first sample.
+    of their constant parts. The filter starts in the steady state of the first sample.
     """
     b0, a1, a2 = coefficients
+    measured, delays, n = now.measured, now.delays, now.pwm.size
     mean_square = 0.0
     for i in range(n):
         mean_square += x[ROTORS + i] * x[ROTORS + i] / n
@@ -626,7 +609,7 @@ def sense_motion(
             reach = sensors.gyro_range
         else:
             white = sensors.accel_white + sensors.vibration * shake
-            raw = specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i] + drift[i]
+            raw = now.specific_force[i - 3] + sensors.accel_bias[i - 3] + white * noise[i] + drift[i]
             reach = sensors.accel_range
         if abs(raw) > reach:
             raw = min(max(raw, -reach), reach)
@@ -700,31 +683,23 @@ def draw(shaft_power: float, dt: float, drive: DriveParameters, pack: np.ndarray
 @inner
 def record(
     row: np.ndarray,
-    t: float,
     x: np.ndarray,
-    n: int,
-    specific_force: np.ndarray,
     acceleration: np.ndarray,
     wind: np.ndarray,
-    measured: np.ndarray,
-    autopilot: AutopilotState,
     excitation: np.ndarray,
-    pack: np.ndarray,
-    state: int,
-    clips: int,
-    mass: float,
-    pwm: np.ndarray,
+    autopilot: AutopilotState,
+    now: Instant,
 ) -> None:
-    """Fill one row of a flight's records; columns as in `simulation.fly.RECORD_COLUMNS`.
+    """Fill one row of a flight's records but for its time, state, clips and mass; see `simulation.fly.RECORD_COLUMNS`.
 
     What the autopilot puts out is what the mixer gets, `excitation` included, as ArduPilot logs it.
     """
-    row[0] = t
+    n = now.pwm.size
     put(row, 1, x[:ROTORS])
-    put(row, 14, specific_force)
+    put(row, 14, now.specific_force)
     put(row, 17, acceleration)
     put(row, 20, wind)
-    put(row, 23, measured)
+    put(row, 23, now.measured)
     put(row, 29, autopilot.angle_target)
     put(row, 32, autopilot.angle)
     put(row, 35, autopilot.rate_target)
@@ -733,10 +708,9 @@ def record(
     put(row, 44, autopilot.accel_target)
     put(row, 47, autopilot.thrust[:3])
     row[48] += excitation[3]
-    put(row, 50, pack)
-    row[53], row[54], row[55] = state, clips, mass
+    put(row, 50, now.pack)
     put(row, 56, x[ROTORS : ROTORS + n])
-    put(row, 56 + n, pwm)
+    put(row, 56 + n, now.pwm)
 
 
 @inner
@@ -745,172 +719,170 @@ def touched_down(x: np.ndarray) -> bool:
     return bool(x[2] > -0.05 and x[3] * x[3] + x[4] * x[4] + x[5] * x[5] < 0.01)
 
 
-@inner
-def at_rest() -> AutopilotState:
-    """Return the autopilot's memory at boot."""
-    return AutopilotState(
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(4),
-    )
-
-
 @njit(cache=True, nogil=True)
 def fly_cascade(
     x: np.ndarray,
     dt: float,
     every: int,
-    phase: np.ndarray,
-    reference: np.ndarray,
-    excitation: np.ndarray,
-    navigation: np.ndarray,
-    drift: np.ndarray,
-    winds: np.ndarray,
-    noise: np.ndarray,
-    frame: AirframeParameters,
-    air: AirParameters,
-    drive: DriveParameters,
-    cascade: CascadeParameters,
-    sensors: SensorParameters,
+    forcing: Forcing,
+    craft: CraftParameters,
+    autopilot: AutopilotState,
+    now: Instant,
     records: np.ndarray,
 ) -> tuple[int, int, int]:
-    """Fly a reference with the PID cascade of Elhesasy 2024.
+    """Fly a reference with the PID cascade of Elhesasy 2024, x in place; a record (56 + 2 n,) every few steps of dt.
 
     Physics and inertial sensors run every step, attitude control every second step, position control five times
-    slower (every tenth step).
-
-    Parameters
-    ----------
-    x : ndarray, shape (13 + n,) or (13 + 4 n,)
-        State; advanced in place.
-    dt : float
-        Step, s.
-    every : int
-        Steps between records.
-    phase : ndarray of int, shape (M,)
-        DISARMED, IDLE, FLYING or LANDING at each position-control tick.
-    reference : ndarray, shape (M, 10)
-        Position, velocity, acceleration (NED) and yaw at each tick.
-    excitation : ndarray, shape (5 M, 4)
-        Added at the mixer to roll, pitch, yaw and throttle at each attitude-control step.
-    navigation : ndarray, shape (M, 9)
-        Errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw) at each tick.
-    drift : ndarray, shape (M, 6)
-        Drift of the biases of gyro and accelerometer at each tick.
-    winds : ndarray, shape (N, 3)
-        Velocity of the air at each step.
-    noise : ndarray, shape (N, 6)
-        Standard normal noise of gyro and accelerometer at each step.
-    records : ndarray, shape (at least N / every + 1, 56 + 2 n)
-        Filled; columns as in `simulation.fly.RECORD_COLUMNS`.
-
-    Returns
-    -------
-    records : int
-        Rows filled.
-    end : int
-        COMPLETED, DIVERGED or OVERTURNED (tilted by more than 90 deg, which no mission asks for).
-    step : int
-        Last step.
+    slower (every tenth step). Returns the number of records, how it ended (COMPLETED, DIVERGED or OVERTURNED: tilted by
+    more than 90 deg, which no mission asks for) and the last step.
     """
-    n = frame.rotor_spin.size
-    steps = winds.shape[0]
+    frame, air, drive, cascade, sensors = craft
+    n = now.pwm.size
+    steps = forcing.winds.shape[0]
     work, load, C = np.empty((5, x.size)), np.empty(7), np.empty((3, 3))
-    specific_force, angles, rate = np.empty(3), np.empty(3), np.zeros(3)
-    command, pwm = np.zeros(n), np.empty(n)
+    rate = np.zeros(3)
     coefficients = low_pass(cascade.filter_frequency, dt)
-    delays, measured = np.zeros((2, 6)), np.zeros(6)
-    pack = np.zeros(3)
-    pack[0] = drive.voltage_full
-    autopilot = at_rest()
     limited = False
     state, still, row, clips = DISARMED, 0, 0, 0
     for k in range(steps):
-        tick = k // 10
+        tick, wind, excitation = k // 10, forcing.winds[k], forcing.excitation[k // 2]
         rotation_matrix(x[ATTITUDE:RATE], C)
         if C[2, 2] < 0.0:
             return row, OVERTURNED, k
-        attitude_angles(C, angles)
+        attitude_angles(C, now.angles)
+        errors, drift = forcing.navigation[tick], forcing.drift[tick]
 
         if k % 10 == 0:
             discharge(k * dt, frame)
             if state != LANDED:
-                state = phase[tick]
+                state = forcing.phase[tick]
             # Landed: nearly still for one second while the reference keeps sinking.
             if state == LANDING:
                 still = still + 1 if touched_down(x) else 0
                 if still * (10.0 * dt) > 1.0:
                     state = LANDED
-            believed = angles[2] + navigation[tick, 8]
+            yaw = now.angles[2] + errors[8]
             if state in (FLYING, LANDING):
-                position_control(
-                    x,
-                    C[2, 2],
-                    believed,
-                    reference[tick],
-                    navigation[tick],
-                    limited,
-                    10.0 * dt,
-                    frame.gravity,
-                    cascade,
-                    autopilot,
-                )
+                target = forcing.reference[tick]
+                position_control(x, C[2, 2], yaw, target, errors, limited, 10.0 * dt, frame.gravity, cascade, autopilot)
             else:
-                stand_by(wrap(believed), autopilot)
+                stand_by(wrap(yaw), autopilot)
 
-        derivative(x, command, winds[k], frame, air, work[0], load)
+        derivative(x, now.command, wind, frame, air, work[0], load)
         for i in range(3):
-            specific_force[i] = load[i] / frame.mass[0]
-        clips += sense_motion(
-            x, n, specific_force, noise[k], drift[tick], sensors, coefficients, k == 0, delays, measured
-        )
+            now.specific_force[i] = load[i] / frame.mass[0]
+        clips += sense_motion(x, forcing.noise[k], drift, sensors, coefficients, k == 0, now)
 
         if k % 2 == 0:
-            autopilot.angle[0] = angles[0] + navigation[tick, 6]
-            autopilot.angle[1] = angles[1] + navigation[tick, 7]
-            autopilot.angle[2] = wrap(angles[2] + navigation[tick, 8])
+            autopilot.angle[0] = now.angles[0] + errors[6]
+            autopilot.angle[1] = now.angles[1] + errors[7]
+            autopilot.angle[2] = wrap(now.angles[2] + errors[8])
             if state in (FLYING, LANDING):
                 # The autopilot knows its gyro bias: it flies on the corrected rate.
                 for i in range(3):
-                    rate[i] = measured[i] - sensors.gyro_bias[i] - drift[tick, i]
+                    rate[i] = now.measured[i] - sensors.gyro_bias[i] - drift[i]
                 attitude_control(rate, limited, 2.0 * dt, cascade, autopilot)
-            limited = motor_outputs(state, excitation[k // 2], drive, cascade.mixer, autopilot, pwm)
+            limited = motor_outputs(state, excitation, drive, cascade.mixer, autopilot, now.pwm)
 
-        draw(load[6], dt, drive, pack)
+        draw(load[6], dt, drive, now.pack)
         for i in range(n):
-            command[i] = drive_speed(pwm[i], pack[0], drive)
+            now.command[i] = drive_speed(now.pwm[i], now.pack[0], drive)
 
         if k % every == 0:
-            record(
-                records[row],
-                k * dt,
-                x,
-                n,
-                specific_force,
-                work[0, VELOCITY:ATTITUDE],
-                winds[k],
-                measured,
-                autopilot,
-                excitation[k // 2],
-                pack,
-                state,
-                clips,
-                frame.mass[0],
-                pwm,
-            )
+            records[row, 0] = k * dt
+            record(records[row], x, work[0, VELOCITY:ATTITUDE], wind, excitation, autopilot, now)
+            records[row, 53], records[row, 54], records[row, 55] = state, clips, frame.mass[0]
             row += 1
 
-        rk4_step(x, command, winds[k], dt, frame, air, work)
+        rk4_step(x, now.command, wind, dt, frame, air, work)
         if not sensible(x):
             return row, DIVERGED, k
     return row, COMPLETED, steps
+
+
+@inner
+def first_order(cutoff: float, dt: float) -> float:
+    """Return the step of a first-order low-pass of a cutoff [Hz]; 1 for none."""
+    return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (2.0 * pi * cutoff))
+
+
+@njit(cache=True, nogil=True)
+def fly_axis(c: AxisParameters, f: AxisSignals, loop: float) -> tuple[np.ndarray, ...]:
+    """Fly one axis: physics at 4.8 kHz, ArduCopter's controllers at 400 Hz (the length of `loop` in s).
+
+    Returns, each of shape (N,), controller output with the chirp and without, its integral and derivative terms, the
+    filtered measurement that it was computed from, the mean over the loop before of what the filter got, the rate
+    target before and after its filter, attitude and its target.
+    """
+    n, substeps = f.disturbance.shape
+    h = loop / substeps
+    output, feedback, measured = np.zeros(n), np.zeros(n), np.zeros(n)
+    target, attitude, leans, terms = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    unfiltered, asked = np.zeros(n), np.zeros(n)
+    motor = rate = angle = flex = flex_rate = 0.0
+    position = velocity = 0.0
+    low = first = second = 0.0
+    b0, a1, a2 = low_pass(c.filter_hz, h)
+    delay_steps = round(c.delay / h)
+    pending = np.zeros(delay_steps + 1)
+    bend_rate = 2.0 * pi * c.flex_hz
+    keep_target, keep_error, keep_slope = (
+        first_order(c.FLTT, loop),
+        first_order(c.FLTE, loop),
+        first_order(c.FLTD, loop),
+    )
+    gains, memory = np.array([c.P, c.I, c.D]), np.zeros(3)
+    filtered = error = 0.0
+    decay = exp(-h / c.lag) if c.lag > 0.0 else 0.0
+    fall = exp(-c.damping * h)
+    for k in range(n):
+        y = low + f.noise[k]
+        measured[k], attitude[k] = y, angle
+        lean = f.stick[k]
+        if c.velocity_P > 0.0:
+            wanted = c.position_P * (f.position_chirp[k] - position) + f.velocity_chirp[k]
+            lean += c.velocity_P * (wanted - velocity) / GRAVITY
+            velocity += loop * (GRAVITY * angle - _DRIFT_DRAG * velocity)
+            position += loop * velocity
+        leans[k] = lean
+        want = c.angle_P * (lean - angle) if c.integrates else lean
+        want += f.rate_chirp[k]
+        # As in the firmware, the rate controller runs before the angle controller and sees its target a loop later.
+        filtered += keep_target * ((asked[k - 1] if k else 0.0) - filtered)
+        asked[k] = want
+        target[k] = filtered
+        error += keep_error * (filtered - y - error)
+        feedback[k] = pid(error, gains, memory, keep_slope, loop, c.IMAX) + c.FF * filtered
+        terms[0, k], terms[1, k] = memory[0], c.D * memory[1]
+        u = min(max(feedback[k] + f.mixer_chirp[k], -c.limit), c.limit)
+        output[k] = u
+        for j in range(substeps):
+            for m in range(delay_steps):
+                pending[m] = pending[m + 1]
+            pending[delay_steps] = u
+            command = pending[0]
+            before = motor
+            motor = command + (motor - command) * decay
+            push = c.gain * 0.5 * (before + motor if c.lag > 0.0 else 2.0 * motor) + f.disturbance[k, j]
+            if c.integrates:
+                rate_before = rate
+                rate = rate * fall + push * (1.0 - fall) / c.damping if c.damping > 0.0 else rate + push * h
+                angle += 0.5 * h * (rate + rate_before)
+                moving = rate
+            else:
+                moving = push
+            if c.flex_hz > 0.0:
+                bend = c.flex_share * push - 2.0 * c.flex_damping * bend_rate * flex_rate - bend_rate**2 * flex
+                flex_rate += h * bend
+                flex += h * flex_rate
+                moving += flex_rate
+            moving += f.gyro_noise[k, j]
+            if k + 1 < n:
+                unfiltered[k + 1] += moving / substeps
+            if c.filter_hz > 0.0:
+                low = b0 * moving + first
+                first = 2.0 * b0 * moving - a1 * low + second
+                second = b0 * moving - a2 * low
+            else:
+                low = moving
+    return output, feedback, terms[0], terms[1], measured, unfiltered, asked, target, attitude, leans

@@ -1,6 +1,6 @@
 """Numbers that the compiled loops read, as named tuples; built by the classes that check and explain them."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -103,12 +103,8 @@ class CascadeParameters(NamedTuple):
 class AutopilotState(NamedTuple):
     """What the autopilot remembers and last decided; all arrays, changed in place."""
 
-    integral_velocity: np.ndarray  # (3,)
-    slope_velocity: np.ndarray  # (3,), filtered derivative of the velocity error
-    last_velocity_error: np.ndarray  # (3,)
-    integral_rate: np.ndarray  # (3,)
-    slope_rate: np.ndarray  # (3,)
-    last_rate_error: np.ndarray  # (3,)
+    velocity_memory: np.ndarray  # (3, 3): north, east, down; see `simulation._kernels.pid`
+    rate_memory: np.ndarray  # (3, 3): roll, pitch, yaw
     velocity_target: np.ndarray  # (3,), NED
     accel_target: np.ndarray  # (3,), NED
     angle_target: np.ndarray  # (3,), roll, pitch, yaw
@@ -116,6 +112,11 @@ class AutopilotState(NamedTuple):
     rate_target: np.ndarray  # (3,)
     torque: np.ndarray  # (3,), normalised
     thrust: np.ndarray  # (4,): throttle before and after the boost for tilt, the boost, the spool-up factor
+
+    @classmethod
+    def at_boot(cls) -> Self:
+        """Return a memory of nothing."""
+        return cls(*(np.zeros(shape) for shape in ((3, 3), (3, 3), 3, 3, 3, 3, 3, 3, 4)))
 
 
 class SensorParameters(NamedTuple):
@@ -130,3 +131,82 @@ class SensorParameters(NamedTuple):
     accel_bias: np.ndarray  # (3,)
     gyro_range: float  # rad/s
     accel_range: float  # m/s^2
+
+
+class CraftParameters(NamedTuple):
+    """A craft with its drives, autopilot and inertial sensors in the air of a place."""
+
+    frame: AirframeParameters
+    air: AirParameters
+    drive: DriveParameters
+    cascade: CascadeParameters
+    sensors: SensorParameters
+
+
+class Forcing(NamedTuple):
+    """What a mission asks for and what disturbs it, at M ticks of position control and N = 10 M steps."""
+
+    phase: np.ndarray  # (M,): DISARMED, IDLE, FLYING or LANDING
+    reference: np.ndarray  # (M, 10): position, velocity, acceleration (NED) and yaw
+    excitation: np.ndarray  # (5 M, 4): added at the mixer to roll, pitch, yaw and throttle
+    navigation: np.ndarray  # (M, 9): errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw)
+    drift: np.ndarray  # (M, 6): of the biases of gyro and accelerometer
+    winds: np.ndarray  # (N, 3): velocity of the air
+    noise: np.ndarray  # (N, 6): standard normal, of gyro and accelerometer
+
+
+class Instant(NamedTuple):
+    """What is felt and put out at a step; all arrays, changed in place."""
+
+    specific_force: np.ndarray  # (3,), true
+    angles: np.ndarray  # (3,), true
+    measured: np.ndarray  # (6,): gyro and accelerometer behind their low-pass
+    delays: np.ndarray  # (2, 6): memory of that low-pass
+    pack: np.ndarray  # (3,): voltage [V] seen through 10 Hz, current [A] and charge drawn [A s]
+    pwm: np.ndarray  # (n,), us
+    command: np.ndarray  # (n,): rotor speeds towards which the drives go
+
+    @classmethod
+    def at_boot(cls, rotors: int, voltage: float) -> Self:
+        """Return a craft that stands, its battery at a voltage [V]."""
+        pack = np.array([voltage, 0.0, 0.0])
+        return cls(np.zeros(3), np.zeros(3), np.zeros(6), np.zeros((2, 6)), pack, np.zeros(rotors), np.zeros(rotors))
+
+
+class AxisParameters(NamedTuple):
+    """One axis and its controllers; see `simulation.axis_loop.AxisPlant` and `LoopGains`."""
+
+    gain: float
+    damping: float
+    lag: float
+    delay: float
+    flex_hz: float
+    flex_damping: float
+    flex_share: float
+    filter_hz: float
+    integrates: bool
+    P: float
+    I: float  # noqa: E741 -- the field's letter
+    D: float
+    FF: float
+    FLTT: float
+    FLTE: float
+    FLTD: float
+    IMAX: float
+    angle_P: float  # noqa: N815 -- spelled as the parameter
+    limit: float
+    position_P: float  # noqa: N815
+    velocity_P: float  # noqa: N815
+
+
+class AxisSignals(NamedTuple):
+    """Forcing of one axis: shape (N,) at the loop's rate, `gyro_noise` and `disturbance` (N, substeps)."""
+
+    stick: np.ndarray
+    position_chirp: np.ndarray
+    velocity_chirp: np.ndarray
+    rate_chirp: np.ndarray
+    mixer_chirp: np.ndarray
+    noise: np.ndarray
+    gyro_noise: np.ndarray
+    disturbance: np.ndarray

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from simulation import chirp_case, mission_case
+from simulation import chirp_case, guntur2019, kim2017, mission_case, motion2018
 from simulation.errors import ParameterError
 from simulation.outcome import Outcome
-from simulation.papers import guntur_case, kim_case, motion_case
 from simulation.sample_flights import FLIGHTS, TRAINING, VALIDATION
 from simulation.settings import changed, nearest
 
@@ -47,25 +46,25 @@ _ALL = (
         Case(sample.name, sample.summary, mission_case.settings_of(sample), mission_case.simulate)
         for sample in FLIGHTS.values()
     ),
-    *(Case(name, summary, flight, motion_case.simulate) for name, summary, flight in motion_case.FLIGHTS),
+    *(Case(name, summary, flight, motion2018.simulate) for name, summary, flight in motion2018.FLIGHTS),
     Case(
         "chirps",
         "a hover with chirps on roll, pitch and yaw, for `rotorid tune` and `rotorid prove`",
         chirp_case.Chirps(),
         chirp_case.simulate,
     ),
-    Case("kim-recovery", "Kim 2017: the LQR levels the craft from Table 5", kim_case.Recovery(), kim_case.simulate),
+    Case("kim-recovery", "Kim 2017: the LQR levels the craft from Table 5", kim2017.Recovery(), kim2017.simulate),
     Case(
         "guntur-profile",
         "Guntur 2019: the flight plan with five payloads, and which of five motors holds it",
-        guntur_case.Profile(),
-        guntur_case.simulate,
+        guntur2019.Profile(),
+        guntur2019.simulate,
     ),
     Case(
         "guntur-discharge",
         "Guntur 2019: the flight plan while the tank empties",
-        guntur_case.Profile(payload=1.0, discharge=0.05, discharge_start=5.0),
-        guntur_case.simulate,
+        guntur2019.Profile(payload=1.0, discharge=0.05, discharge_start=5.0),
+        guntur2019.simulate,
     ),
 )
 
@@ -76,7 +75,7 @@ CASES: Mapping[str, Case] = MappingProxyType({case.name: case for case in _ALL})
 GROUPS: Mapping[str, tuple[Case, ...]] = MappingProxyType(
     {
         "elhesasy": tuple(CASES[sample.name] for sample in (*TRAINING, *VALIDATION)),
-        "motion": tuple(CASES[name] for name, _, _ in motion_case.FLIGHTS),
+        "motion": tuple(CASES[name] for name, _, _ in motion2018.FLIGHTS),
         "guntur": (CASES["guntur-profile"], CASES["guntur-discharge"]),
         "kim": (CASES["kim-recovery"],),
     }

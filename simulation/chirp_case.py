@@ -11,8 +11,17 @@ import numpy as np
 import pandas as pd
 
 from logparse import RotoridError
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, write_rate_log
-from simulation.axis_loop.truth import TERMS, settings_of, true_loop
+from simulation.axis_loop import (
+    TERMS,
+    AxisPlant,
+    AxisRun,
+    Excitation,
+    LoopGains,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
 from simulation.errors import ParameterError
 from simulation.outcome import Fact, Outcome, Plot
 from sysid.loops.margins import margins_of
@@ -62,17 +71,7 @@ class Chirps:
 
 
 def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
-    """Fly the three chirps one after the other.
-
-    Parameters
-    ----------
-    name : str
-        Name of the case, which its log has too.
-    summary : str
-        What it shows, in a line.
-    settings : Chirps
-        What the user chose.
-    """
+    """Fly the three chirps one after the other."""
     filter_hz, gains = _set(_read(settings.parameters))
     plants = {axis: replace(plant, filter_hz=filter_hz) for axis, plant in PLANTS.items()}
     runs = {axis: _fly(plants[axis], gains[axis], number, settings) for number, axis in enumerate(plants)}
@@ -84,8 +83,8 @@ def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
     def write_log(folder: Path) -> list[Path]:
         log, truth = folder / f"{name}.bin", folder / f"{name}.json"
         write_rate_log(log, runs, rate=settings.rate, filter_hz=filter_hz, gains=gains)
-        told = {fact.name: fact.value if isinstance(fact.value, str) else round(fact.value, 4) for fact in facts}
-        truth.write_text(json.dumps({"what": "simulated by rotorid, not flown", "truth": told}, indent=1) + "\n")
+        stated = {fact.name: fact.value if isinstance(fact.value, str) else round(fact.value, 4) for fact in facts}
+        truth.write_text(json.dumps({"what": "simulated by rotorid, not flown", "truth": stated}, indent=1) + "\n")
         return [log, truth]
 
     rows = slice(None, None, 20)

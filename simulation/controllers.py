@@ -40,15 +40,8 @@ class Cascade:
     filter_frequency: float = 20.0  #: Corner of the gyro and accelerometer low-pass, Hz.
 
     def __post_init__(self) -> None:
-        gains = (
-            *self.angle_p,
-            *self.roll_rate,
-            *self.pitch_rate,
-            *self.yaw_rate,
-            *self.position_p,
-            *self.horizontal_velocity,
-            *self.vertical_velocity,
-        )
+        gains: tuple[float, ...] = (*self.angle_p, *self.roll_rate, *self.pitch_rate, *self.yaw_rate, *self.position_p)
+        gains = (*gains, *self.horizontal_velocity, *self.vertical_velocity)
         if not all(math.isfinite(gain) and gain >= 0.0 for gain in gains):
             raise ParameterError("controller gains must be finite and not negative (a negative one diverges)")
         if not 0.0 < self.tilt_limit_deg < 60.0:
@@ -84,23 +77,7 @@ def mixer(vehicle: Multirotor) -> np.ndarray:
 def hover_linearisation(
     vehicle: Multirotor, speeds: np.ndarray, density: float = SEA_LEVEL_DENSITY
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Linearise attitude about hover with the given rotor speeds (Kim 2017, eq. 17).
-
-    Parameters
-    ----------
-    vehicle : Multirotor
-    speeds : ndarray, shape (n,)
-        Rotor speeds in hover, rad/s.
-    density : float
-        kg/m^3.
-
-    Returns
-    -------
-    A : ndarray, shape (5, 5)
-        Of the state (roll, pitch, p, q, r) [rad, rad/s].
-    B : ndarray, shape (5, n)
-        Of the deviations of the rotor speeds [rad/s].
-    """
+    """Linearise attitude about hover with the given rotor speeds (Kim 2017, eq. 17)."""
     moments = np.empty((3, len(vehicle.rotors)))
     for k, (mount, speed) in enumerate(zip(vehicle.rotors, speeds, strict=True)):
         thrust = mount.rotor.thrust(1.0, density) * np.cross(mount.position, mount.axis)
@@ -112,24 +89,7 @@ def hover_linearisation(
 
 
 def lqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``; shape (inputs, states).
-
-    Parameters
-    ----------
-    A : ndarray, shape (states, states)
-        Of x' = A x + B u.
-    B : ndarray, shape (states, inputs)
-        Of the same.
-    Q : ndarray, shape (states, states)
-        Weights of the states.
-    R : ndarray, shape (inputs, inputs)
-        Weights of the inputs.
-
-    Raises
-    ------
-    ParameterError
-        The Riccati equation has no stabilising solution: weights not positive, or a mode out of the inputs' reach.
-    """
+    """Gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``; shape (inputs, states)."""
     try:
         P = solve_continuous_are(A, B, Q, R)
     except (np.linalg.LinAlgError, ValueError) as error:

@@ -19,22 +19,7 @@ class DivergenceError(RotoridError):
 
 
 def require_positive(part: str, parameters: object, names: Sequence[str]) -> None:
-    """Check that attributes of a part of the craft are positive and finite.
-
-    Parameters
-    ----------
-    part : str
-        Name of the part, for errors.
-    parameters : object
-        What has the attributes.
-    names : sequence of str
-        The attributes.
-
-    Raises
-    ------
-    ParameterError
-        Naming the first that is not.
-    """
+    """Check that attributes of a part of the craft are positive and finite."""
     for name in names:
         value = getattr(parameters, name)
         if not (math.isfinite(value) and value > 0.0):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from simulation import _kernels
+from simulation._parameters import AutopilotState, CraftParameters, Forcing, Instant
 from simulation.atmosphere import GRAVITY, Atmosphere
 from simulation.controllers import Cascade
 from simulation.drive import drive_parameters
@@ -41,6 +42,14 @@ RECORD_COLUMNS = (
     *("voltage", "current", "charge"),
     *("state", "clips", "mass"),
 )
+
+
+def attitude(x: np.ndarray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw [rad] of a state."""
+    w, i, j, k = x[6:10]
+    roll = math.atan2(2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * j - i * k))))
+    return roll, pitch, math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k))
 
 
 def propagate(
@@ -209,24 +218,16 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     yaw = math.radians(mission.heading_deg)
     x = vehicle.state(np.zeros(n), attitude=(math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
     records = np.empty((steps // every + 1, len(RECORD_COLUMNS) + 2 * n))
-    rows, end, last = _kernels.fly_cascade(
-        x,
-        step,
-        every,
-        reference.phase,
-        reference.samples,
-        reference.excitation(),
-        navigation,
-        drift,
-        winds,
-        noise,
-        vehicle.kernel_parameters(gravity),
-        atmosphere.kernel_parameters(),
-        drive_parameters(vehicle.drive, vehicle.battery),
-        setup.cascade.kernel_parameters(vehicle, hover_thrust),
-        setup.sensors.inertial.kernel_parameters(step, hover_speed),
-        records,
+    craft = CraftParameters(
+        frame=vehicle.kernel_parameters(gravity),
+        air=atmosphere.kernel_parameters(),
+        drive=drive_parameters(vehicle.drive, vehicle.battery),
+        cascade=setup.cascade.kernel_parameters(vehicle, hover_thrust),
+        sensors=setup.sensors.inertial.kernel_parameters(step, hover_speed),
     )
+    forcing = Forcing(reference.phase, reference.samples, reference.excitation(), navigation, drift, winds, noise)
+    start = AutopilotState.at_boot(), Instant.at_boot(n, vehicle.battery.voltage_full)
+    rows, end, last = _kernels.fly_cascade(x, step, every, forcing, craft, *start, records)
     if end == _kernels.DIVERGED:
         raise _divergence(last * step, x)
     if end == _kernels.OVERTURNED:

@@ -1,4 +1,4 @@
-"""A simulated flight as its instruments and its autopilot tell it, before it is written as a log of some format."""
+"""A simulated flight as its instruments and its autopilot measure it, before it is written as a log."""
 
 import datetime as dt
 import math
@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import pymap3d
+from scipy.spatial.transform import Rotation
 
 from simulation.atmosphere import LAPSE_RATE, PRESSURE_EXPONENT, SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE
 from simulation.fly import Flight
@@ -17,33 +18,34 @@ from simulation.vehicle import Multirotor
 #: What the logs say in place of a firmware version.
 FIRMWARE = "ArduCopter V4.7.0-sim (simulated by rotorid)"
 
+#: Parameters in the order of the log; those of the craft are put in their places.
+_PARAMETERS = """
+FORMAT_VERSION=120 FRAME_CLASS=0 FRAME_TYPE=0 MOT_PWM_TYPE=0 MOT_PWM_MIN=0 MOT_PWM_MAX=0 MOT_SPIN_ARM=0 MOT_SPIN_MIN=0
+MOT_SPIN_MAX=0 MOT_THST_EXPO=0 MOT_BAT_VOLT_MAX=0 MOT_BAT_VOLT_MIN=0 INS_GYRO_FILTER=0 INS_ACCEL_FILTER=0 GPS1_TYPE=1
+GPS1_RATE_MS=0 GPS1_DELAY_MS=0 GPS1_POS_X=0 GPS1_POS_Y=0 GPS1_POS_Z=0 COMPASS_ENABLE=1 COMPASS_USE=1 COMPASS_AUTODEC=1
+COMPASS_ORIENT=0 COMPASS_OFS_X=0 COMPASS_OFS_Y=0 COMPASS_OFS_Z=0 AHRS_ORIENTATION=0 AHRS_TRIM_X=0 AHRS_TRIM_Y=0
+BATT_MONITOR=4 BATT_CAPACITY=0 BARO1_GND_PRESS=0 SCHED_LOOP_RATE=400 LOG_DISARMED=1
+"""
+
 _GPS_EPOCH = dt.datetime(1980, 1, 6, tzinfo=dt.UTC)
 _LEAP_SECONDS = 18
 
 Column = npt.NDArray[np.float64]
 
 
+def attitude_angles(rows: pd.DataFrame) -> tuple[Column, Column, Column]:
+    """Return roll, pitch and yaw [rad] of the quaternions q_w, q_x, q_y, q_z of rows."""
+    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy(dtype=float, copy=True)
+    yaw, pitch, roll = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
+    return roll, pitch, yaw
+
+
 class Instruments:
     """A simulated craft with the samples of its instruments.
 
-    Parameters
-    ----------
-    truth : DataFrame
-        Index `t` [s]; columns as in `simulation.fly.RECORD_COLUMNS` as far as they are known, then w1 ... and m1 ...
-    vehicle : Multirotor
-    place : Place
-        Origin of the truth.
-    sensors : Sensors
-    seed : int
-        Of the sensors' noise.
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since boot at the start of the simulation, s.
-    filter_frequency : float
-        Corner of the low-pass behind gyro and accelerometer, Hz.
-    imu_rate : float
-        Samples per second before that low-pass.
+    `truth` has the index `t` [s] and as columns those of `simulation.fly.RECORD_COLUMNS` that are known, w1 ... and m1
+    ...; `start_utc` and `boot` [s since boot] are the start of the simulation, `imu_rate` [Hz] the samples before the
+    low-pass of `filter_frequency` [Hz].
     """
 
     def __init__(
@@ -95,42 +97,19 @@ class Instruments:
     def parameters(self) -> dict[str, float]:
         """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
         vehicle, drive, sensors = self.vehicle, self.vehicle.drive, self.sensors
-        parameters: dict[str, float] = {
-            "FORMAT_VERSION": 120,
+        parameters = {name: float(value) for name, value in (line.split("=") for line in _PARAMETERS.split())}
+        motors = ("PWM_MIN", "PWM_MAX", "SPIN_ARM", "SPIN_MIN", "SPIN_MAX")
+        parameters |= {f"MOT_{name}": getattr(drive, name.lower()) for name in motors}
+        parameters |= {
             "FRAME_CLASS": vehicle.frame_class,
             "FRAME_TYPE": vehicle.frame_type,
-            "MOT_PWM_TYPE": 0,
-            "MOT_PWM_MIN": drive.pwm_min,
-            "MOT_PWM_MAX": drive.pwm_max,
-            "MOT_SPIN_ARM": drive.spin_arm,
-            "MOT_SPIN_MIN": drive.spin_min,
-            "MOT_SPIN_MAX": drive.spin_max,
             "MOT_THST_EXPO": drive.expo,
-            "MOT_BAT_VOLT_MAX": 0,
-            "MOT_BAT_VOLT_MIN": 0,
             "INS_GYRO_FILTER": self.filter_frequency,
             "INS_ACCEL_FILTER": self.filter_frequency,
-            "GPS1_TYPE": 1,
             "GPS1_RATE_MS": round(1000.0 / sensors.gps.rate),
             "GPS1_DELAY_MS": round(1000.0 * sensors.gps.lag),
-            "GPS1_POS_X": 0,
-            "GPS1_POS_Y": 0,
-            "GPS1_POS_Z": 0,
-            "COMPASS_ENABLE": 1,
-            "COMPASS_USE": 1,
-            "COMPASS_AUTODEC": 1,
-            "COMPASS_ORIENT": 0,
-            "COMPASS_OFS_X": 0,
-            "COMPASS_OFS_Y": 0,
-            "COMPASS_OFS_Z": 0,
-            "AHRS_ORIENTATION": 0,
-            "AHRS_TRIM_X": 0,
-            "AHRS_TRIM_Y": 0,
-            "BATT_MONITOR": 4,
             "BATT_CAPACITY": round(1000.0 * vehicle.battery.capacity),
             "BARO1_GND_PRESS": round(float(self.baro["pressure"].iloc[0]), 1),
-            "SCHED_LOOP_RATE": 400,
-            "LOG_DISARMED": 1,
         }
         for number in range(1, 17):
             parameters[f"SERVO{number}_FUNCTION"] = 32 + number if number <= len(vehicle.rotors) else 0
@@ -143,7 +122,7 @@ class Instruments:
         return offset + t - 604800.0 * week, week
 
     def pressure_altitude(self) -> Column:
-        """Height that the barometer tells above where it was calibrated, m."""
+        """Return the height by the barometer above where it was calibrated, m."""
         pressure = self.baro["pressure"].to_numpy()
         ratio = np.array([math.pow(p / SEA_LEVEL_PRESSURE, 1.0 / PRESSURE_EXPONENT) for p in pressure])
         altitude: Column = SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - ratio)
@@ -152,16 +131,7 @@ class Instruments:
 
 
 class InstrumentedFlight(Instruments):
-    """A mission flown under the cascade, with the samples of its instruments.
-
-    Parameters
-    ----------
-    flight : Flight
-    start_utc : datetime
-        UTC at the start of the simulation.
-    boot : float
-        Time since boot at the start of the simulation, s.
-    """
+    """A mission flown under the cascade, with the samples of its instruments."""
 
     def __init__(self, flight: Flight, start_utc: dt.datetime, boot: float):
         setup = flight.setup

@@ -1,4 +1,4 @@
-"""Missions: what the autopilot is told to do, and the reference that comes out of it."""
+"""Missions: the steps that the autopilot flies, and the reference planned from them."""
 
 import math
 from dataclasses import dataclass
@@ -125,15 +125,6 @@ class Mission:
         Legs are straight, from rest to rest, with the quintic of least jerk, as slow as the limits of speed and
         acceleration ask. The landing sinks with `descent` [m/s] for `after` [s] longer than the height takes, so
         that the ground is met.
-
-        Parameters
-        ----------
-        tick : float
-            s.
-        descent : float
-            m/s.
-        after : float
-            s.
         """
         planner = _Planner(math.radians(self.heading_deg), tick)
         planner.hold(self.disarmed, DISARMED)

@@ -1,16 +1,16 @@
 """Missions under the cascade as cases: the octocopter of Elhesasy 2024 and the quadcopter."""
 
-import dataclasses
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from simulation import _kernels
-from simulation.fly import Flight
+from simulation.fly import STATE_COLUMNS, Flight
 from simulation.mission import Chirp, GoTo, Turn, Wait
-from simulation.outcome import Fact, Outcome, Plot
+from simulation.outcome import Fact, Outcome, Plot, named, rotor_speeds, with_units
 from simulation.sample_flights import FLIGHTS, SampleFlight
 from simulation.sample_logs import fly_sample, write_flight
 from simulation.vehicle import Vector
@@ -40,83 +40,67 @@ class MissionSettings:
     seed: int
 
 
+#: Where in the setup of a flight a setting lies.
+_PLACES = {
+    "mass": "vehicle.mass",
+    "takeoff": "mission.takeoff",
+    "heading": "mission.heading_deg",
+    "wind": "wind.speed",
+    "wind_from": "wind.from_deg",
+    "gusts": "wind.gusts",
+    "latitude": "place.lat_deg",
+    "longitude": "place.lon_deg",
+    "altitude": "place.alt",
+    "warmer": "place.warmer",
+    "gps_lag": "sensors.gps.lag",
+    "step": "step",
+    "seed": "seed",
+}
+#: Largest speed between the points of a sample, m/s, unless it says otherwise.
+_SPEED = 3.0
+
+
 def settings_of(sample: SampleFlight) -> MissionSettings:
     """Return the settings with which a sample is what it is."""
-    setup = sample.setup
     return MissionSettings(
-        mass=setup.vehicle.mass,
-        takeoff=setup.mission.takeoff,
-        points=(),
-        speed=3.0,
-        heading=setup.mission.heading_deg,
-        wind=setup.wind.speed,
-        wind_from=setup.wind.from_deg,
-        gusts=setup.wind.gusts,
-        latitude=setup.place.lat_deg,
-        longitude=setup.place.lon_deg,
-        altitude=setup.place.alt,
-        warmer=setup.place.warmer,
-        gps_lag=setup.sensors.gps.lag,
-        step=setup.step,
-        seed=setup.seed,
+        points=(), speed=_SPEED, **{name: attrgetter(place)(sample.setup) for name, place in _PLACES.items()}
     )
 
 
 def simulate(name: str, summary: str, settings: MissionSettings) -> Outcome:
-    """Fly a sample's mission with these settings.
-
-    Parameters
-    ----------
-    name : str
-        Name of the case, a key of `FLIGHTS`.
-    summary : str
-        What it shows, in a line.
-    settings : MissionSettings
-        What the user chose.
-    """
+    """Fly a sample's mission with these settings."""
     sample = _apply(FLIGHTS[name], settings)
     flight = fly_sample(sample)
 
-    def write_log(folder: Path) -> list[Path]:
-        return write_flight(sample, folder, flight)
-
+    names = [*STATE_COLUMNS, "wind_n", "wind_e", "wind_d", "voltage", "current", "mass"]
+    numbers = range(1, len(flight.setup.vehicle.rotors) + 1)
     rows = flight.truth.iloc[:: round(0.05 / (flight.truth.index[1] - flight.truth.index[0]))]
     return Outcome(
         name=name,
         summary=summary,
         facts=_facts(flight),
         plots=_plots(flight, rows),
-        history=_history(flight, rows),
-        write_log=write_log,
+        history=with_units(rows[[*names, *(f"{letter}{k}" for k in numbers for letter in "wm")]]),
+        write_log=lambda folder: write_flight(sample, folder, flight),
     )
 
 
 def _apply(sample: SampleFlight, settings: MissionSettings) -> SampleFlight:
-    setup = sample.setup
-    steps = setup.mission.steps
+    steps = sample.setup.mission.steps
     if settings.points:
         steps = tuple(step for n, e, up in settings.points for step in (Wait(2.0), GoTo(n, e, up, settings.speed)))
-    elif settings.speed != settings_of(sample).speed:
-        steps = tuple(
-            dataclasses.replace(step, speed=settings.speed) if isinstance(step, GoTo) else step for step in steps
-        )
-    setup = dataclasses.replace(
-        setup,
-        mission=dataclasses.replace(setup.mission, takeoff=settings.takeoff, heading_deg=settings.heading, steps=steps),
-        vehicle=dataclasses.replace(setup.vehicle, mass=settings.mass),
-        wind=dataclasses.replace(setup.wind, speed=settings.wind, from_deg=settings.wind_from, gusts=settings.gusts),
-        place=dataclasses.replace(
-            setup.place,
-            lat_deg=settings.latitude,
-            lon_deg=settings.longitude,
-            alt=settings.altitude,
-            warmer=settings.warmer,
-        ),
-        sensors=dataclasses.replace(setup.sensors, gps=dataclasses.replace(setup.sensors.gps, lag=settings.gps_lag)),
-        seed=settings.seed,
-        step=settings.step,
-    )
-    return dataclasses.replace(sample, setup=setup)
+    elif settings.speed != _SPEED:
+        steps = tuple(replace(step, speed=settings.speed) if isinstance(step, GoTo) else step for step in steps)
+    setup = replace(sample.setup, mission=replace(sample.setup.mission, steps=steps))
+    for name, place in _PLACES.items():
+        setup = _with(setup, place.split("."), getattr(settings, name))
+    return replace(sample, setup=setup)
+
+
+def _with(part: Any, path: list[str], value: object) -> Any:
+    """Return a dataclass with the value at a path through its fields changed."""
+    name, *rest = path
+    return replace(part, **{name: _with(getattr(part, name), rest, value) if rest else value})
 
 
 def _planned(flight: Flight, rows: pd.DataFrame) -> np.ndarray:
@@ -129,6 +113,7 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
     air = flight.truth.loc[flight.airborne[0] : flight.airborne[1]]
     flying = flight.truth[flight.truth["state"] == _kernels.FLYING]
     error = flying[["p_n", "p_e", "p_d"]].to_numpy() - _planned(flight, flying)[:, 0:3]
+    apart, axes = np.sqrt(np.mean(error**2, axis=0)), ("north", "east", "down")
     speed = np.sqrt((air[["v_n", "v_e"]] ** 2).sum(axis=1))
     motors = air[[f"m{k}" for k in range(1, len(setup.vehicle.rotors) + 1)]]
     tilt = np.degrees(np.hypot(air["roll"], air["pitch"]))
@@ -146,9 +131,7 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
         Fact("greatest height", float(-air["p_d"].min()), "m"),
         Fact("greatest horizontal speed", float(speed.max()), "m/s"),
         Fact("greatest tilt", float(tilt.max()), "deg"),
-        Fact("distance from the plan, RMS north", float(np.sqrt(np.mean(error[:, 0] ** 2))), "m"),
-        Fact("distance from the plan, RMS east", float(np.sqrt(np.mean(error[:, 1] ** 2))), "m"),
-        Fact("distance from the plan, RMS down", float(np.sqrt(np.mean(error[:, 2] ** 2))), "m"),
+        *(Fact(f"distance from the plan, RMS {axis}", float(apart[k]), "m") for k, axis in enumerate(axes)),
         Fact("hover thrust", 100.0 * flight.hover_thrust, "% of full"),
         Fact("motor outputs", f"{motors.min().min():.0f} to {motors.max().max():.0f}", "us"),
         Fact("charge drawn", float(air["charge"].iloc[-1]) / 3.6, "mA h"),
@@ -158,46 +141,18 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
 
 
 def _plots(flight: Flight, rows: pd.DataFrame) -> tuple[Plot, ...]:
-    planned = _planned(flight, rows)
     active = rows["state"].isin((_kernels.FLYING, _kernels.LANDING)).to_numpy()
-    planned = np.where(active[:, None], planned, np.nan)
-    n = len(flight.setup.vehicle.rotors)
-
-    def lines(**columns: np.ndarray | pd.Series) -> pd.DataFrame:
-        return pd.DataFrame({name.replace("_", " "): value for name, value in columns.items()}, index=rows.index)
-
+    plan = np.where(active, -_planned(flight, rows)[:, 2], np.nan)
+    where = "Position against the plan: steps are flown from rest to rest, the landing ends where the ground is."
+    lean = "Attitude: the craft leans against the wind and into each relocation."
+    up = rows.assign(up=-rows["p_d"], up_planned=plan, climb=-rows["v_d"])
+    turned = rows[["roll", "pitch", "yaw"]] * (180.0 / np.pi)
     return (
-        Plot(
-            "Position against the plan: steps are flown from rest to rest, the landing ends where the ground is.",
-            "position (m)",
-            lines(north=rows["p_n"], east=rows["p_e"], up=-rows["p_d"], up_planned=-planned[:, 2]),
-        ),
-        Plot(
-            "Velocity over the ground.",
-            "velocity (m/s)",
-            lines(north=rows["v_n"], east=rows["v_e"], up=-rows["v_d"]),
-        ),
-        Plot(
-            "Attitude: the craft leans against the wind and into each relocation.",
-            "angle (deg)",
-            lines(roll=np.degrees(rows["roll"]), pitch=np.degrees(rows["pitch"])),
-        ),
-        Plot("Heading.", "heading (deg)", lines(yaw=np.degrees(rows["yaw"]))),
-        Plot(
-            "Speeds of the rotors.",
-            "rotor speed (rad/s)",
-            pd.DataFrame({f"rotor {k}": rows[f"w{k}"] for k in range(1, n + 1)}),
-        ),
-        Plot("Wind at the craft.", "wind (m/s)", lines(north=rows["wind_n"], east=rows["wind_e"], down=rows["wind_d"])),
-        Plot("Battery under load.", "voltage (V)", lines(voltage=rows["voltage"])),
+        Plot(where, "position (m)", named(up, north="p_n", east="p_e", up="up", up_planned="up_planned")),
+        Plot("Velocity over the ground.", "velocity (m/s)", named(up, north="v_n", east="v_e", up="climb")),
+        Plot(lean, "angle (deg)", turned[["roll", "pitch"]]),
+        Plot("Heading.", "heading (deg)", turned[["yaw"]]),
+        Plot("Speeds of the rotors.", "rotor speed (rad/s)", rotor_speeds(rows)),
+        Plot("Wind at the craft.", "wind (m/s)", named(rows, north="wind_n", east="wind_e", down="wind_d")),
+        Plot("Battery under load.", "voltage (V)", named(rows, voltage="voltage")),
     )
-
-
-def _history(flight: Flight, rows: pd.DataFrame) -> pd.DataFrame:
-    names = {f"p_{axis}": f"p_{axis}_m" for axis in "ned"} | {f"v_{axis}": f"v_{axis}_m_s" for axis in "ned"}
-    names |= {name: name for name in ("q_w", "q_x", "q_y", "q_z")} | {f"w_{axis}": f"w_{axis}_rad_s" for axis in "xyz"}
-    names |= {f"wind_{axis}": f"wind_{axis}_m_s" for axis in "ned"} | {"voltage": "voltage_v", "current": "current_a"}
-    names |= {"mass": "mass_kg"}
-    for k in range(1, len(flight.setup.vehicle.rotors) + 1):
-        names |= {f"w{k}": f"w{k}_rad_s", f"m{k}": f"m{k}_us"}
-    return rows[list(names)].rename(columns=names).rename_axis("t_s")

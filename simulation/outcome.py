@@ -1,5 +1,6 @@
-"""What a simulated case gives: figures in words, plots, tables, a history and a log."""
+"""Results of a simulated case: characteristics, plots, tables, a history and a log."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,11 +49,44 @@ class Outcome:
     facts: tuple[Fact, ...]  #: Characteristics of the flight.
     plots: tuple[Plot, ...]
     history: pd.DataFrame  #: Index `t` [s]; names of columns carry their units.
-    write_log: Callable[[Path], list[Path]]  #: Writes the flight's log and its truth into a folder and gives the files.
+    write_log: Callable[[Path], list[Path]]  #: Writes the log and its truth into a folder; returns the files.
     notes: tuple[str, ...] = ()  #: Where this differs from what the paper prints, and why.
     tables: tuple[Table, ...] = field(default=())
     #: What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
     fault: str = ""
+
+
+#: Units of columns by their names, as they are appended in a history.
+_UNITS = (
+    (r"p_[ned]|[xyz]", "m"),
+    (r"v_.|wind_.", "m_s"),
+    (r"w_.|w\d+", "rad_s"),
+    (r"a\d+", "rad_s2"),
+    (r"m\d+", "us"),
+    ("mass", "kg"),
+    ("voltage", "v"),
+    ("current", "a"),
+)
+
+
+def with_units(path: pd.DataFrame) -> pd.DataFrame:
+    """Return a history: columns with their units in their names, indexed by `t_s`."""
+
+    def name(column: str) -> str:
+        unit = next((unit for pattern, unit in _UNITS if re.fullmatch(pattern, column)), "")
+        return f"{column}_{unit}" if unit else column
+
+    return path.rename(columns=name).rename_axis("t_s")
+
+
+def named(path: pd.DataFrame, **columns: str) -> pd.DataFrame:
+    """Return columns of a path under the names of a legend."""
+    return pd.DataFrame({name.replace("_", " "): path[column] for name, column in columns.items()})
+
+
+def rotor_speeds(path: pd.DataFrame, word: str = "rotor") -> pd.DataFrame:
+    """Return the speeds of the rotors, rad/s, as lines of a plot."""
+    return path.filter(regex=r"^w\d+$").rename(columns=lambda column: f"{word} {column[1:]}")
 
 
 def write(outcome: Outcome, folder: Path) -> list[Path]:

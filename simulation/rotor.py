@@ -68,38 +68,14 @@ class BladeElementRotor:
     def induced_velocity(
         self, speed: float, density: float = SEA_LEVEL_DENSITY, across: float = 0.0, sinking: float = 0.0
     ) -> float:
-        """Return the induced velocity, m/s.
-
-        Parameters
-        ----------
-        speed : float
-            Of the rotor, rad/s.
-        density : float
-            Of the air, kg/m^3.
-        across : float
-            Velocity through the air in the rotor's plane, m/s.
-        sinking : float
-            Velocity through the air against the thrust, m/s.
-        """
+        """Return the induced velocity, m/s."""
         velocity, _ = induced_velocity(speed, across * across, sinking, density, self.parameters)
         return float(velocity)
 
     def thrust(
         self, speed: float, density: float = SEA_LEVEL_DENSITY, across: float = 0.0, sinking: float = 0.0
     ) -> float:
-        """Return the thrust, N.
-
-        Parameters
-        ----------
-        speed : float
-            Of the rotor, rad/s.
-        density : float
-            Of the air, kg/m^3.
-        across : float
-            Velocity through the air in the rotor's plane, m/s.
-        sinking : float
-            Velocity through the air against the thrust, m/s.
-        """
+        """Return the thrust, N."""
         _, thrust = induced_velocity(speed, across * across, sinking, density, self.parameters)
         return float(thrust)
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from simulation.dataflash_log import write_bin
+from simulation.flight_log import write_bin, write_tlog
 from simulation.fly import Flight, fly
 from simulation.instruments import InstrumentedFlight
 from simulation.sample_flights import FLIGHTS, SampleFlight
-from simulation.telemetry_log import write_tlog
 from simulation.truth import describe_mission
 
 #: The damaged log: which flight it was, and its name.
@@ -23,21 +22,7 @@ def fly_sample(sample: SampleFlight) -> Flight:
 
 
 def write_flight(sample: SampleFlight, folder: Path, flight: Flight | None = None) -> list[Path]:
-    """Write the log of a flight (`.bin`), its truth (`.json`) and, where it has one, its telemetry log (`.tlog`).
-
-    Parameters
-    ----------
-    sample : SampleFlight
-    folder : Path
-        Made if missing.
-    flight : Flight, optional
-        As `fly_sample` gives it; flown when not given.
-
-    Returns
-    -------
-    list of Path
-        The files written, the on-board log first.
-    """
+    """Write the log of a flight (`.bin`), its truth (`.json`) and, where it has one, its telemetry log (`.tlog`)."""
     folder.mkdir(parents=True, exist_ok=True)
     flight = flight or fly_sample(sample)
     log = InstrumentedFlight(flight, sample.start_utc, sample.boot)

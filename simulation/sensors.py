@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from simulation._parameters import SensorParameters
 from simulation.errors import ParameterError
@@ -41,17 +42,7 @@ class Inertial:
                 raise ParameterError(f"inertial sensors: {name} must be positive, not {getattr(self, name):g}")
 
     def drift(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
-        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6).
-
-        Parameters
-        ----------
-        n : int
-            Ticks.
-        dt : float
-            s.
-        random : RandomState
-            Source of the noise.
-        """
+        """Drift of the biases of gyro (rad/s) and accelerometer (m/s^2) at n ticks of dt; shape (n, 6)."""
         sigma = np.repeat([self.gyro_instability, self.accel_instability], 3)
         if not sigma.any():
             return np.zeros((n, 6))
@@ -100,22 +91,7 @@ class Gps:
             raise ParameterError(f"GPS outages must begin before they end, at 0 s or later: {self.outages}")
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight.
-
-        Parameters
-        ----------
-        truth : DataFrame
-            Index `t` [s]; columns p_n ... v_d of `simulation.fly.Flight.truth`.
-        place : Place
-            Origin of the truth.
-        random : RandomState
-            Source of the noise.
-
-        Returns
-        -------
-        DataFrame
-            Index `t` (time of writing, s); t_valid [s], lat_deg, lon_deg, alt [m], v_n, v_e, v_d [m/s], fix (bool).
-        """
+        """Sample a flight."""
         t_truth = truth.index.to_numpy()
         t_valid = np.arange(0.0, t_truth[-1] - self.lag, 1.0 / self.rate)
         n = len(t_valid)
@@ -157,17 +133,7 @@ class Barometer:
     self_heating: float = 12.0  #: Sensor above air temperature, K.
 
     def sample(self, truth: pd.DataFrame, place: Place, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K].
-
-        Parameters
-        ----------
-        truth : DataFrame
-            The flight, indexed by t, s; `p_d` [m] is read.
-        place : Place
-            Whose atmosphere it is.
-        random : RandomState
-            Source of the noise.
-        """
+        """Sample a flight: index `t` [s]; pressure [Pa], temperature of the sensor [K]."""
         t = np.arange(0.0, truth.index[-1], 1.0 / self.rate)
         n = len(t)
         height = -_at(truth, ["p_d"], t)[:, 0]
@@ -188,17 +154,7 @@ class Magnetometer:
     hard_iron: Vector = (0.0, 0.0, 0.0)  #: Constant field of the craft left by the calibration, body axes, T.
 
     def sample(self, truth: pd.DataFrame, field_n: np.ndarray, random: np.random.RandomState) -> pd.DataFrame:
-        """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T].
-
-        Parameters
-        ----------
-        truth : DataFrame
-            The flight, indexed by t, s; the quaternion `q_w` ... `q_z` is read.
-        field_n : ndarray, shape (3,)
-            The Earth's field in NED, T.
-        random : RandomState
-            Source of the noise.
-        """
+        """Sample a flight: index `t` [s]; mag_x, mag_y, mag_z [T]."""
         step = round(1.0 / self.rate / (truth.index[1] - truth.index[0]))
         rows = truth.iloc[::step]
         q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy()
@@ -227,15 +183,6 @@ class Navigation:
         """Errors of position (m), velocity (m/s) and roll, pitch, yaw (rad) at n ticks of dt; shape (n, 9).
 
         They start at zero: the origin is where the autopilot believes to be at boot.
-
-        Parameters
-        ----------
-        n : int
-            Ticks.
-        dt : float
-            s.
-        random : RandomState
-            Source of the noise.
         """
         sigma = np.array([self.tilt, self.tilt, self.yaw])
         position = self.position * _smooth_wander(n, self.position_time / dt, 2.0 / dt, random)
@@ -297,16 +244,10 @@ def _smooth_wander(n: int, correlation: float, smoothing: float, random: np.rand
 
 
 def rotate_to_body(q: np.ndarray, vector_n: np.ndarray) -> np.ndarray:
-    """Turn a NED vector (3,) into body axes for each quaternion of q (N, 4), scalar first, body to NED; (N, 3)."""
-    w, x, y, z = q.T
-    vn, ve, vd = vector_n
-    return np.column_stack(
-        (
-            (1 - 2 * (y * y + z * z)) * vn + 2 * (x * y + w * z) * ve + 2 * (x * z - w * y) * vd,
-            2 * (x * y - w * z) * vn + (1 - 2 * (x * x + z * z)) * ve + 2 * (y * z + w * x) * vd,
-            2 * (x * z + w * y) * vn + 2 * (y * z - w * x) * ve + (1 - 2 * (x * x + y * y)) * vd,
-        )
-    )
+    """Turn NED vectors (3,) or (N, 3) into body axes by quaternions q (N, 4), scalar first, body to NED; (N, 3)."""
+    # Columns of a table may be read-only, which SciPy refuses.
+    turned: np.ndarray = Rotation.from_quat(q.copy(), scalar_first=True).apply(vector_n.copy(), inverse=True)
+    return turned
 
 
 def _at(frame: pd.DataFrame, columns: list[str], t: np.ndarray) -> np.ndarray:

@@ -17,20 +17,7 @@ Settings = TypeVar("Settings")
 
 
 def changed(settings: Settings, changes: Mapping[str, object]) -> Settings:
-    """Return settings with some of them changed.
-
-    Parameters
-    ----------
-    settings : dataclass
-        Fields are numbers, texts, vectors of three numbers, or tuples of such vectors.
-    changes : mapping
-        Values by name, as text or as YAML and TOML give them.
-
-    Raises
-    ------
-    ParameterError
-        There is no such setting, or the value is not of its kind; the settings themselves may refuse it too.
-    """
+    """Return settings with some of them changed."""
     kinds = get_type_hints(type(settings))
     values = {}
     for name, value in changes.items():

@@ -1,16 +1,11 @@
 """A small quadcopter in X, of no paper: what ten-inch propellers on 1.6 kg usually are."""
 
-import math
-
 import numpy as np
 
 from simulation.controllers import Cascade
 from simulation.drive import Battery, Drive, FirstOrder
 from simulation.rotor import QuadraticRotor
-from simulation.vehicle import LandingGear, Multirotor, RotorMount
-
-#: Angle of each motor of ArduPilot's quad-x [deg clockwise from the nose] and its spin, by motor number.
-_MOTORS = ((45.0, -1), (-135.0, -1), (-45.0, 1), (135.0, 1))
+from simulation.vehicle import LandingGear, Multirotor, on_frame
 
 #: Gains for damped loops: the rate loops close at about 16 rad/s, half of what rotor lag and gyro filter allow.
 CASCADE = Cascade(
@@ -23,22 +18,12 @@ CASCADE = Cascade(
 
 def quadcopter() -> Multirotor:
     """Build the craft: arms of 0.23 m, thrust three times weight, rotors whose inertia is felt."""
-    arm = 0.23
     rotor = QuadraticRotor(thrust_coefficient=1.2e-5, torque_coefficient=1.9e-7)
-    mounts = tuple(
-        RotorMount(
-            rotor,
-            (arm * math.cos(math.radians(angle)), arm * math.sin(math.radians(angle)), -0.03),
-            spin=spin,
-            inertia=4.5e-5,
-        )
-        for angle, spin in _MOTORS
-    )
     return Multirotor(
         name="survey quadcopter",
         mass=1.6,
         inertia=np.diag((0.016, 0.018, 0.029)),
-        rotors=mounts,
+        rotors=on_frame("quad", "x", rotor, 0.23, {1: -0.03, -1: -0.03}, inertia=4.5e-5),
         drive=Drive(speed_max=1000.0, response=FirstOrder(0.03), expo=0.55),
         battery=Battery(capacity=4.0, resistance=0.02),
         gear=LandingGear(height=0.12, reach=0.18, sag=0.003),

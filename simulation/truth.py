@@ -30,18 +30,7 @@ _MODEL = {
 
 
 def describe_mission(flight: Flight, log: Instruments, name: str, summary: str, imu_rate: float) -> dict[str, object]:
-    """Report in numbers what an identification of a mission should find; keys carry their units.
-
-    Parameters
-    ----------
-    flight : Flight
-    log : Instruments
-        Of the flight.
-    name, summary : str
-        Of the log.
-    imu_rate : float
-        IMU rows per second in the log.
-    """
+    """Report in numbers what an identification of a mission should find; keys carry their units."""
     setup = flight.setup
     wind, air = setup.wind, setup.place.atmosphere
     flying = flight.truth.loc[flight.airborne[0] : flight.airborne[1]]

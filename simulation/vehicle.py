@@ -1,18 +1,17 @@
 """Multirotors: rotors on a rigid body."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from logparse.craft.frames import FRAME_CLASSES, FRAME_TYPES, motor_table
 from simulation._parameters import AirframeParameters, TankParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import Battery, Drive
 from simulation.errors import ParameterError
 from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
-
-_FRAME_CLASSES = {1: "QUAD", 2: "HEXA", 3: "OCTA"}
-_FRAME_TYPES = {0: "PLUS", 1: "X"}
 
 Vector = tuple[float, float, float]
 
@@ -28,6 +27,38 @@ class RotorMount:
     axis: tuple[float, float, float] = (0.0, 0.0, -1.0)  #: Unit vector of the thrust, body FRD.
     #: Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
     inertia: float = 0.0
+
+
+def mounts(
+    rotors: Sequence[Rotor],
+    places: Sequence[Vector],
+    spins: Sequence[int],
+    *,
+    layers: Sequence[int] = (),
+    inertia: float = 0.0,
+) -> tuple[RotorMount, ...]:
+    """Mount upright rotors at places (forward, right, down) from the centre of gravity, m."""
+    return tuple(
+        RotorMount(rotor, place, spin=spin, layer=layer, inertia=inertia)
+        for rotor, place, spin, layer in zip(rotors, places, spins, layers or [0] * len(rotors), strict=True)
+    )
+
+
+def on_frame(
+    frame: str,
+    kind: str,
+    rotor: Rotor,
+    arm: float,
+    downs: dict[int, float],
+    *,
+    layered: bool = False,
+    inertia: float = 0.0,
+) -> tuple[RotorMount, ...]:
+    """Mount rotors on a frame of ArduPilot, an arm [m] from its middle, as far down [m] as their spin says."""
+    motors = motor_table(frame, kind)
+    places = [(arm * math.cos(motor.angle), arm * math.sin(motor.angle), downs[motor.spin]) for motor in motors]
+    spins = [motor.spin for motor in motors]
+    return mounts([rotor] * len(motors), places, spins, layers=spins if layered else (), inertia=inertia)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +116,7 @@ class Multirotor:
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ParameterError(f"{self.name}: mass must be positive, not {self.mass:g} kg")
         _check_inertia(self.name, self.inertia)
-        if self.frame_class not in _FRAME_CLASSES or self.frame_type not in _FRAME_TYPES:
+        if self.frame_class not in (1, 2, 3) or self.frame_type not in (0, 1):
             raise ParameterError(f"{self.name}: frame class {self.frame_class}, type {self.frame_type} is not known")
         if not self.rotors:
             raise ParameterError(f"{self.name}: a multirotor needs rotors")
@@ -103,7 +134,7 @@ class Multirotor:
     @property
     def frame(self) -> str:
         """Frame as ArduPilot names it in its log, such as ``"OCTA/PLUS"``."""
-        return f"{_FRAME_CLASSES[self.frame_class]}/{_FRAME_TYPES[self.frame_type]}"
+        return f"{FRAME_CLASSES[self.frame_class]}/{FRAME_TYPES[self.frame_type]}".upper()
 
     @property
     def states(self) -> int:
@@ -119,19 +150,7 @@ class Multirotor:
         attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
         rate: Vector = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
-        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates.
-
-        Parameters
-        ----------
-        speeds : ndarray, shape (n,)
-            Of the rotors, rad/s.
-        position, velocity : (float, float, float)
-            NED, m and m/s.
-        attitude : (float, float, float, float)
-            Quaternion from body to NED, scalar first.
-        rate : (float, float, float)
-            Body rates, rad/s.
-        """
+        """State with rotors turning steadily at `speeds` (n,) [rad/s]; NED, quaternion to NED, body rates."""
         drives = np.zeros((len(self.rotors), self.drive.response.order))
         drives[:, :1] = speeds[:, None]
         return np.concatenate((position, velocity, attitude, rate, speeds, drives.ravel())).astype(float)
@@ -145,22 +164,7 @@ class Multirotor:
         return math.sqrt(self.mass * gravity / per_square)
 
     def hover_thrust(self, gravity: float, density: float, voltage: float) -> float:
-        """Fraction of full thrust, at this density and voltage, that carries the weight.
-
-        Parameters
-        ----------
-        gravity : float
-            m/s^2.
-        density : float
-            Of the air, kg/m^3.
-        voltage : float
-            Of the battery, V.
-
-        Raises
-        ------
-        ParameterError
-            The craft cannot hover: the fraction is above 0.9.
-        """
+        """Fraction of full thrust, at this density and voltage, that carries the weight."""
         full_speed = self.drive.speed(self.drive.pwm_max, voltage)
         available = sum(mount.rotor.thrust(full_speed, density) for mount in self.rotors)
         fraction = self.mass * gravity / available
@@ -172,15 +176,7 @@ class Multirotor:
         return fraction
 
     def kernel_parameters(self, gravity: float, *, ground: bool = True) -> AirframeParameters:
-        """Return the numbers that the equations of motion read.
-
-        Parameters
-        ----------
-        gravity : float
-            m/s^2.
-        ground : bool
-            Whether there is ground to stand on; the origin is then where the centre of gravity rests.
-        """
+        """Return the numbers that the equations of motion read."""
         gear = self.gear
         first = self.rotors[0].rotor
         quadratic = [mount.rotor for mount in self.rotors if isinstance(mount.rotor, QuadraticRotor)]

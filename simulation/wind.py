@@ -48,20 +48,6 @@ class Wind:
 
         The gust field is frozen and passes with the mean wind (at least 1 m/s). The first component has the
         first-order Dryden spectrum, the others the second-order one.
-
-        Parameters
-        ----------
-        n : int
-            Number of samples.
-        dt : float
-            Sampling time, s.
-        random : RandomState
-            Source of the noise.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Velocity of the air north, east, down, m/s.
         """
         sigma, length = self.scales()
         noise = random.standard_normal((n, 3)) / math.sqrt(dt)

@@ -14,9 +14,9 @@ from pipeline.flight.coverage import measure
 from pipeline.flight.excitation import word_of
 from pipeline.results.coverage import QUANTITIES, Coverage
 from pipeline.results.span import Span
+from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sample_flights import SampleFlight
 from simulation.sample_logs import fly_sample, write_flight

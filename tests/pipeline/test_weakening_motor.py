@@ -13,9 +13,9 @@ from pipeline.fleet.drift import follow
 from pipeline.flight.flight_parameters import SHARES, motor_shares
 from pipeline.results.entry import FlightEntry, FlightParameter
 from pipeline.results.span import Span
+from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.rotor import QuadraticRotor
 from simulation.sample_flights import SampleFlight

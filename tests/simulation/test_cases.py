@@ -15,12 +15,14 @@ from simulation import (
     DivergenceError,
     ParameterError,
     find,
+    guntur2019,
+    kim2017,
+    motion2018,
     parse_settings,
     read_settings,
     write,
 )
-from simulation.paper_log import motor_order
-from simulation.papers import guntur2019, kim2017, motion2018
+from simulation.papers import motor_order
 
 PAPERS = ("motion-vertical", "motion-spatial", "motion-wind", "kim-recovery", "guntur-profile", "guntur-discharge")
 

@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from simulation import ParameterError, propagate
+from simulation import ParameterError, elhesasy2024, propagate
 from simulation._kernels import actuator, drive_speed
 from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
-from simulation.papers import elhesasy2024
 from simulation.rotor import QuadraticRotor
 
 OCTA = elhesasy2024.octocopter()
@@ -47,21 +46,3 @@ def test_a_craft_too_heavy_for_thin_air_is_refused():
     assert math.isfinite(OCTA.hover_thrust(9.8, 1.2, 16.0))
     with pytest.raises(ParameterError, match=r"9\.5 kg cannot be flown in air of 0\.900"):
         heavy.hover_thrust(9.8, 0.9, 16.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Drive(speed_max=-1.0, response=FirstOrder(0.04)), "speed_max must be positive"),
-        (lambda: FirstOrder(0.0), "time_constant must be positive"),
-        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), expo=1.5), "expo must lie in 0..1"),
-        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), spin_min=0.99), "spin_arm <= spin_min < spin_max"),
-        (lambda: Drive(speed_max=900.0, response=FirstOrder(0.04), pwm_min=2000.0), "pwm_min < pwm_max"),
-        (lambda: QuadraticRotor(thrust_coefficient=0.0, torque_coefficient=1e-7), "thrust_coefficient"),
-        (lambda: Battery(voltage_empty=17.0), "voltage_empty < voltage_full"),
-        (lambda: Battery(capacity=0.0), "capacity must be positive"),
-    ],
-)
-def test_drives_that_cannot_exist_are_refused(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make()

@@ -7,10 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from simulation import ParameterError, propagate
-from simulation.papers import guntur2019
-from simulation.papers.guntur2019 import MOTORS, PAYLOADS, RPM
-from simulation.rotor import BladeElementRotor
+from simulation import guntur2019, propagate
+from simulation.guntur2019 import MOTORS, PAYLOADS, RPM
 
 ROTOR = guntur2019.rotor()
 
@@ -121,16 +119,3 @@ def test_printed_inertia_fits_only_with_its_exponent_mended():
         for mass, inertia in zip(motor.masses, motor.inertias, strict=True):
             assert 0.1 < math.sqrt(inertia[2] / mass) < 0.27
             assert math.sqrt(inertia[2] * 1e5 / mass) > 40.0
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: guntur2019.find("Duracell"), "no motor called 'Duracell'; there are: MT-4006"),
-        (lambda: guntur2019.quadcopter(MOTORS[0], 1.2), r"payload 1\.2 must lie in 0..1"),
-        (lambda: BladeElementRotor(radius=-0.1, pitch=0.1, chord=0.03), "radius must be positive"),
-    ],
-)
-def test_impossible_choices_are_refused(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make()

@@ -1,16 +1,14 @@
-"""Rotors with inertia and tanks that empty: conservation laws, closed forms and an independent integrator."""
+"""Rotors with inertia and tanks that empty: conservation laws and closed forms."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import ParameterError, propagate, survey_quadcopter
+from simulation import elhesasy2024, guntur2019, propagate
 from simulation.drive import Drive, FirstOrder
-from simulation.papers import elhesasy2024, guntur2019
-from simulation.papers.guntur2019 import MOTORS
+from simulation.guntur2019 import MOTORS
 from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount, Tank
 
@@ -27,7 +25,6 @@ BODY = Multirotor(
     rotors=WHEELS,
     drive=Drive(speed_max=1000.0, response=FirstOrder(0.05)),
 )
-WHEEL_OF_NOTHING = dataclasses.replace(WHEELS[0], inertia=-1.0)
 
 
 def momentum(craft, flight):
@@ -69,38 +66,6 @@ def test_a_gyroscope_precesses_and_nutates_at_its_frequency():
     t = flight.index.to_numpy()
     assert flight["w_x"].to_numpy() == pytest.approx(0.1 * np.cos(frequency * t), abs=1e-6)
     assert flight["w_y"].to_numpy() == pytest.approx(0.1 * np.sin(frequency * t), abs=1e-6)
-
-
-def test_quadcopter_with_heavy_rotors_agrees_with_solve_ivp():
-    """Newton-Euler with the rotors' momentum, written with vectors and integrated by DOP853."""
-    craft = survey_quadcopter.quadcopter()
-    speeds, command = np.array([500.0, 560.0, 620.0, 540.0]), np.array([640.0, 520.0, 500.0, 600.0])
-    start = craft.state(speeds, position=(0, 0, -50), velocity=(2, 1, 0), rate=(1.0, -0.7, 0.5))
-    positions = np.array([mount.position for mount in craft.rotors])
-    spins = np.array([mount.spin for mount in craft.rotors])
-    inertia = np.array([mount.inertia for mount in craft.rotors])
-    down = np.array([0.0, 0.0, 1.0])
-
-    def rhs(t, x):
-        v, q, w, speed = x[3:6], x[6:10], x[10:13], x[13:]
-        C = Rotation.from_quat([q[1], q[2], q[3], q[0]]).as_matrix()
-        density = 1.225 * (1.0 + 0.0065 * x[2] / 288.15) ** 4.2558797
-        change = (command - speed) / 0.03
-        force = np.outer(1.2e-5 * density / 1.225 * speed**2, -down)
-        moment = np.cross(positions, force).sum(axis=0) - down * (spins * 1.9e-7 * density / 1.225 * speed**2).sum()
-        air = C.T @ v
-        drag = np.array(craft.drag_linear) * density / 1.225
-        drag = drag + 0.5 * density * np.array(craft.drag_area) * np.linalg.norm(air)
-        h = down * (spins * inertia * speed).sum()
-        h_dot = down * (spins * inertia * change).sum()
-        w_dot = np.linalg.solve(craft.inertia, moment - h_dot - np.cross(w, craft.inertia @ w + h))
-        v_dot = C @ (force.sum(axis=0) - drag * air) / craft.mass + 9.80665 * down
-        W = np.array([[0, *-w], [w[0], 0, w[2], -w[1]], [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]])
-        return np.concatenate((v, v_dot, 0.5 * W @ q, w_dot, change))
-
-    solution = solve_ivp(rhs, (0.0, 1.0), start, method="DOP853", rtol=1e-12, atol=1e-12)
-    flight = propagate(craft, start, lambda t, x: command, 1.0, dt=2.5e-4)
-    assert flight.iloc[-1].to_numpy() == pytest.approx(solution.y[:, -1], rel=1e-6, abs=1e-6)
 
 
 def test_an_emptying_tank_follows_its_closed_form():
@@ -156,19 +121,3 @@ def test_a_craft_that_empties_climbs():
     emptying = guntur2019.fly_profile(MOTORS[1], 1.0, duration=12.0, discharge=0.05, discharge_start=2.0)
     assert np.abs(emptying["p_d"] - steady["p_d"])[:2.0].max() < 1e-12
     assert emptying["p_d"].iloc[-1] < steady["p_d"].iloc[-1] - 3.0
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Tank(time=(0.0,), mass=(1.0,), inertia=(np.eye(3),)), "at least two times"),
-        (lambda: Tank(time=(1.0, 0.0), mass=(1.0, 0.5), inertia=(np.eye(3),) * 2), "times must increase"),
-        (lambda: Tank(time=(0.0, 1.0), mass=(1.0, 0.0), inertia=(np.eye(3),) * 2), "masses must be positive"),
-        (lambda: Tank(time=(0.0, 1.0), mass=(1.0, 0.5), inertia=(np.eye(3), -np.eye(3))), "not positive definite"),
-        (lambda: guntur2019.quadcopter(MOTORS[0], 0.0, discharge=0.1), "payload 0 must be positive"),
-        (lambda: dataclasses.replace(BODY, rotors=(WHEEL_OF_NOTHING,)), "inertia of rotor 1"),
-    ],
-)
-def test_tanks_and_rotors_that_cannot_exist_are_refused(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make()

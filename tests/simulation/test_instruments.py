@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from simulation import ParameterError, fly
+from simulation import elhesasy2024, fly
 from simulation.fly import Setup
 from simulation.mission import CHIRP_AXES, Chirp, GoTo, Mission, Wait
-from simulation.papers import elhesasy2024
 from simulation.place import Place
 from simulation.sensors import Gps, Inertial, Navigation, Sensors, SpeedControllers
 
@@ -128,20 +127,3 @@ def test_a_step_of_a_millisecond_flies_the_same_mission():
     ends = [flight.truth.loc[: flight.reference.land].iloc[-1][["p_n", "p_e", "p_d"]] for flight in (usual, fine)]
     assert ends[0].to_numpy() == pytest.approx(ends[1].to_numpy(), abs=0.6)
     assert fine.reference.tick == 0.01
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Chirp("surge", 0.1), "not 'surge'"),
-        (lambda: Chirp("roll", 0.9), "0 < magnitude <= 0.5"),
-        (lambda: Chirp("roll", 0.1, start_hz=5.0, stop_hz=2.0), "start_hz < stop_hz"),
-        (lambda: Chirp("roll", 0.1, seconds=1e4), "shorter than 600 s"),
-        (lambda: Gps(outages=((5.0, 3.0),)), "begin before they end"),
-        (lambda: Inertial(accel_range=0.0), "accel_range must be positive"),
-        (lambda: setup(Wait(1), step=0.1), "step 0.1 s must lie in"),
-    ],
-)
-def test_impossible_instruments_are_refused(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make()

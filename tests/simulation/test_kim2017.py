@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulation import CASES, DivergenceError, ParameterError, propagate
+from simulation import CASES, DivergenceError, ParameterError, kim2017, propagate
 from simulation.atmosphere import GRAVITY
 from simulation.controllers import hover_linearisation, lqr
-from simulation.papers import kim2017
 
 
 def model(voltage=16.0):

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from simulation import ArrivalError, DivergenceError, ParameterError, propagate
+from simulation import ArrivalError, DivergenceError, ParameterError, motion2018, propagate
 from simulation.atmosphere import GRAVITY
-from simulation.drive import Drive, ThirdOrder
-from simulation.papers import motion2018
-from simulation.papers.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, Gains, fly_to_point, in_paper_axes
+from simulation.drive import Drive
+from simulation.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, Gains, fly_to_point, in_paper_axes
 
 CRAFT = motion2018.quadcopter()
 
@@ -158,10 +157,3 @@ def test_a_target_at_the_start_is_refused():
 def test_unstable_gains_do_not_arrive():
     with pytest.raises((DivergenceError, ArrivalError), match=r"diverged at|did not arrive"):
         fly_to_point(dataclasses.replace(SPATIAL, time_limit=20.0), Gains(rate=400.0, angle=60.0))
-
-
-def test_an_unstable_drive_is_refused():
-    with pytest.raises(ParameterError, match="Routh"):
-        ThirdOrder(lead=0.0, a1=0.01, a2=0.001, a3=0.001)
-    with pytest.raises(ParameterError, match="a2 must be positive"):
-        dataclasses.replace(DRIVE, a2=-1.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from simulation.fly import Flight, Setup, fly
+from simulation.instruments import attitude_angles
 from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
 from simulation.place import Place
 from simulation.vehicle import Multirotor
@@ -55,16 +56,14 @@ def record(flight: Flight, rng: np.random.Generator | None = None, position: flo
     craft, place = flight.setup.vehicle, flight.setup.place
     rows = flight.truth.loc[flight.airborne[0] + 2.0 : flight.airborne[1] - 3.0]
     t = rows.index.to_numpy()
-    w, x, y, z = (rows[f"q_{a}"].to_numpy() for a in "wxyz")
+    roll, pitch, yaw = attitude_angles(rows)
     count = len(craft.rotors)
 
     def noisy(values, sigma):
         return values if rng is None else values + sigma * rng.standard_normal(len(values))
 
     context = {
-        "roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        "pitch": np.arcsin(2 * (w * y - x * z)),
-        "yaw": np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))),
+        **{"roll": roll, "pitch": pitch, "yaw": np.unwrap(yaw)},
         **{f"w_{a}": rows[f"w_{a}"].to_numpy() for a in "xyz"},
         **{f"f_{a}": noisy(rows[f"f_{a}"].to_numpy(), 0.05) for a in "xyz"},
         **{f"v_{a}": noisy(rows[f"v_{a}"].to_numpy(), 0.1 * position) for a in "ned"},

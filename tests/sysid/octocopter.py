@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from core.units import STANDARD_GRAVITY
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import fit_rigid_body
 from sysid.rigid_body.motion.body_motion import Motion

@@ -8,7 +8,9 @@ import pandas as pd
 
 from logparse import Motor, Vehicle
 from simulation.atmosphere import Atmosphere
-from simulation.fly import propagate
+from simulation.fly import attitude, propagate
+from simulation.instruments import attitude_angles
+from simulation.sensors import rotate_to_body
 from simulation.vehicle import Multirotor
 from sysid import Experiment
 
@@ -78,10 +80,7 @@ def flight(
         return float(np.sin(2.0 * np.pi * tone[0] * t + tone[1]).sum()) / math.sqrt(len(tone[0]) / 2.0)
 
     def command(t, state):
-        w, i, j, q = state[6:10]
-        roll = math.atan2(2.0 * (w * i + j * q), 1.0 - 2.0 * (i * i + j * j))
-        pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * j - i * q))))
-        yaw = math.atan2(2.0 * (w * q + i * j), 1.0 - 2.0 * (j * j + q * q))
+        roll, pitch, yaw = attitude(state)
         target = np.array([wander * strength * sum_of(slow[a], t) for a in ("n", "e")])
         pull = 0.5 * (target - state[0:2]) - 0.9 * state[3:5]
         tilt = np.clip(pull / GRAVITY, -0.35, 0.35)
@@ -135,26 +134,15 @@ def disturbed(record: Experiment, rng: np.random.Generator, noise: float = 1.0) 
 
 def _record(craft, rows, wanted, speeds, density, k, name):
     n, count = len(craft.rotors), len(rows)
-    q = rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy()
-    w, x, y, z = q.T
     v = rows[["v_n", "v_e", "v_d"]].to_numpy()
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    v_b = np.einsum("jin,nj->ni", turn, v)
+    v_b = rotate_to_body(rows[["q_w", "q_x", "q_y", "q_z"]].to_numpy(), v)
     turned = rows[[f"w{i + 1}" for i in range(n)]].to_numpy()
     drag = np.array(craft.drag_linear) * v_b + 0.5 * density * np.array(craft.drag_area) * np.abs(v_b) * v_b
     force = -drag / craft.mass
     force[:, 2] -= (turned**2 @ k) / craft.mass
 
     context = {
-        "roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        "pitch": np.arcsin(2 * (w * y - x * z)),
-        "yaw": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        **dict(zip(("roll", "pitch", "yaw"), attitude_angles(rows), strict=True)),
         **{f"w_{a}": rows[f"w_{a}"].to_numpy() for a in "xyz"},
         **{f"f_{a}": force[:, i] for i, a in enumerate("xyz")},
         **{f"v_{a}": v[:, i] for i, a in enumerate("ned")},

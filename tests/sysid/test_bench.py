@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from logparse import Vehicle
-from simulation.papers import kim2017
+from simulation import kim2017
 from sysid.bench.pendulum import Threads, bifilar, check_thread
 from sysid.bench.stand import analyse_bench
 from sysid.bench.table import BenchError, read_bench

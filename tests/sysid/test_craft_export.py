@@ -10,8 +10,8 @@ from scipy.io import loadmat
 
 from logparse import MissingDataError, Vehicle
 from logparse.craft.frames import motor_table
+from simulation import kim2017 as paper
 from simulation.controllers import hover_linearisation
-from simulation.papers import kim2017 as paper
 from sysid.rigid_body.export.craft_export import write_craft
 from sysid.rigid_body.export.frame_json import frame_json
 from sysid.rigid_body.export.hover import hover_from_speeds, hover_model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.serialization import plain
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
 from sysid.rigid_body.conditions.drift_band import drift_sigma

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.papers import kim2017 as paper
-from simulation.papers.elhesasy2024 import octocopter
+from simulation import kim2017 as paper
+from simulation.elhesasy2024 import octocopter
 from sysid.records.experiment import ExperimentError
 from sysid.records.thrust_curve import Law
 from sysid.rotors.kim2017 import fit_kim2017

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from logparse.craft.frames import motor_table
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands
 from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity

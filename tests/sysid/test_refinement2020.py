@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.papers.elhesasy2024 import octocopter
-from simulation.papers.kim2017 import quadcopter
+from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter
 from sysid.rotors.refinement2020 import fit_refinement2020
 from sysid.rotors.refinement_instants import STILL_AIR, mean_of_instants
 from sysid.rotors.thrust_regression import pressed

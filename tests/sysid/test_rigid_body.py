@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from simulation.survey_quadcopter import quadcopter
 from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate
@@ -21,26 +21,14 @@ from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accele
 from sysid.rigid_body.motion.body_motion import LAG, THETA, motion, rotation_matrices
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.flown_craft import HOVER, flown, record
+from tests.sysid.honesty import simulated_truth
 from tests.sysid.octocopter import RATE, exciting, fitted, level, parameters
 
 
 def truth(craft, voltage):
     """Return what the equations of `sysid.rigid_body.model` should find for a craft of `simulation`."""
-    rotor, drive = craft.rotors[0].rotor, craft.drive
-    full = rotor.thrust_coefficient * (drive.speed_max * voltage / drive.voltage_reference) ** 2
-    mass, arm = craft.mass, float(np.hypot(*craft.rotors[0].position[:2]))
-    result = {
-        "thrust": full / mass,
-        "thrust_expo": drive.expo,
-        "motor_lag": drive.response.time_constant,
-        "roll_gain": arm * full / craft.inertia[0, 0],
-        "pitch_gain": arm * full / craft.inertia[1, 1],
-        "yaw_gain": rotor.torque_coefficient / rotor.thrust_coefficient * full / craft.inertia[2, 2],
-    }
-    for k, axis in enumerate("xyz"):
-        result[f"drag_linear_{axis}"] = craft.drag_linear[k] / mass
-        result[f"drag_quadratic_{axis}"] = 0.5 * 1.225 * craft.drag_area[k] / mass
-    return result
+    stated = simulated_truth(craft, voltage, (0.0, 0.0)).parameters
+    return {name: value for name, value in stated.items() if value}
 
 
 def test_linear_drag_stops_exponentially_and_wind_carries_along():

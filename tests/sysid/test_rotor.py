@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
-from simulation.papers.elhesasy2024 import octocopter
-from simulation.papers.kim2017 import quadcopter
+from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter
 from sysid.records.thrust_curve import Law, lagged
 from sysid.rotors.kim2017 import fit_kim2017
 from sysid.rotors.rotor import fit_rotor

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from simulation.papers.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter
 from simulation.wind import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm

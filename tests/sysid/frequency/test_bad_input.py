@@ -16,6 +16,7 @@ from sysid import frequency
 from sysid.frequency.axes import SID_AXES
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
+from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
@@ -34,8 +35,7 @@ def test_chirps_before_the_controller_are_instruments_as_well(tmp_path: Path, si
     # On angle targets, rate targets, and lateral position and velocity: all turn the craft about roll.
     shaken = replace(CHIRP, sid_axis=7, chirp=(0.4, 15.0, 0.8))
     run = replace(run_axis(PLANT, GAINS, shaken, 2), excitation=replace(shaken, sid_axis=sid_axis))
-    write_rate_log(tmp_path / "chirp.BIN", {"roll": run}, rate=100.0)
-    log = logparse.read_log(tmp_path / "chirp.BIN")
+    log = logged(tmp_path, run)
     assert [(chirp.axis, chirp.at_mixer) for chirp in frequency.find_chirps(log)] == [("roll", False)]
     frf = frequency.response(log, "roll")
     assert frf.instrument == f"chirp of SID_AXIS {sid_axis}"
@@ -48,8 +48,7 @@ def test_chirps_on_a_place_that_is_held_are_instruments_as_well(tmp_path: Path, 
     holding = replace(GAINS, position_P=1.0, velocity_P=2.0)
     swept = (0.1, 4.0, 4.0 if sid_axis == 14 else 3.0)
     shaken = replace(CHIRP, duration=70.0, sid_axis=sid_axis, chirp=swept, chirp_seconds=69.0)
-    write_rate_log(tmp_path / "held.BIN", {"roll": run_axis(PLANT, holding, shaken, 2)}, rate=100.0)
-    frf = frequency.response(logparse.read_log(tmp_path / "held.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, run_axis(PLANT, holding, shaken, 2)), "roll")
     assert frf.instrument == f"chirp of SID_AXIS {sid_axis}"
     assert worst(frf, low=0.4, high=3.5) < 1.0
 
@@ -57,8 +56,7 @@ def test_chirps_on_a_place_that_is_held_are_instruments_as_well(tmp_path: Path, 
 def test_an_excitation_of_unknown_frequency_is_an_instrument_too(tmp_path: Path) -> None:
     """Autotuning of PX4 logs what it adds to the rate target, ten times a second, and not its frequency."""
     run = run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=7, chirp=(0.4, 4.0, 0.8)), 2)
-    write_rate_log(tmp_path / "tuned.BIN", {"roll": run}, rate=100.0)
-    log = logparse.read_log(tmp_path / "tuned.BIN")
+    log = logged(tmp_path, run)
     rows = log.messages["SIDD"]
     kept = rows.iloc[::10].assign(F=np.nan)
     log.messages.replace("SIDD", kept)
@@ -79,8 +77,7 @@ def test_a_chirp_aborted_after_five_seconds_is_too_short_and_says_so(tmp_path: P
     stopped = replace(run, chirp_hz=np.where(run.elapsed < 5.0, run.chirp_hz, 0.0))
     names = [field.name for field in fields(stopped) if field.name != "excitation"]
     stopped = replace(stopped, **{name: getattr(stopped, name)[:cut] for name in names})
-    write_rate_log(tmp_path / "cut.BIN", {"roll": stopped}, rate=100.0)
-    found = survey(logparse.read_log(tmp_path / "cut.BIN"), ["roll"]).axes[0]
+    found = survey(logged(tmp_path, stopped), ["roll"]).axes[0]
     assert found.response is None
     assert "was aborted after 5.0 s at 0.66 Hz" in found.reason
     assert "for 20 s at least" in found.reason
@@ -93,8 +90,7 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
         "roll": run_axis(PLANT, GAINS, replace(CHIRP, duration=60.0), 1),
         "pitch": run_axis(pitch, GAINS, replace(CHIRP, duration=60.0, sid_axis=11, chirp_start=10.0), 2),
     }
-    write_rate_log(tmp_path / "both.BIN", runs, rate=100.0)
-    log = logparse.read_log(tmp_path / "both.BIN")
+    log = logged(tmp_path, runs)
     roll, pitched = survey(log, ["roll", "pitch"]).axes
     # SYSTEMID logs one chirp at a time: that of roll ends where that of pitch begins, too soon for a fit.
     assert roll.response is not None
@@ -108,8 +104,7 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
 def test_chirps_that_began_together_are_named(tmp_path: Path) -> None:
     """SIDD has room for one: what it has is of pitch, and roll is told why it has none."""
     runs = {"roll": run_axis(PLANT, GAINS, CHIRP, 1), "pitch": run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=11), 2)}
-    write_rate_log(tmp_path / "both.BIN", runs, rate=100.0)
-    roll, pitch = survey(logparse.read_log(tmp_path / "both.BIN"), ["roll", "pitch"]).axes
+    roll, pitch = survey(logged(tmp_path, runs), ["roll", "pitch"]).axes
     assert "the chirp on the roll axis at 10.0 s ran at the time of that on the pitch axis" in roll.reason
     assert pitch.determined
 
@@ -117,8 +112,7 @@ def test_chirps_that_began_together_are_named(tmp_path: Path) -> None:
 def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Path) -> None:
     shaken = replace(CHIRP, duration=60.0, chirp=(0.5, 40.0, 0.05), chirp_seconds=4.9, chirp_start=50.0, stick=0.2)
     run = run_axis(PLANT, GAINS, shaken, 3)
-    write_rate_log(tmp_path / "cut.BIN", {"roll": replace(run, chirp_hz=np.minimum(run.chirp_hz, 0.55))}, rate=100.0)
-    frf = frequency.response(logparse.read_log(tmp_path / "cut.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, replace(run, chirp_hz=np.minimum(run.chirp_hz, 0.55))), "roll")
     assert frf.instrument == "roll target"
     assert "chirp-aborted" in {finding.id for finding in frf.findings}
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.1)
@@ -126,8 +120,7 @@ def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Pat
 
 def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
     """Taken from the same rows, the instrument shared their gaps: one firmware chirp became 16 % too strong."""
-    write_rate_log(tmp_path / "lossy.BIN", {"roll": run_axis(PLANT, GAINS, CHIRP, 6)}, rate=100.0)
-    log = logparse.read_log(tmp_path / "lossy.BIN")
+    log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
     rows = log.messages["RATE"]
     kept = rows[np.random.default_rng(3).random(len(rows)) > 0.15]
     log.messages.replace("RATE", kept)
@@ -136,8 +129,7 @@ def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
 
 
 def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
-    write_rate_log(tmp_path / "lossy.BIN", {"roll": run_axis(PLANT, GAINS, CHIRP, 6)}, rate=100.0)
-    log = logparse.read_log(tmp_path / "lossy.BIN")
+    log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
     rows = log.messages["RATE"]
     kept = rows[np.random.default_rng(3).random(len(rows)) > 0.35]
     log.messages.replace("RATE", kept)
@@ -147,8 +139,7 @@ def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
 
 def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
     run = run_axis(PLANT, GAINS, CHIRP, 6)
-    write_rate_log(tmp_path / "turned.BIN", {"roll": replace(run, measured=-run.measured)}, rate=100.0)
-    frf = frequency.response(logparse.read_log(tmp_path / "turned.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, replace(run, measured=-run.measured)), "roll")
     assert "response-reversed" in {finding.id for finding in frf.findings}
     assert frequency.fit(frf).cost < 50.0
 
@@ -175,8 +166,7 @@ def test_a_controller_that_starts_anew_within_a_chirp_costs_little(tmp_path: Pat
     rng = np.random.default_rng(1)
     for k in rng.integers(2000, 15000, 6):  # the integrator is set to zero, and winds up again
         outputs[k : k + 200] -= 0.1 * np.exp(-np.arange(200) / 60.0)
-    write_rate_log(tmp_path / "reset.BIN", {"roll": replace(run, output=outputs)}, rate=100.0)
-    frf = frequency.response(logparse.read_log(tmp_path / "reset.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, replace(run, output=outputs)), "roll")
     assert worst(frf) < 1.0
     gain = frequency.fit(frf).parameters["gain"]
     assert abs(gain.value - 300.0) < max(3.0 * gain.sigma, 15.0)
@@ -187,8 +177,7 @@ def test_rows_in_which_the_command_folds_judge_no_model(tmp_path: Path) -> None:
     sticks = Excitation(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
     slow = replace(PLANT, gain=100.0, lag=0.1)
     run = run_axis(slow, LoopGains.crossing_at(slow, 0.8), sticks, 3)
-    write_rate_log(tmp_path / "slow.BIN", {"roll": run}, rate=10.0)
-    found = survey(logparse.read_log(tmp_path / "slow.BIN"), ["roll"]).axes[0]
+    found = survey(logged(tmp_path, run, rate=10.0), ["roll"]).axes[0]
     assert found.fit is not None
     assert found.check is None
     assert "aliases" in found.check_reason or found.fit.parameters["gain"].value is None
@@ -198,18 +187,15 @@ def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
     strong = replace(CHIRP, chirp=(0.4, 25.0, 0.6), sid_axis=10)
     gains = replace(GAINS, limit=1.0)
     motors = {"rcou": 50.0, "imu": 100.0}
-    write_rate_log(tmp_path / "hard.BIN", {"roll": run_axis(PLANT, gains, strong, 5)}, motors=motors)
-    frf = frequency.response(logparse.read_log(tmp_path / "hard.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, run_axis(PLANT, gains, strong, 5), motors=motors), "roll")
     assert "motors-at-limits" in {finding.id for finding in frf.findings}
-    write_rate_log(tmp_path / "blind.BIN", {"roll": run_axis(PLANT, gains, strong, 5)}, rate=100.0)
-    frf = frequency.response(logparse.read_log(tmp_path / "blind.BIN"), "roll")
+    frf = frequency.response(logged(tmp_path, run_axis(PLANT, gains, strong, 5)), "roll")
     assert "saturation-unchecked" in {finding.id for finding in frf.findings}, "without RCOU nothing shows it"
 
 
 def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path) -> None:
     run = run_axis(PLANT, GAINS, CHIRP, 6)
-    write_rate_log(tmp_path / "lost.BIN", {"roll": run}, rate=100.0)
-    log = logparse.read_log(tmp_path / "lost.BIN")
+    log = logged(tmp_path, run)
     rows = log.messages["RATE"]
     t = rows.index.to_numpy()
     kept = rows[(t < 22.0) | (t > 35.0)]

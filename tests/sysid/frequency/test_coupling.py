@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import logparse
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
 from sysid.frequency.survey import survey
+from tests.sysid.rate_logs import logged
 
 ROLL = AxisPlant(gain=300.0, damping=2.0, lag=0.03)
 PITCH = replace(ROLL, gain=180.0)
@@ -36,8 +37,7 @@ def turned(folder: Path, degrees: float, seeds: tuple[int, int], *, chirps: bool
         "roll": replace(flown[0], **{name: c * x[name] - s * y[name] for name in SIGNALS}),
         "pitch": replace(flown[1], **{name: s * x[name] + c * y[name] for name in SIGNALS}),
     }
-    write_rate_log(folder / "turned.BIN", runs, rate=100.0)
-    return logparse.read_log(folder / "turned.BIN")
+    return logged(folder, runs)
 
 
 def test_sticks_on_both_axes_show_what_roll_does_to_pitch(tmp_path: Path) -> None:

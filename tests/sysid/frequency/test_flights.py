@@ -9,14 +9,14 @@ import pytest
 from scipy.io import loadmat
 from scipy.signal import lfilter
 
-import logparse
 from logparse import FlightLog
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.rational import scan_orders
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import UNRELATED, fit_in_time, verify
+from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 CONTROLLER = LoopGains.crossing_at(PLANT, 3.0)
@@ -27,10 +27,8 @@ STICKS = Excitation(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
 def flown(
     folder: Path, excitation: Excitation, seed: int = 1, plant: AxisPlant = PLANT, rate: float = 100.0
 ) -> FlightLog:
-    path = folder / f"{seed}.BIN"
-    controller = LoopGains.crossing_at(plant, 3.0)
-    write_rate_log(path, {"roll": run_axis(plant, controller, excitation, seed)}, rate=rate, filter_hz=plant.filter_hz)
-    return logparse.read_log(path)
+    run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, seed)
+    return logged(folder, run, rate=rate, filter_hz=plant.filter_hz)
 
 
 @pytest.fixture(scope="module")
@@ -177,8 +175,7 @@ def test_several_axes_share_lag_and_delay(tmp_path: Path) -> None:
         )
         for name, gain, start, axis in (("roll", 300.0, 0.0, 10), ("pitch", 250.0, 40.0, 11))
     }
-    write_rate_log(tmp_path / "two.BIN", runs, rate=100.0)
-    log = logparse.read_log(tmp_path / "two.BIN")
+    log = logged(tmp_path, runs)
     joint = frequency.fit([frequency.response(log, axis) for axis in ("roll", "pitch")])
     assert joint.parameters["lag"].value == pytest.approx(0.03, rel=0.05)
     assert joint.parameters["roll.gain"].value == pytest.approx(300.0, rel=0.05)

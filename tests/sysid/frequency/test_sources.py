@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 
 import logparse
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.sources import kept_signals, on_one_clock, signals_of
+from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
 STICKS = Excitation(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
@@ -21,9 +22,7 @@ CHIRP = Excitation(duration=60.0, chirp=(0.4, 25.0, 0.12), chirp_seconds=59.0, g
 
 def flown(folder: Path, excitation: Excitation, motors: dict[str, float], **parameters: float) -> logparse.FlightLog:
     run = run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), excitation, 3)
-    path = folder / "flight.BIN"
-    write_rate_log(path, {"roll": run}, filter_hz=40.0, parameters=parameters, motors=motors)
-    return logparse.read_log(path)
+    return logged(folder, run, rate=400.0, filter_hz=40.0, parameters=parameters, motors=motors)
 
 
 def error(frf: frequency.FrequencyResponse, plant: AxisPlant, low: float, high: float) -> np.ndarray:
@@ -46,9 +45,8 @@ def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, e
 
 
 def test_the_axes_of_a_survey_share_the_controllers_signals(tmp_path: Path) -> None:
-    path = tmp_path / "flight.BIN"
-    write_rate_log(path, {"roll": run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), STICKS, 3)}, filter_hz=40.0)
-    log = logparse.read_log(path)
+    run = run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), STICKS, 3)
+    log = logged(tmp_path, run, rate=400.0, filter_hz=40.0)
     with kept_signals():
         shared = signals_of(log, AXES["roll"])
         assert signals_of(log, AXES["roll"]) is shared
@@ -61,9 +59,8 @@ def test_rotor_speeds_lift_where_they_come_faster_than_the_throttle(tmp_path: Pa
     lifts = AxisPlant(gain=28.0, integrates=False, filter_hz=40.0)
     sticks = Excitation(duration=90.0, stick=1.5, gust=0.2, noise=0.02)
     run = run_axis(lifts, LoopGains.crossing_at(lifts, 2.5), sticks, 3)
-    path = tmp_path / "lift.BIN"
-    write_rate_log(path, {"vertical": run}, filter_hz=40.0, motors={"imu": 100.0, "esc": 50.0, "rcou": 10.0})
-    frf = frequency.response(logparse.read_log(path), "vertical")
+    motors = {"imu": 100.0, "esc": 50.0, "rcou": 10.0}
+    frf = frequency.response(logged(tmp_path, {"vertical": run}, filter_hz=40.0, motors=motors), "vertical")
     assert frf.source == "rotor speeds to accelerometer"
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(lifts.gain, rel=0.05)
     assert frf.step == pytest.approx(0.02)

@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
-from simulation.axis_loop.truth import settings_of
+from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, settings_of
 from sysid.frequency.records import AxisRecord
 from sysid.loops.loop import RateLoop, loop_of_records
 from sysid.loops.signals import LoopRecord
+
+
+def bending(gain: float, *, mode: tuple[float, float, float], **plant: float) -> AxisPlant:
+    """Return a craft whose frame has a mode: its frequency [Hz], damping and part of the acceleration."""
+    hz, damping, share = mode
+    return AxisPlant(gain=gain, flex_hz=hz, flex_damping=damping, flex_share=share, **plant)
 
 
 def fly_chirp(

@@ -10,8 +10,7 @@ import pytest
 from logparse import Tables, read_log
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.span import Span
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
-from simulation.axis_loop.log import write_rate_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid.loops import as_flown, design, prove, tune
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 

@@ -6,8 +6,7 @@ from copy import copy
 import numpy as np
 import pytest
 
-from simulation.axis_loop import AxisPlant, LoopGains
-from simulation.axis_loop.truth import settings_of
+from simulation.axis_loop import AxisPlant, LoopGains, settings_of
 from sysid.frequency import fit
 from sysid.loops import Limits, LoopError, design
 from sysid.loops.chirps import (

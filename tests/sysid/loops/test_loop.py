@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation.axis_loop import AxisPlant, LoopGains, random_axis
-from simulation.axis_loop.truth import true_loop
+from simulation.axis_loop import AxisPlant, LoopGains, random_axis, true_loop
 from sysid.loops import LoopError
 from sysid.loops.margins import margins_of
 from tests.sysid.loops.flown import flown_loop

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis
-from simulation.axis_loop.truth import settings_of, true_loop
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis, settings_of, true_loop
 from sysid.frequency import fit
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records

@@ -15,9 +15,11 @@ import pandas as pd
 from simulation.atmosphere import GRAVITY, SEA_LEVEL_DENSITY, Atmosphere
 from simulation.drive import Drive, ThirdOrder
 from simulation.errors import ArrivalError, ParameterError
-from simulation.fly import propagate
+from simulation.fly import attitude, propagate
+from simulation.outcome import Fact, Outcome, Plot, rotor_speeds, with_units
+from simulation.papers import write_paper_log
 from simulation.rotor import QuadraticRotor
-from simulation.vehicle import Multirotor, RotorMount, Vector
+from simulation.vehicle import Multirotor, Vector, mounts
 
 #: Limits of section 2.3: rotor speed [rad/s] and acceleration [rad/s^2]; arrival within [m] and below [m/s].
 SPEED_LIMIT, ACCELERATION_LIMIT = 490.0, 500.0
@@ -101,16 +103,12 @@ def quadcopter(mass: float = 1.0) -> Multirotor:
     the sum of what pitch and roll ask for, and nothing could turn the nose alone; so 1 and 2 turn clockwise here.
     """
     rotor = QuadraticRotor(thrust_coefficient=GRAVITY / (4.0 * 300.0**2), torque_coefficient=4.4e-7)
-    places = ((BEAM, 0.0), (-BEAM, 0.0), (0.0, BEAM), (0.0, -BEAM))
-    mounts = tuple(
-        RotorMount(rotor, (forward, right, 0.0), spin=1 if number < 2 else -1)
-        for number, (forward, right) in enumerate(places)
-    )
+    places = ((BEAM, 0.0, 0.0), (-BEAM, 0.0, 0.0), (0.0, BEAM, 0.0), (0.0, -BEAM, 0.0))
     return Multirotor(
         name="Motion 2018 quadcopter",
         mass=mass,
         inertia=inertia(mass),
-        rotors=mounts,
+        rotors=mounts([rotor] * 4, places, (1, 1, -1, -1)),
         drive=Drive(speed_max=SPEED_LIMIT, response=DRIVE),
         drag_linear=(0.1, 0.1, 0.1),
         drag_area=(0.01, 0.01, 0.02),
@@ -134,17 +132,7 @@ class Gains:
 
 
 class Autopilot:
-    """Leads the craft to a point: speed towards it, acceleration, lean and lift, moments, rotor speeds.
-
-    Parameters
-    ----------
-    craft : Multirotor
-    target : ndarray, shape (3,)
-        NED, m.
-    speed : float
-        Largest, m/s.
-    gains : Gains
-    """
+    """Leads the craft to a point: speed towards it, acceleration, lean and lift, moments, rotor speeds."""
 
     def __init__(self, craft: Multirotor, target: np.ndarray, speed: float, gains: Gains):
         self.craft, self.target, self.speed, self.gains = craft, target, speed, gains
@@ -164,10 +152,7 @@ class Autopilot:
         gains = self.gains
         acceleration = self._acceleration(x)
         up = GRAVITY - acceleration[2]
-        w, i, j, k = x[6:10]
-        roll = math.atan2(2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j))
-        pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * j - i * k))))
-        yaw = math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k))
+        roll, pitch, yaw = attitude(x)
         forward = math.cos(yaw) * acceleration[0] + math.sin(yaw) * acceleration[1]
         right = -math.sin(yaw) * acceleration[0] + math.cos(yaw) * acceleration[1]
         lean = -math.atan2(forward, up)
@@ -200,27 +185,7 @@ class Autopilot:
 
 
 def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFrame:
-    """Fly until the craft is within 0.1 m of the target and slower than 0.1 m/s.
-
-    Parameters
-    ----------
-    flight : Flight
-    gains : Gains
-
-    Returns
-    -------
-    DataFrame
-        As `simulation.fly.propagate`, a row every millisecond; see `in_paper_axes`.
-
-    Raises
-    ------
-    ParameterError
-        The craft is too heavy for its rotors, or stands at the target already.
-    ArrivalError
-        It does not arrive within the time limit: too much wind, or too little time for the distance.
-    DivergenceError
-        The gains or the step make the flight unstable.
-    """
+    """Fly until the craft is within 0.1 m of the target and slower than 0.1 m/s."""
     craft = quadcopter(flight.mass)
     density = min(Atmosphere.standard(0.0).density_at(point[1]) for point in (flight.start, flight.target))
     hover = craft.hover_speed(GRAVITY, density)
@@ -276,3 +241,81 @@ def in_paper_axes(path: pd.DataFrame) -> pd.DataFrame:
 def _ned(point: Vector) -> Vector:
     """Turn a vector of the paper (x forward, y up, z right) into NED."""
     return point[0], point[2], -point[1]
+
+
+#: Name, summary and settings of each flight of section 3.
+FLIGHTS = (
+    ("motion-vertical", "Motion 2018: straight up from (0, 10, 17) to (0, 25, 17)", VERTICAL),
+    ("motion-spatial", "Motion 2018: from (5, 3, 16) to (48, 35, 81)", SPATIAL),
+    ("motion-wind", "Motion 2018: from (5, 3, 16) to (48, 35, 81) against 0.5 m/s of wind along x", WITH_WIND),
+)
+
+
+_NOTES = (
+    "Masses, dimensions, coefficients of the drive and gains are not printed; they are chosen (docs/simulation.md), "
+    "so times and peaks are those of this craft.",
+    "Printed senses of rotation (1 and 3 clockwise, 2 and 4 against, 1 and 2 on one beam) leave yaw without control; "
+    "here 1 and 2 turn clockwise.",
+    "The paper adds the wind to the craft's velocity; here it acts through the drag, and the autopilot's integral "
+    "holds against it.",
+)
+
+
+def simulate(name: str, summary: str, settings: Flight) -> Outcome:
+    """Fly from start to target."""
+    flown = fly_to_point(settings)
+    path = in_paper_axes(flown)
+    per_row = max(round(0.01 / (path.index[1] - path.index[0])), 1)
+    rows = pd.concat((path.iloc[:-1:per_row], path.iloc[-1:]))
+
+    craft, wind = quadcopter(settings.mass), _ned(settings.wind)
+    return Outcome(
+        name=name,
+        summary=summary,
+        facts=_facts(settings, path),
+        notes=_NOTES,
+        plots=_plots(rows),
+        history=with_units(rows),
+        write_log=lambda folder: write_paper_log(flown, craft, folder, name, summary, gravity=GRAVITY, wind=wind),
+    )
+
+
+def _facts(settings: Flight, path: pd.DataFrame) -> tuple[Fact, ...]:
+    places, velocities = path[["x", "y", "z"]].to_numpy(), path[["v_x", "v_y", "v_z"]].to_numpy()
+    speeds = np.linalg.norm(velocities, axis=1)
+    rotors = path[["w1", "w2", "w3", "w4"]].to_numpy()
+    accelerations = np.abs(path[["a1", "a2", "a3", "a4"]].to_numpy())
+
+    def point(values: np.ndarray | tuple[float, ...]) -> str:
+        return ", ".join(f"{value:.3g}" for value in values)
+
+    return (
+        Fact("start (x, y, z)", point(settings.start), "m"),
+        Fact("target (x, y, z)", point(settings.target), "m"),
+        Fact("wind (x, y, z)", point(settings.wind), "m/s"),
+        Fact("step of Euler's method", settings.step, "s"),
+        Fact("time of arrival", float(path.index[-1]), "s"),
+        Fact("distance from the target at arrival", float(np.linalg.norm(places[-1] - settings.target)), "m"),
+        Fact("speed at arrival", float(speeds[-1]), "m/s"),
+        Fact("straight distance", math.dist(settings.start, settings.target), "m"),
+        Fact("length of the path", float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()), "m"),
+        Fact("greatest speed", float(speeds.max()), "m/s"),
+        Fact("mean speed", float(speeds.mean()), "m/s"),
+        Fact("rotor speeds", f"{rotors.min():.0f} to {rotors.max():.0f}", f"rad/s (limit {SPEED_LIMIT:g})"),
+        Fact("greatest rotor acceleration", float(accelerations.max()), f"rad/s² (limit {ACCELERATION_LIMIT:g})"),
+    )
+
+
+def _plots(rows: pd.DataFrame) -> tuple[Plot, ...]:
+    accelerations = rows.filter(regex=r"^a\d$").rename(columns=lambda name: f"rotor {name[1:]}")
+    coordinates = "Coordinates in the paper's axes: x forward, y up, z right (figures 3, 7 and 11)."
+    speeds = "Speeds of the rotors (figures 5, 9 and 13); the drive's limit is 490 rad/s."
+    changes = "Accelerations of the rotors (figures 6, 10 and 14); the drive's limit is 500 rad/s²."
+    places = rows[["x", "y", "z"]].rename(columns={"y": "y (up)"})
+    velocities = rows[["v_x", "v_y", "v_z"]].rename(columns={"v_x": "x", "v_y": "y (up)", "v_z": "z"})
+    return (
+        Plot(coordinates, "coordinate (m)", places),
+        Plot("Velocities (figures 4, 8 and 12).", "velocity (m/s)", velocities),
+        Plot(speeds, "rotor speed (rad/s)", rotor_speeds(rows)),
+        Plot(changes, "rotor acceleration (rad/s²)", accelerations),
+    )

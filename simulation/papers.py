@@ -1,4 +1,4 @@
-"""Logs of the papers' open-loop and point-to-point flights, which no ArduPilot cascade flew.
+"""What the papers' flights share: printed numbers, and logs of flights that no ArduPilot cascade flew.
 
 Such a log holds instruments, motors and truth, and of the autopilot only the attitude, which is the true one.
 """
@@ -7,28 +7,24 @@ import dataclasses
 import datetime as dt
 import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from logparse.dataflash.writer import MessageTable, write_dataflash
+from logparse.craft.frames import FRAME_TYPES, motor_table
 from simulation._kernels import actuator
-from simulation.dataflash_tables import (
-    columns_of,
-    describing_tables,
-    motor_table,
-    sensor_tables,
-    speed_controller_tables,
-    table,
-    truth_tables,
-)
-from simulation.instruments import Instruments
+from simulation.flight_log import write_open_loop
+from simulation.instruments import Instruments, attitude_angles
 from simulation.place import Place
-from simulation.sensors import Sensors
+from simulation.sensors import Sensors, rotate_to_body
 from simulation.truth import describe_place, describe_sensors, describe_vehicle
 from simulation.vehicle import Multirotor, Vector
+
+#: Tables of the papers; see `papers.toml`.
+PRINTED = tomllib.loads(Path(__file__).with_name("papers.toml").read_text(encoding="utf-8"))
 
 #: Where the papers' flights are logged: at sea level, with standard gravity.
 FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
@@ -36,12 +32,9 @@ FIELD = Place(name="sea level", lat_deg=45.5, lon_deg=8.0, alt=0.0)
 #: Of the sensors' noise.
 _SEED = 1
 
-_GUIDED = 4
 _START = dt.datetime(2025, 1, 15, 12, 0, 0, tzinfo=dt.UTC)
 _BOOT = 20.0
 _FILTER = 20.0
-#: Angle [deg clockwise from the nose] and spin of ArduPilot's motors 1 to 4, by FRAME_TYPE of a quadcopter.
-_QUADS = {0: ((90, -1), (-90, -1), (0, 1), (180, 1)), 1: ((45, -1), (-135, -1), (-45, 1), (135, 1))}
 
 
 def write_paper_log(
@@ -54,27 +47,7 @@ def write_paper_log(
     gravity: float,
     wind: Vector = (0.0, 0.0, 0.0),
 ) -> list[Path]:
-    """Write the log (`.bin`) and the truth (`.json`) of a flight.
-
-    Parameters
-    ----------
-    path : DataFrame
-        As `simulation.fly.propagate` gives it, 100 rows a second or a multiple of that.
-    vehicle : Multirotor
-        A quadcopter; its motors are written in the autopilot's order.
-    folder : Path
-    name, summary : str
-        Of the log.
-    gravity : float
-        With which the flight was computed, m/s^2.
-    wind : tuple of 3 float
-        Velocity of the air, NED, m/s.
-
-    Returns
-    -------
-    list of Path
-        The two files.
-    """
+    """Write the log (`.bin`) and the truth (`.json`) of a flight."""
     order = motor_order(vehicle)
     renamed = {f"w{k + 1}": f"w{number}" for number, k in enumerate(order, start=1)}
     craft = dataclasses.replace(vehicle, rotors=tuple(vehicle.rotors[k] for k in order))
@@ -91,7 +64,7 @@ def write_paper_log(
         imu_rate=1.0 / (path.index[1] - path.index[0]),
     )
     files = [folder / f"{name}.bin", folder / f"{name}.json"]
-    write_dataflash(files[0], [*_descriptive(log), *sensor_tables(log, 50.0), *_motors(log), *truth_tables(log)])
+    write_open_loop(files[0], log)
     truth = {
         "name": name,
         "what": f"simulated by rotorid, not flown: {summary}",
@@ -109,10 +82,10 @@ def write_paper_log(
 def motor_order(vehicle: Multirotor) -> list[int]:
     """Index of the rotor that is ArduPilot's motor 1, 2, 3 and 4 of this quadcopter's frame."""
     order = []
-    for angle, spin in _QUADS[vehicle.frame_type]:
+    for motor in motor_table("quad", FRAME_TYPES[vehicle.frame_type]):
         for k, mount in enumerate(vehicle.rotors):
-            bearing = math.degrees(math.atan2(mount.position[1], mount.position[0]))
-            if abs(math.remainder(bearing - angle, 360.0)) < 1.0 and mount.spin == spin:
+            turn = math.atan2(mount.position[1], mount.position[0]) - motor.angle
+            if abs(math.remainder(turn, 2.0 * math.pi)) < 0.02 and mount.spin == motor.spin:
                 order.append(k)
     return order
 
@@ -121,16 +94,9 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
     """Complete the state by what instruments feel, at 100 Hz."""
     t = path.index.to_numpy()
     dt_path = t[1] - t[0]
-    w, x, y, z = columns_of(path, "q_w", "q_x", "q_y", "q_z")
     acceleration = np.gradient(path[["v_n", "v_e", "v_d"]].to_numpy(), dt_path, axis=0)
-    an, ae, ad = acceleration.T
-    ad = ad - gravity
-    force = {
-        "f_x": (1 - 2 * (y * y + z * z)) * an + 2 * (x * y + w * z) * ae + 2 * (x * z - w * y) * ad,
-        "f_y": 2 * (x * y - w * z) * an + (1 - 2 * (x * x + z * z)) * ae + 2 * (y * z + w * x) * ad,
-        "f_z": 2 * (x * z + w * y) * an + 2 * (y * z - w * x) * ae + (1 - 2 * (x * x + y * y)) * ad,
-    }
-    raw = np.column_stack([*columns_of(path, "w_x", "w_y", "w_z"), *force.values()])
+    force = rotate_to_body(path[["q_w", "q_x", "q_y", "q_z"]].to_numpy(), acceleration - np.array([0.0, 0.0, gravity]))
+    raw = np.column_stack((path[["w_x", "w_y", "w_z"]].to_numpy(), force))
     inertial, density = sensors.inertial, math.sqrt(0.5 / dt_path)
     noise = np.random.RandomState(_SEED * 10).standard_normal(raw.shape) * density
     noise[:, :3] *= inertial.gyro_noise + inertial.gyro_vibration
@@ -149,15 +115,12 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
     shares = (speeds / drive.speed_max * (drive.voltage_reference / voltage)[:, None]) ** 2
     span = drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust
     pwm = [[int(drive.pwm_at_zero_thrust + span * actuator(share, drive.expo)) for share in row] for row in shares]
-    names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    names = ("f_x", "f_y", "f_z", "a_n", "a_e", "a_d", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    felt = np.column_stack((force, acceleration, measured))
     truth = path.assign(
-        **force,
-        **dict(zip(("a_n", "a_e", "a_d"), acceleration.T, strict=True)),
+        **dict(zip(names, felt.T, strict=True)),
         **dict(zip(("wind_n", "wind_e", "wind_d"), wind, strict=True)),
-        **dict(zip(names, measured.T, strict=True)),
-        roll=np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        pitch=np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)),
-        yaw=np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)),
+        **dict(zip(("roll", "pitch", "yaw"), attitude_angles(path), strict=True)),
         voltage=voltage,
         current=current,
         charge=np.cumsum(current) * dt_path,
@@ -165,22 +128,3 @@ def _truth(path: pd.DataFrame, craft: Multirotor, sensors: Sensors, gravity: flo
         **{f"m{k}": column for k, column in enumerate(np.array(pwm, dtype=float).T, start=1)},
     )
     return truth.iloc[:: round(0.01 / dt_path)]
-
-
-def _descriptive(log: Instruments) -> list[MessageTable]:
-    return [
-        *describing_tables(log),
-        table(log, "MODE", "QMBB", "s---", "F---", [0.0], {"Mode": _GUIDED, "ModeNum": _GUIDED, "Rsn": 1}),
-        table(log, "ARM", "QBIBB", "s----", "F----", [0.0], {"ArmState": 1, "ArmChecks": 0, "Forced": 0, "Method": 2}),
-    ]
-
-
-def _motors(log: Instruments) -> list[MessageTable]:
-    rows = log.rows(10.0)
-    roll, pitch, yaw = (np.degrees(column) for column in columns_of(rows, "roll", "pitch", "yaw"))
-    attitude = {"DesRoll": roll, "Roll": roll, "DesPitch": pitch, "Pitch": pitch, "DesYaw": yaw % 360.0}
-    return [
-        table(log, "ATT", "QffffffB", "sddddhh-", "F000000-", rows.index, attitude | {"Yaw": yaw % 360.0, "AEKF": 0}),
-        motor_table(log),
-        *speed_controller_tables(log, 50.0),
-    ]

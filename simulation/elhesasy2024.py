@@ -1,17 +1,10 @@
 """The octocopter of Elhesasy 2024 (Drones 8(7) 286): printed numbers and the craft that they describe."""
 
-import math
-
 import numpy as np
 
 from simulation.drive import Drive, FirstOrder
 from simulation.rotor import QuadraticRotor
-from simulation.vehicle import Multirotor, RotorMount
-
-#: Angle of each motor of ArduPilot's octa-plus [deg clockwise from the nose], by motor number.
-OCTA_PLUS_ANGLES_DEG = (0.0, 180.0, 45.0, 135.0, -45.0, -135.0, -90.0, 90.0)
-#: Spin of each motor seen from above: the `+` arms clockwise, the `x` arms counter-clockwise.
-OCTA_PLUS_SPINS = (1, 1, -1, -1, -1, -1, 1, 1)
+from simulation.vehicle import Multirotor, on_frame
 
 #: Table 2 as printed [kg m^2]; see `octocopter`.
 PRINTED_INERTIA = np.array([[0.6006, 1.65e-6, 3.57e-6], [1.65e-6, 0.6016, 1.31e-6], [3.57e-6, 1.31e-6, 1.05]])
@@ -26,26 +19,12 @@ def octocopter() -> Multirotor:
     roll and pitch). Not printed and chosen here: full speed 1050 rad/s at 16.8 V (thrust is 2.3 times weight at sea
     level), lag 40 ms, drag, battery of 5.2 A h (the printed 1.3 A h would last two minutes), feet.
     """
-    arm = 0.35
     rotor = QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7)
-    mounts = tuple(
-        RotorMount(
-            rotor,
-            (
-                arm * math.cos(math.radians(angle)),
-                arm * math.sin(math.radians(angle)),
-                -0.07 if spin > 0 else -0.01,
-            ),
-            spin=spin,
-            layer=spin,
-        )
-        for angle, spin in zip(OCTA_PLUS_ANGLES_DEG, OCTA_PLUS_SPINS, strict=True)
-    )
     return Multirotor(
         name="Elhesasy 2024 octocopter",
         mass=4.3,
         inertia=np.diag((0.06006, 0.06016, 0.105)),
-        rotors=mounts,
+        rotors=on_frame("octa", "plus", rotor, 0.35, {1: -0.07, -1: -0.01}, layered=True),
         drive=Drive(speed_max=1050.0, response=FirstOrder(0.04)),
         drag_linear=(0.45, 0.45, 0.25),
         drag_area=(0.055, 0.055, 0.09),

@@ -1,1 +1,0 @@
-"""The craft and flights of the source papers."""
