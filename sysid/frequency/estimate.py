@@ -68,8 +68,8 @@ _FOLDED = 2.0
 #: gains of firmware craft are 7 % larger in the climb of SYSTEMID mode than in hover.
 _YAW = 0.04
 
-#: Standard deviation of the delay [s], and what the time between rows adds in parts of it where sticks, not chirps, move
-#: the axis: where in a row the gyro's sample falls, and what folds. Chirps of firmware err by 0.1 ms, twelve ordinary
+#: Standard deviation of the delay [s], and what the time between rows adds in parts of it where no chirp moves the
+#: axis: where in a row the gyro's sample falls, and what folds. Chirps of firmware err by 0.1 ms, twelve ordinary
 #: flights logged at 50 Hz by 0.5 ms.
 _DELAY, _DELAY_OF_STEP = 0.1e-3, 0.03
 

@@ -54,8 +54,8 @@ _SIGNIFICANT, _MOST_NEGATIVE_DELAY = 3.0, -0.003
 #: What structures add to the simplest. Below one standard deviation, the structure is the simpler one.
 _ADDED = ("lag", "lead", "mode_share", "mode_damping", "speed_moment")
 
-#: What shifts the phase by a time: the sign of each in the delay that shows at low frequency.
-_TIMES: Mapping[str, float] = {"delay": 1.0, "lag": 1.0, "lead": -1.0}
+#: Times that shift the phase: the sign of each in the effective delay, which shows at low frequency.
+TIMES: Mapping[str, float] = {"delay": 1.0, "lag": 1.0, "lead": -1.0}
 
 #: Correlation with the delay beyond which a lag or a lead is not told from it: 0.94 to 0.99 in ten yaw responses of
 #: firmware craft that have neither, where leads of 10 to 20 ms stood out by 4 to 13 standard deviations; 0.75 to 0.87
@@ -64,7 +64,7 @@ _EXCHANGED = 0.9
 
 #: Standard deviations of what flights have in common over frequency, in parts of the value. The damping goes with the
 #: flow through the rotors, which climbs, descents and speed change: forty firmware flights differ by 6 % from that of
-#: hover. Spectral windows smear a mode: fifteen simulated ones err by 0.15 % and 4 %, where single errors say 0.1 and 2.6.
+#: hover. Spectral windows smear a mode: fifteen simulated ones err by 0.15 % and 4 % where random errors are 0.1 and 2.6.
 _OF_FLIGHTS: Mapping[str, float] = {"damping": 0.06, "mode_frequency": 0.001, "mode_damping": 0.03}
 
 
@@ -476,10 +476,10 @@ def _stated(found: FrequencyFit) -> FrequencyFit:
 
 
 def _value_of(name: str, found: FrequencyFit) -> float:
-    """Return a parameter of a fit; a lag or lead that a structure is without is zero in it, other things are unknown."""
+    """Return a parameter of a fit; lag and lead are zero in a structure without them, other things are unknown."""
     if name in found.names:
         return float(found.values[found.names.index(name)])
-    return 0.0 if name.rpartition(".")[2] in _TIMES else float("nan")
+    return 0.0 if name.rpartition(".")[2] in TIMES else float("nan")
 
 
 def _times(found: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str, Parameter]:
@@ -489,12 +489,12 @@ def _times(found: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str,
     row = max(response.step for response in found.responses)  # by as much the stamps of two signals may differ
     prefixes = dict.fromkeys(name.removesuffix("gain") for name in specs if name.rpartition(".")[2] == "gain")
     for prefix in prefixes:
-        parts = [next((n for n in (f"{prefix}{each}", each) if n in specs), "") for each in _TIMES]
+        parts = [next((n for n in (f"{prefix}{each}", each) if n in specs), "") for each in TIMES]
         places = [found.names.index(name) for name in parts if name]
         spec = specs[found.names[places[0]]]
 
         def whole(fit: FrequencyFit, parts: Sequence[str] = parts) -> float:
-            return sum(sign * _value_of(part, fit) for sign, part in zip(_TIMES.values(), parts, strict=True) if part)
+            return sum(sign * _value_of(part, fit) for sign, part in zip(TIMES.values(), parts, strict=True) if part)
 
         value, sigma = whole(found), found.sigma_of(whole)
         known = _parameter(spec, value, sigma, found.responses)
