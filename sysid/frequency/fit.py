@@ -64,7 +64,7 @@ _EXCHANGED = 0.9
 
 #: Standard deviations of what flights have in common over frequency, in parts of the value. The damping goes with the
 #: flow through the rotors, which climbs, descents and speed change: forty firmware flights differ by 6 % from that of
-#: hover. Spectral windows smear a mode: fifteen simulated ones err by 0.15 % and 4 % where random errors are 0.1 and 2.6.
+#: hover. Spectral windows smear a mode: fifteen simulated ones err by 0.15 % and 4 % where random errors are 0.1, 2.6.
 _OF_FLIGHTS: Mapping[str, float] = {"damping": 0.06, "mode_frequency": 0.001, "mode_damping": 0.03}
 
 
