@@ -64,10 +64,6 @@ _TRIMMED = 0.05
 #: wrong by -0.19 to 0.18 where single frequencies said 0.07 (27 estimates).
 _FOLDED = 2.0
 
-#: Standard deviation of ln |G| of yaw: the drag of rotors goes with more than the thrust that is asked of them. The yaw
-#: gains of firmware craft are 7 % larger in the climb of SYSTEMID mode than in hover.
-_YAW = 0.04
-
 #: Standard deviation of the delay [s], and what the time between rows adds in parts of it where no chirp moves the
 #: axis: where in a row the gyro's sample falls, and what folds. Chirps of firmware err by 0.1 ms, twelve ordinary
 #: flights logged at 50 Hz by 0.5 ms.
@@ -151,8 +147,7 @@ def response(
     rounded = _ROUNDED_BY_STICKS if ordinary else _ROUNDED
     rounded = rounded if any(log.tables.has("motors") for log in logs) else 0.0
     common = _TRIMMED if frf.trim is not None or source else rounded
-    if which.name == "yaw":
-        common = float(np.hypot(common, _YAW))
+    common = float(np.hypot(common, which.between_trims))
     if ordinary and logs and which.attitude and frf.step > 1.0 / FOLDING and frf.usable.any():
         common = float(np.hypot(common, _FOLDED * np.median(frf.sigma[frf.usable])))
     if logs and which.attitude:

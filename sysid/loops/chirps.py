@@ -11,7 +11,7 @@ from sysid.frequency.fit import FLOOR, TIMES, FrequencyFit, fit
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, GAIN_BETWEEN_FLIGHTS
+from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, gain_between_flights
 from sysid.loops.settings import LoopSettings
 
 #: SID_AXIS of a chirp at the mixer.
@@ -219,7 +219,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     scatter = stated @ ((slope.conj().T * (weight**2 * sigma**2 / worth)) @ slope).real @ stated
     rows = {name: np.eye(len(names))[k] for k, name in enumerate(names) if name not in TIMES}
     rows["effective_delay"] = np.array([TIMES.get(name, 0.0) for name in names])
-    between = {"gain": GAIN_BETWEEN_FLIGHTS, "effective_delay": DELAY_BETWEEN_FLIGHTS}
+    between = {"gain": gain_between_flights(loop.axis), "effective_delay": DELAY_BETWEEN_FLIGHTS}
     errors = []
     for name, row in rows.items():
         size = abs(float(found.values[0])) if name == "gain" else 1.0

@@ -10,12 +10,8 @@ from sysid.frequency.structures import low_pass
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.plant import DENSITY, DRAWS, GAIN_BETWEEN_FLIGHTS, SEED, Plant
+from sysid.loops.plant import DENSITY, DRAWS, SEED, Plant
 from sysid.loops.settings import LoopSettings
-
-#: Standard deviation of gain and phase [rad] by what no structure follows: yaw loops from sticks are 2 % off those from
-#: chirps of the same craft.
-_STRUCTURE = 0.015
 
 #: Standard deviation of ln G per factor e of frequency beyond the coherent band: lags and modes that do not show below.
 _BEYOND = 0.15
@@ -97,10 +93,9 @@ def _draws(found: FrequencyFit, hz: Floats, top: float) -> Complexes:
     for which in np.unique(picked):
         rows = picked == which
         models[rows] = _models(fits[which], hz, int(rows.sum()), generator)
-    gain = generator.normal(0.0, GAIN_BETWEEN_FLIGHTS, (DRAWS, 1))
-    unknown = _STRUCTURE + np.maximum(np.log(hz / top), 0.0) * _BEYOND
+    unknown = np.maximum(np.log(hz / top), 0.0) * _BEYOND
     unseen = generator.standard_normal((DRAWS, 1)) + 1j * generator.standard_normal((DRAWS, 1))
-    return np.asarray(models * np.exp(gain + unseen * unknown), np.complex128)
+    return np.asarray(models * np.exp(unseen * unknown), np.complex128)
 
 
 def _models(found: FrequencyFit, hz: Floats, count: int, generator: np.random.Generator) -> Complexes:
