@@ -49,6 +49,7 @@ class TrimRecord:
     wind_n: float
     wind_e: float
     wind_sigma: float | None
+    in_runs: tuple[float | None, float | None, float | None]
     thrust_scale: float
     thrust_scale_sigma: float | None
     source: str
