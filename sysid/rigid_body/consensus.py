@@ -26,7 +26,7 @@ _APART, _ALWAYS = 3.0, 0.01
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What a method states of a parameter: value, standard error, and what of it comes from sources that others share."""
+    """What a method states of a parameter: value, standard error, and its parts from sources that others share."""
 
     method: str
     value: float
