@@ -123,7 +123,7 @@ class FrequencyFit(Summarised):
             moved = self.values.copy()
             moved[k] += step
             slope[k] = (quantity(self.at(moved)) - value) / step
-        return float(max(slope @ self.covariance @ slope, 0.0))
+        return max(float(slope @ self.covariance @ slope), 0.0)
 
     def at(self, values: Floats) -> FrequencyFit:
         """Return the model at other parameters."""

@@ -302,7 +302,8 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) ->
         "yaw torque over inertia": "yaw_gain",
     }.items():
         found = model.parameters[name]
-        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason)
+        hidden = f"± {found.assumed:.2g} of it assumed of real air and craft" if found.assumed else ""
+        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason or hidden)
     thrust = model.parameters["thrust"]
     for axis in ("roll", "pitch"):
         gain, name = model.parameters[f"{axis}_gain"], f"{axis} inertia over mass and arm"
@@ -409,6 +410,8 @@ def _conclude(sheet: _Sheet, air: float) -> Finding | None:
         best = consensus(found)
         if best is not None:
             note = f"by {best.method}"
+            if parameter.startswith("thrust over mass") and air > 0.0:
+                note += f"; ± {air * best.value:.2g} of it from the temperature of the air, which no log tells"
             if best.against:
                 note += (
                     f"; {', '.join(best.against)} disagrees"

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -87,6 +87,8 @@ class FilterErrorFit:
     #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
     costs: Floats
     converged: bool
+    #: shape (SHARED,): Variances in `covariance` that no scatter shows (`systematic.with_shared_errors`).
+    assumed: Floats = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
     def cost(self) -> float:

@@ -216,4 +216,4 @@ def _solve(
     np.add.at(by_sought, owner, slopes[:, :2, :2] / number[owner, None, None])
     # What a model misses in a manoeuvre lasts as long as a window: one window is one error.
     together = len(runs.starts) / runs.windows / runs.steps
-    return value, np.linalg.inv(held) * together, by_sought
+    return value, np.asarray(np.linalg.inv(held) * together), by_sought
