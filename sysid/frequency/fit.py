@@ -499,8 +499,11 @@ def _times(found: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str,
         value, sigma = whole(found), found.sigma_of(whole)
         known = _parameter(spec, value, sigma, found.responses)
         if -_SIGNIFICANT * sigma - row < value < 0.0:
-            known = Parameter(None, None, "s", f"not told from none: {uncertain(value, sigma, 's')}")
+            known = _of_none(value, sigma)
         parameters[f"{prefix}effective_delay"] = known
+        delay, late = found.names[places[0]], found.values[places[0]]
+        if late < 0.0:
+            parameters[delay] = _of_none(float(late), found.sigma_of(partial(_value_of, delay)))
         if len(places) == 1 or _exchanged(found.covariance - flights, places):
             reason = "only the sum of delay and lag, less a lead, is determined: the effective delay"
             parameters |= {found.names[k]: Parameter(None, None, "s", reason) for k in places}
@@ -532,6 +535,11 @@ def _power_refusal(response: FrequencyResponse, gain: float) -> str:
         f"thrust would rise with the power {power:.2g} of the throttle, in which it hovers: something else than the "
         "throttle moved the craft"
     )
+
+
+def _of_none(value: float, sigma: float) -> Parameter:
+    """Return a time below zero, which is that of no craft."""
+    return Parameter(None, None, "s", f"not told from none: {uncertain(value, sigma, 's')}")
 
 
 def _exchanged(covariance: Floats, places: Sequence[int]) -> bool:
