@@ -34,10 +34,6 @@ _ANSWERED = 0.3
 #: linearised by the firmware, less where the battery sinks; more where motors start late.
 _POWERS = (0.7, 4.0)
 
-#: Part of the samples with a motor at a limit beyond which the craft is not what answered: 22 to 78 % in four flights
-#: beyond the edge of instability, whose gains were up to 42 % too small; 3 % at most in others.
-_LIMITED = 0.1
-
 #: Damping [1/s] and delay [s] that a multirotor can have.
 _POSSIBLE: Mapping[str, tuple[float, float]] = {"damping": (-8.0, 40.0), "effective_delay": (0.0, 0.3)}
 
@@ -447,10 +443,13 @@ def _of_flights(
     """Return the covariance of what all frequencies of a response have in common, shape (k, k)."""
     variance = np.zeros(len(names))
     for response, own in zip(responses, columns, strict=True):
-        variance[own[0]] += (response.systematic * values[own[0]]) ** 2  # the gain comes first
+        # The gain comes first. What motors at their limits lack makes it too small, and late, by up to their part.
+        variance[own[0]] += (np.hypot(response.systematic, response.limited) * values[own[0]]) ** 2
         if response.unit == "rad/rad":
             continue
-        variance[own[-1]] = max(variance[own[-1]], response.systematic_delay**2)
+        variance[own[-1]] = max(
+            variance[own[-1]], response.systematic_delay**2 + (response.limited * values[own[-1]]) ** 2
+        )
         for k in own[1:]:
             variance[k] += (_OF_FLIGHTS.get(names[k].rpartition(".")[2], 0.0) * values[k]) ** 2
     return np.diag(variance)
@@ -516,9 +515,6 @@ def _refusal(parameters: Mapping[str, Parameter], found: FrequencyFit) -> str:
     coarse = any(response.trim is not None for response in found.responses)
     if found.cost > (ACCEPTABLE if coarse else POOR):
         return f"the structure misses the response: cost J {found.cost:.0f}"
-    limited = max(response.limited for response in found.responses)
-    if limited > _LIMITED:
-        return f"motors were at their limits in {100.0 * limited:.0f} % of the samples and gave less than was asked"
     for name, known in parameters.items():
         limits = _POSSIBLE.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
