@@ -84,7 +84,7 @@ def _firmware(scratch: Path) -> Iterator[Row]:
                 if known.value is not None and known.sigma is not None:
                     gains.append(known.value / gain - 1.0)
                     scores.append(gains[-1] * gain / known.sigma)
-                late = fit.parameters.get("effective_delay", fit.parameters["delay"])
+                late = fit.parameters["effective_delay"]
                 if late.value is not None:
                     delays.append(1e3 * (late.value - 0.00125))
         worst = f"{np.max(np.concatenate(decibels)):.2f} dB, {np.max(np.concatenate(degrees)):.1f} deg"
@@ -151,7 +151,7 @@ def _made(scratch: Path, *, sticks: bool) -> Iterator[Row]:
         good = frf.usable & (frf.hz >= 0.5) & (frf.hz <= 15.0)
         error = np.log(frf.response / plant.response(frf.hz))[good]
         within.append(np.mean((8.686 * np.abs(error.real) < 1.0) & (np.degrees(np.abs(error.imag)) < 5.0)))
-        late = "effective_delay" if "effective_delay" in fit.parameters else "delay"
+        late = "effective_delay"
         truth = {"gain": plant.gain, "damping": plant.damping, late: plant.total_delay + plant.lag}
         if plant.lag and "lag" in fit.parameters:
             truth["lag"] = plant.lag
@@ -185,7 +185,7 @@ def _histories(scratch: Path) -> Iterator[Row]:
             _, log = made_craft(500 + number, scratch, sticks=True, flight=k + 1)
             with suppress(frequency.FrequencyError):
                 known = frequency.fit(frequency.response(log, "roll")).parameters
-                late = known.get("effective_delay", known["delay"])
+                late = known["effective_delay"]
                 for name, each in (("effectiveness", known["gain"]), ("delay", late)):
                     if each.value is not None and each.sigma is not None:
                         points[name].append(

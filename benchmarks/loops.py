@@ -242,7 +242,7 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
         truth = np.array([axis.gain, axis.lag + axis.total_delay])
         size = np.array([axis.gain, 1.0])
         within = max(1.0, float(np.max(np.max(leaned, axis=0) / bounds)))
-        late = chirp.error_of("effective_delay") or chirp.error_of("delay")
+        late = chirp.error_of("effective_delay")
         undetermined += int(np.isnan(known).any(axis=1).sum())
         for k, error in enumerate((chirp.error_of("gain"), late)):
             assert error is not None
@@ -293,7 +293,7 @@ def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
         found = fit(plant_response(records_of_flight(flight), "roll", plant.filter_hz)).parameters
     except RotoridError:
         return np.nan, np.nan
-    gain, late = found["gain"].value, found.get("effective_delay", found["delay"]).value
+    gain, late = found["gain"].value, found["effective_delay"].value
     return np.nan if gain is None else gain, np.nan if late is None else late
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.fleet.meta_analysis import MetaRegression, meta_regression
 from pipeline.results.drift import Heterogeneity, History, Point, Step, Trend
+from sysid.rigid_body.consensus import TRUSTED
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
@@ -22,7 +23,9 @@ FEWEST, FEWEST_ASIDE = 4, 2
 
 
 def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -> History:
-    """Follow one parameter by the method that most flights have it by, the surest of those.
+    """Follow one parameter by the method that most flights have it by, of those the one that is trusted first.
+
+    The smallest standard error would choose the method that is most often too sure.
 
     Parameters
     ----------
@@ -30,7 +33,8 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -
     methods : mapping of str to sequence of Point
         What each method says of the flights, in their order; at least two points of one of them.
     """
-    method = min(methods, key=lambda each: (-len(methods[each]), float(np.median([p.sigma for p in methods[each]]))))
+    rank = {each: place for place, each in enumerate(TRUSTED)}
+    method = min(methods, key=lambda each: (-len(methods[each]), rank.get(each, len(rank))))
     points = tuple(methods[method])
     values, sigmas = np.array([p.value for p in points]), np.array([p.sigma for p in points])
     together = meta_regression(values, sigmas)

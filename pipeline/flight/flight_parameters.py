@@ -96,7 +96,7 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
     for axis, rate in _determined(result):
         source = rate.measured.source or "rate controller"
         known = rate.parameters
-        late = known.get("effective_delay", known.get("delay"))
+        late = known["effective_delay"]
         for name, each in (("effectiveness", known["gain"]), ("delay", late)):
             if each is not None and each.value is not None and each.sigma is not None and each.sigma > 0.0:
                 yield FlightParameter(

@@ -26,7 +26,7 @@ TITLES = {
 }
 
 #: Parameters in the order in which they are read, and the heads of their table.
-_SHOWN = ("gain", "damping", "lag", "lead", "delay", "mode_frequency", "mode_damping")
+_SHOWN = ("gain", "damping", "lag", "lead", "effective_delay", "mode_frequency", "mode_damping")
 _HEADS = ("gain", "damping", "lag", "lead", "delay", "mode", "mode damping", "J", "coherent", "attitude bandwidth")
 
 #: What stands in a cell without a number.
@@ -82,10 +82,10 @@ def sentences(axis: AxisRotation) -> list[str]:
     gain = None if axis.rate is None else axis.rate.parameters.get("gain")
     if axis.rate is not None and gain is not None:
         if gain.value is not None:
-            delay = axis.rate.parameters["delay"]
+            delay = axis.rate.parameters.get("effective_delay")
             said.append(
                 f"{name}: {_text(gain)} per unit of output"
-                + (f", delay {_milliseconds(delay)}" if delay.value is not None else "")
+                + (f", delay {_milliseconds(delay)}" if delay is not None and delay.value is not None else "")
                 + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
             )
             if axis.rate.measured.source:

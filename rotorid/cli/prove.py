@@ -18,8 +18,8 @@ def prove(
 ) -> None:
     """Compare predicted with measured margins, bandwidth and responses after a change of gains.
 
-    The verdict is "as predicted", "better", or "worse: restore rollback.param"; the exit status is 1 for the last and
-    where the logs cannot be compared. Margins that are thin after the change are named besides.
+    Margins that are thin after the change come first. The verdict is "as predicted", "better", or "worse: restore
+    rollback.param"; the exit status is 1 for the last, for thin margins, and where the logs cannot be compared.
 
     Example: rotorid prove before.bin after.bin
     """
@@ -35,6 +35,8 @@ def prove(
     elif proof.refused is not None:
         typer.echo(f"not comparable: {proof.refused}")
     else:
+        for axis, margins in proof.thin.items():
+            typer.echo(f"THIN: {axis} has {margins}; rotorid tune asks for {WANTED}")
         for name, (old, new) in proof.changed.items():
             typer.echo(f"{name:<20} {old:>12.6g} -> {new:.6g}")
         if proof.beyond:
@@ -52,6 +54,5 @@ def prove(
         for remark in proof.remarks:
             typer.echo(remark)
         typer.echo(proof.verdict)
-        for axis, margins in proof.thin.items():
-            typer.echo(f"but thin: {axis} has {margins}; rotorid tune asks for {WANTED}")
-    raise typer.Exit(SOME_FAILED if proof.refused is not None or proof.verdict == WORSE else OK)
+    failed = proof.refused is not None or proof.verdict == WORSE or bool(proof.thin)
+    raise typer.Exit(SOME_FAILED if failed else OK)

@@ -35,13 +35,16 @@ class Axis:
     reference: str  #: Column of the target of the output.
     attitude: str  #: Column of the table `attitude` whose derivative the output is; empty for the vertical axis.
     letter: str  #: Of the axis in RATE and PID messages.
+    #: Standard deviation of ln |G| between trims: the drag of rotors, which turns a craft in yaw, goes with more than
+    #: the thrust asked of them. Yaw gains of firmware craft are 7 % larger in the climb of SYSTEMID mode than in hover.
+    between_trims: float = 0.0
 
 
 AXES: Mapping[str, Axis] = MappingProxyType(
     {
         "roll": Axis("roll", "out_roll", "w_x", "rad/s", "w_x_ref", "roll", "R"),
         "pitch": Axis("pitch", "out_pitch", "w_y", "rad/s", "w_y_ref", "pitch", "P"),
-        "yaw": Axis("yaw", "out_yaw", "w_z", "rad/s", "w_z_ref", "yaw", "Y"),
+        "yaw": Axis("yaw", "out_yaw", "w_z", "rad/s", "w_z_ref", "yaw", "Y", 0.04),
         "vertical": Axis("vertical", "out_thrust", "a_up", "m/s^2", "a_up_ref", "", "A"),
     }
 )

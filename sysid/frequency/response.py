@@ -66,6 +66,8 @@ class FrequencyResponse(Summarised):
     trim: float | None = None
     source: str = ""  #: What input and output were taken from, where it is not the rate controller's messages.
     findings: tuple[Finding, ...] = field(default=())
+    systematic_delay: float = 0.0  #: Standard deviation of a delay that all frequencies have in common, s.
+    limited: float = 0.0  #: Part of the samples in which a motor was at a limit.
 
     @property
     def usable(self) -> NDArray[np.bool_]:

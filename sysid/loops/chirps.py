@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.frequency.fit import FLOOR, FrequencyFit, fit
+from sysid.frequency.fit import FLOOR, TIMES, FrequencyFit, fit
 from sysid.loops.errors import LoopError
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, GAIN_BETWEEN_FLIGHTS
+from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, gain_between_flights
 from sysid.loops.settings import LoopSettings
 
 #: SID_AXIS of a chirp at the mixer.
@@ -217,12 +217,9 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     information = (slope.conj().T * weight) @ slope
     stated = np.linalg.pinv(information.real, hermitian=True)
     scatter = stated @ ((slope.conj().T * (weight**2 * sigma**2 / worth)) @ slope).real @ stated
-    both = np.zeros(len(names))
-    both[[k for k, name in enumerate(names) if name in ("lag", "delay")]] = 1.0
-    rows = {name: np.eye(len(names))[k] for k, name in enumerate(names)}
-    if "lag" in names:
-        rows["effective_delay"] = both
-    between = {"gain": GAIN_BETWEEN_FLIGHTS, "delay": DELAY_BETWEEN_FLIGHTS, "effective_delay": DELAY_BETWEEN_FLIGHTS}
+    rows = {name: np.eye(len(names))[k] for k, name in enumerate(names) if name not in TIMES}
+    rows["effective_delay"] = np.array([TIMES.get(name, 0.0) for name in names])
+    between = {"gain": gain_between_flights(loop.axis), "effective_delay": DELAY_BETWEEN_FLIGHTS}
     errors = []
     for name, row in rows.items():
         size = abs(float(found.values[0])) if name == "gain" else 1.0
@@ -233,9 +230,8 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
 
 
 def _delay_error(errors: tuple[PredictedError, ...]) -> float:
-    """Return the random error of the delay that the response knows best."""
-    known = {error.name: error.random for error in errors}
-    return known.get("effective_delay", known.get("delay", np.inf))
+    """Return the random error of the effective delay; infinite where nothing is determined."""
+    return next((error.random for error in errors if error.name == "effective_delay"), np.inf)
 
 
 def motion_per_unit(loop: RateLoop) -> Floats:

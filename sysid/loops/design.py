@@ -146,7 +146,6 @@ def _check_flown(log: FlightLog, axis: str) -> None:
 
 def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
     """Return the predicted errors in words: of the parameters that the chirp will determine."""
-    named = {error.name for error in chirp.errors}
     return [
         Expected(
             f"{chirp.axis} {error.name.replace('_', ' ')}",
@@ -155,8 +154,6 @@ def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
             error.random,
         )
         for error in chirp.errors
-        # Lag and delay are known together, not each for itself.
-        if not (error.name in ("lag", "delay") and "effective_delay" in named)
     ]
 
 

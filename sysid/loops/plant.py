@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.frequency import FrequencyResponse
+from sysid.frequency.axes import AXES
 from sysid.loops.filters import Complexes, Floats
 
 #: Points of the dense grid per factor e of frequency.
@@ -84,7 +85,7 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
         error = np.hypot(error, systematic(dense))
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])
-    here, between = _errors(dense, error, resolution, reach)
+    here, between = _errors(dense, error, resolution, reach, gain_between_flights(frf.axis))
     return Plant(dense, response, error, coherence, response * np.exp(here + between), response * np.exp(here))
 
 
@@ -120,7 +121,14 @@ def _local(
     return complex(beta[0]), float(np.sqrt(np.sum(solved[0] ** 2 * variance) / count)), reach
 
 
-def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> tuple[Complexes, Complexes]:
+def gain_between_flights(axis: str) -> float:
+    """Return the standard deviation of ln |G| between flights."""
+    return float(np.hypot(GAIN_BETWEEN_FLIGHTS, AXES[axis].between_trims))
+
+
+def _errors(
+    hz: Floats, sigma: Floats, resolution: Floats, reach: Floats, other_gain: float
+) -> tuple[Complexes, Complexes]:
     """Draw errors of ln G, shape (DRAWS, n): of the estimate, and what the next flight adds.
 
     Those of the estimate are correlated over the spectral window and the smoothing's reach.
@@ -134,7 +142,7 @@ def _errors(hz: Floats, sigma: Floats, resolution: Floats, reach: Floats) -> tup
     low = np.minimum(cells.astype(int), len(knots) - 2)
     share = cells - low
     mixed = white[:, low] * np.cos(0.5 * np.pi * share) + white[:, low + 1] * np.sin(0.5 * np.pi * share)
-    gain = generator.normal(0.0, GAIN_BETWEEN_FLIGHTS, (DRAWS, 1))
+    gain = generator.normal(0.0, other_gain, (DRAWS, 1))
     delay = generator.normal(0.0, DELAY_BETWEEN_FLIGHTS, (DRAWS, 1))
     here = np.asarray(mixed * sigma, np.complex128)
     between = np.asarray(gain - 2j * np.pi * delay * hz, np.complex128)

@@ -24,7 +24,7 @@ from sysid.rigid_body.body_parameters import (
     undetermined,
 )
 from sysid.rigid_body.conditions.carried import WIND_SIGMA
-from sysid.rigid_body.conditions.trim import trim_from, trim_prior
+from sysid.rigid_body.conditions.trim import known_at_best, trim_from, trim_prior
 from sysid.rigid_body.conditions.wind import FlightTrim, wind_knots, wind_shapes
 from sysid.rigid_body.methods.drag_law import fit_best_law
 from sysid.rigid_body.methods.equation_error import fit_equation_error
@@ -293,13 +293,16 @@ def _trims(
         trim = trim_from(paths.values[own], paths.covariance[own, own], own_knots, "fit")
         told = np.max(np.diag(wind.covariance)) + wind_error(flight, wind.mean, wind.drag) ** 2
         exponent, scale = (flight_slice(k, 1).start + place for place in range(len(OWN)))
+        of_exponent, of_scale = (float(np.sqrt(fine.covariance[at, at])) for at in (exponent, scale))
+        in_runs = np.sqrt(np.max(np.diag(wind.noise)) + known_at_best(wind.mean)[-1] ** 2)
         trims.append(
             replace(
                 trim,
                 # Nothing is known worse than beforehand.
                 wind_sigma=float(1.0 / np.sqrt(1.0 / told + 1.0 / WIND_SIGMA**2)),
-                thrust_scale_sigma=float(np.sqrt(fine.covariance[scale, scale])),
-                wind_exponent_sigma=float(np.sqrt(fine.covariance[exponent, exponent])),
+                thrust_scale_sigma=of_scale,
+                wind_exponent_sigma=of_exponent,
+                in_runs=(of_exponent, of_scale, float(in_runs)),
             )
         )
     return trims, paths.rmse

@@ -114,6 +114,7 @@ def judge_parameters(
     result: dict[str, BodyParameter] = {}
     sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
+    air = shared_air(records)
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
         if prior.sigma[k] == 0.0:
@@ -124,12 +125,13 @@ def judge_parameters(
             reason = _doubt(name, value, float(sigma[k]))
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
-        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason)
+        hidden = float(np.hypot(np.sqrt(fine.assumed[k]), air * value if name == "thrust" else 0.0))
+        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, hidden)
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
     numbers: dict[str, tuple[float, float, str]] = {}
-    air = shared_air(records)
+    assumed: dict[str, float] = {}
     expo = THETA.index("thrust_expo")
     if prior.sigma[expo] >= EXPO_SIGMA:
         result["thrust_expo"] = _held_against_setting(result["thrust_expo"], vehicle)
@@ -145,6 +147,8 @@ def judge_parameters(
             bent = turning.per_expo * curved.sigma
             parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air, bent))]
             numbers[f"{axis}_gain"] = (fit.gain, float(np.linalg.norm(parts)), reason)
+            assumed[f"{axis}_gain"] = float(np.hypot(floor, air)) * abs(fit.gain)
+            assumed[f"{axis}_damping"] = DAMPING_FLOOR
             numbers[f"{axis}_damping"] = (fit.damping, _damping_sigma(fit), reason)
         # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
         for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
@@ -155,12 +159,12 @@ def judge_parameters(
         constant, flown = constant_motors(records), replace(vehicle, thrust_expo=curved.expo)
         why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
         for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
-            apart = float(np.hypot(spread, unlike_motors(len(vehicle.motors))))
-            numbers[name] = (value, apart, why if constant else "")
+            assumed[name] = unlike_motors(len(vehicle.motors))
+            numbers[name] = (value, float(np.hypot(spread, assumed[name])), why if constant else "")
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
         value, spread, reason = numbers[name]
         reason = reason or _doubt(name, value, spread)
-        result[name] = _parameter(name, unit, value, spread, reason)
+        result[name] = _parameter(name, unit, value, spread, reason, assumed.get(name))
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
@@ -345,7 +349,7 @@ def _doubt(name: str, value: float, sigma: float) -> str:
     return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
 
 
-def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) -> BodyParameter:
+def _parameter(name: str, unit: str, value: float, sigma: float, reason: str, assumed: float | None) -> BodyParameter:
     known = not reason
     return BodyParameter(
         name=name,
@@ -355,6 +359,7 @@ def _parameter(name: str, unit: str, value: float, sigma: float, reason: str) ->
         determined=known,
         reason=reason,
         used=value,
+        assumed=min(assumed, sigma) if known and assumed is not None else None,
     )
 
 

@@ -1,8 +1,8 @@
 """What methods that read the same flight agree on: one value for each parameter, and where they disagree.
 
-Methods share the flight and its air: the density of the air is wrong by the same part in all of them, so that it is
-left out when they are compared. What is left must explain their differences; else at least one of them is wrong by more
-than it knows, and no average of them is right.
+Methods share the flight and its air, and most of them the curve in the parameters: what such a source does to one it
+does to the others, so that only what it does differently counts when they are compared. What is left must explain their
+differences; else at least one of them is wrong by more than it knows, and no average of them is right.
 """
 
 from __future__ import annotations
@@ -26,12 +26,17 @@ _APART, _ALWAYS = 3.0, 0.01
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What a method states of a parameter: value, standard error, and the latter without that of the air's density."""
+    """What a method states of a parameter: value, standard error, and its parts from sources that others share."""
 
     method: str
     value: float
     sigma: float
-    own: float
+    shared: Mapping[str, float]
+
+    @property
+    def own(self) -> float:
+        """Return the standard error without what others share."""
+        return float(np.sqrt(max(self.sigma**2 - sum(part**2 for part in self.shared.values()), 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +87,7 @@ def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | Non
         Severity.WARNING,
         "methods find different values from the same flights: "
         + "; ".join(f"{parameter}: {values}" for parameter, values in told)
-        + "; their standard errors, without that of the air that they share, do not explain it",
+        + "; their standard errors, without what they share, do not explain it",
         "trust none of them further than they differ; look at wind, motor outputs and battery of the flight, or weigh "
         "and measure on a bench",
         {"parameters": ", ".join(parameter for parameter, _ in told)},
@@ -91,4 +96,7 @@ def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | Non
 
 def _apart(one: Statement, other: Statement) -> bool:
     always = _ALWAYS * max(abs(one.value), abs(other.value))
-    return abs(one.value - other.value) > _APART * float(np.sqrt(one.own**2 + other.own**2 + always**2))
+    sources = one.shared.keys() | other.shared.keys()
+    # A source that one of the two does not have is an error of the other alone.
+    parts = [one.shared.get(source, 0.0) - other.shared.get(source, 0.0) for source in sources]
+    return abs(one.value - other.value) > _APART * float(np.linalg.norm([one.own, other.own, always, *parts]))

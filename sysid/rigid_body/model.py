@@ -33,7 +33,7 @@ from logparse import Finding, MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma
-from sysid.rigid_body.conditions.trim import KNOWN_AT_BEST, early_trim, unusual_thrust, whole_trim
+from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS, STATES
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
@@ -183,7 +183,7 @@ class RigidBodyModel(Summarised):
             # Another part of the flight was trimmed, which made up for the craft's errors as this one would.
             own, gusts, craft = slice(0, FIXED), slice(FIXED, STATES), slice(STATES, None)
             made_up = errors[own, craft] @ np.linalg.pinv(errors[craft, craft]) @ errors[craft, own]
-            begun = told.wander.start(_sigma(trim))
+            begun = told.wander.start(_in_runs(trim))
             errors[gusts], errors[:, gusts] = 0.0, 0.0
             errors[own, own], errors[gusts, gusts] = begun[own, own] + made_up, begun[gusts, gusts]
         free = flight.cut(start, len(flight.t)) if start > 0 else flight
@@ -239,7 +239,7 @@ class RigidBodyModel(Summarised):
         The fit's own errors of a single flight's scale hold that of the air's density, which is alike in both parts.
         """
         flight = self._motion(before)
-        trim = early_trim(flight, self._shared, self.law, "the flight before")
+        trim = early_trim(flight, self._shared, self.law, "the flight before", self._doubt)
         return replace(self, flights={**self.flights, after.name: replace(trim, looked_until=None)})
 
     def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
@@ -440,7 +440,7 @@ class RigidBodyModel(Summarised):
         if known is None or known.looked_until is not None:
             return carry_states(flight, self._shared, self.law)
         own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])
-        return carry_states(flight, self._shared, self.law, (own, np.maximum(_sigma(known), KNOWN_AT_BEST)))
+        return carry_states(flight, self._shared, self.law, (own, _in_runs(known)))
 
     def kernel_inputs(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
         """Return parameters and wind for the kernels: the winds north and east are shapes of their own."""
@@ -452,9 +452,9 @@ class RigidBodyModel(Summarised):
         return np.asarray(position * np.array([1.0, 1.0, -1.0]) + experiment.y[0])
 
 
-def _sigma(trim: FlightTrim) -> Floats:
-    """Return standard deviations of exponent, thrust scale, wind north and east of a trim."""
-    return np.array([trim.wind_exponent_sigma, trim.thrust_scale_sigma, trim.wind_sigma, trim.wind_sigma])
+def _in_runs(trim: FlightTrim) -> Floats:
+    """Return standard deviations of exponent, thrust scale, wind north and east by which runs with a trim drift."""
+    return np.array([*trim.in_runs, trim.in_runs[-1]])
 
 
 def _free_from(flight: Motion, trim: FlightTrim) -> int:

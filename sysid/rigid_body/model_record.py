@@ -26,6 +26,9 @@ class BodyParameter:
     si_value: float | None = None
     si_sigma: float | None = None
     si_unit: str = ""
+    #: The part of `sigma` that the flight does not show: what laws, attitude and sensors miss on real craft, the
+    #: temperature of the air, motors that differ. Simulated craft have none of it.
+    assumed: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +52,7 @@ class TrimRecord:
     wind_n: float
     wind_e: float
     wind_sigma: float | None
+    in_runs: tuple[float | None, float | None, float | None]
     thrust_scale: float
     thrust_scale_sigma: float | None
     source: str

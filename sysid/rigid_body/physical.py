@@ -80,6 +80,7 @@ _OVER_ARM = "kg m (inertia over arm)"
 
 #: Why numbers stand without a standard error.
 WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
+NOISY = "noise of the rates makes inertia too small, by half on craft of known truth, which no scatter shows"
 SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of known truth"
 
 
@@ -171,6 +172,8 @@ class _Sheet:
     mass: float | None
     arm: float | None
     rows: dict[tuple[str, str], dict[str, float | str]] = field(default_factory=dict)
+    #: By parameter and method: the part of the standard error by the curve in the parameters, as a part of the value.
+    curved: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def put(self, parameter: str, method: str, value: float | None, sigma: float | None = None, note: str = "") -> None:
         """Fill in one number, with its SI counterpart where mass and arm allow."""
@@ -276,10 +279,12 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
         # The paper takes roll and pitch inertia to be one.
         mean = model.instants.get("Jx" if name == "Jy" else name)
         if mean is not None:
-            note = mean.reason or f"spread of {mean.used} instants; median {mean.median:.4g}"
+            note = mean.reason or f"spread {mean.spread:.2g} of {mean.used} instants; median {mean.median:.4g}"
+            if name[0] in "Jb" and mean.mean is not None:
+                note += f"; {NOISY}"
             if name in ("Jx", "Jy") and mean.mean is not None:
                 note += "; one value for roll and pitch, as the paper takes them"
-            sheet.put(parameter, METHODS[3], mean.mean, None if name in ("C", "k") else mean.sigma, note)
+            sheet.put(parameter, METHODS[3], mean.mean, None, note)
         stacked = model.stacked[name]
         if name == "C":
             sheet.put(parameter, METHODS[4], stacked.value, None, stacked.reason or WIND_WITHIN)
@@ -297,7 +302,8 @@ def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) ->
         "yaw torque over inertia": "yaw_gain",
     }.items():
         found = model.parameters[name]
-        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason)
+        hidden = f"± {found.assumed:.2g} of it assumed of real air and craft" if found.assumed else ""
+        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason or hidden)
     thrust = model.parameters["thrust"]
     for axis in ("roll", "pitch"):
         gain, name = model.parameters[f"{axis}_gain"], f"{axis} inertia over mass and arm"
@@ -357,9 +363,9 @@ def _at_hover(
     for (parameter, method), row in list(sheet.rows.items()):
         value, sigma = float(row["value"]), float(row["sigma"])
         if parameter in parts and method not in ("rigid body", "rotor") and np.isfinite([value, sigma]).all():
-            sheet.put(
-                parameter, method, value, float(np.hypot(sigma, bent * parts[parameter] * value)), str(row["note"])
-            )
+            sheet.curved[parameter, method] = bent * parts[parameter]
+            wider = float(np.hypot(sigma, bent * parts[parameter] * value))
+            sheet.put(parameter, method, value, wider, str(row["note"]))
 
 
 def _curve_sigma(vehicle: Vehicle, body: RigidBodyModel | None) -> float:
@@ -397,13 +403,15 @@ def _conclude(sheet: _Sheet, air: float) -> Finding | None:
     for (parameter, method), row in sheet.rows.items():
         value, sigma = float(row["value"]), float(row["sigma"])
         if np.isfinite([value, sigma]).all() and sigma > 0.0:
-            shared = air * value if parameter.startswith("thrust over mass") or parameter.startswith("yaw") else 0.0
-            own = float(np.sqrt(max(sigma**2 - shared**2, 0.0)))
-            stated.setdefault(parameter, []).append(Statement(method, value, sigma, own))
+            in_air = air if parameter.startswith(("thrust over mass", "yaw")) else 0.0
+            shared = {"air": in_air * value, "curve": sheet.curved.get((parameter, method), 0.0) * value}
+            stated.setdefault(parameter, []).append(Statement(method, value, sigma, shared))
     for parameter, found in stated.items():
         best = consensus(found)
         if best is not None:
             note = f"by {best.method}"
+            if parameter.startswith("thrust over mass") and air > 0.0:
+                note += f"; ± {air * best.value:.2g} of it from the temperature of the air, which no log tells"
             if best.against:
                 note += (
                     f"; {', '.join(best.against)} disagrees"

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr as normal_cdf
-from scipy.special import stdtrit as student_ppf
 
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -58,19 +56,10 @@ class InstantMean:
     reason: str = ""
     #: Stretches of `CORRELATED` seconds in which the instants kept lie: so many of them are independent.
     events: int = 0
-    event_spread: float | None = None  #: Standard deviation of the means of these stretches.
-
-    @property
-    def sigma(self) -> float | None:
-        """Spread that holds 68 % with so few events: Student's, not the normal distribution's."""
-        if self.spread is None or self.event_spread is None:
-            return None
-        factor = float(student_ppf(max(self.events - 1, 1), normal_cdf(1.0)))
-        return max(self.spread, self.event_spread) * factor
 
     def doubted(self, reason: str) -> InstantMean:
         """Return the same without its numbers, where there is a reason not to believe them."""
-        return replace(self, mean=None, spread=None, median=None, event_spread=None, reason=reason) if reason else self
+        return replace(self, mean=None, spread=None, median=None, reason=reason) if reason else self
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +257,6 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
             else "every instant is degenerate"
         )
         return InstantMean(None, None, None, len(used), len(values) - len(used), f"{why}: {reason}", events=events)
-    means = np.bincount(number, used) / np.bincount(number)
     return InstantMean(
         float(used.mean()),
         float(used.std(ddof=1)),
@@ -276,7 +264,6 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
         len(used),
         len(values) - len(used),
         events=events,
-        event_spread=float(means.std(ddof=1)),
     )
 
 

@@ -176,7 +176,7 @@ def turning(computed: Margins) -> RotationResult:
         measured=frf,
         model=response,
         structure="rate",
-        parameters={"gain": Parameter(100.0, 2.0, "rad/s^2"), "delay": Parameter(0.01, 0.001, "s")},
+        parameters={"gain": Parameter(100.0, 2.0, "rad/s^2"), "effective_delay": Parameter(0.01, 0.001, "s")},
         insensitivity={"gain": 0.01, "delay": 0.02},
         cost=3.0,
         verdict="excellent",

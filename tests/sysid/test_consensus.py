@@ -1,12 +1,14 @@
 """What methods agree on: the headline, and the finding where they do not."""
 
+from dataclasses import replace
+
 import pytest
 
 from sysid.rigid_body.consensus import TRUSTED, Statement, consensus, disagreement
 
 
 def said(method, value, own=0.01, air=0.1):
-    return Statement(method, value, (own**2 + air**2) ** 0.5, own)
+    return Statement(method, value, (own**2 + air**2) ** 0.5, {"air": air})
 
 
 def test_methods_that_agree_have_the_best_one_for_a_headline_and_no_finding():
@@ -30,6 +32,14 @@ def test_wind_of_8_m_s_makes_methods_disagree_and_the_headline_covers_them():
     assert abs(best.value - 3.33) < 2.0 * best.sigma
     assert best.sigma > 0.28
     assert best.against
+
+
+def test_a_curve_that_two_methods_share_does_not_excuse_their_difference():
+    """7.6 ± 0.9 N beside 9.8 ± 0.7 N, most of it by one curve: silent while it counted for both."""
+    curved = [Statement("Kim 2017", 7.6, 0.9, {"curve": 0.85}), Statement("mean thrust", 9.8, 0.7, {"curve": 0.65})]
+    assert disagreement({"thrust over mass": curved}) is not None
+    apart = [replace(curved[0], shared={"curve": 0.85}), replace(curved[1], method="rigid body", shared={})]
+    assert disagreement({"thrust over mass": apart}) is None
 
 
 def test_one_against_all_is_not_the_headline():

@@ -122,17 +122,6 @@ def test_samples_of_one_turn_are_one_instant():
     assert "4 instants in 1 stretch of 2 s" in found.reason
 
 
-def test_the_spread_of_few_turns_is_student_s():
-    """Of three normal values 68 % lie within 1.32 of their standard deviations."""
-    t, kept = np.arange(1000) * 0.02, np.zeros(1000, dtype=bool)
-    kept[[100, 400, 800]] = True
-    values = np.full(1000, np.nan)
-    values[kept] = (1.0, 2.0, 3.0)
-    found = mean_of_instants(t, values, kept, "")
-    assert (found.mean, found.events, found.event_spread) == (2.0, 3, 1.0)
-    assert found.sigma == pytest.approx(1.32, abs=0.01)
-
-
 def test_what_motors_do_not_explain_gives_no_inertia():
     """Rates that the motors did not make, as wind and slow logs leave them: the paper's mean has no way to tell."""
     clean = flight(octo(), 1, wander=8.0)

@@ -37,6 +37,9 @@ class FlightTrim:
     #: Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
     thrust_scale: float
     thrust_scale_sigma: float
+    #: Standard errors of exponent, thrust scale and wind for runs with this craft's parameters and this attitude: a
+    #: thrust that leans feigns a wind, by which such runs do not drift.
+    in_runs: tuple[float, float, float]
     source: str  #: From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
     #: Of the power law of the wind with height; what is known of any day where the flight does not tell.
     wind_exponent: float = WIND_EXPONENT[0]

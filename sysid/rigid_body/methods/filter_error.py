@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -87,6 +87,8 @@ class FilterErrorFit:
     #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
     costs: Floats
     converged: bool
+    #: shape (SHARED,): Variances in `covariance` that no scatter shows (`systematic.with_shared_errors`).
+    assumed: Floats = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
     def cost(self) -> float:
@@ -100,6 +102,7 @@ class MeanWind:
 
     mean: Floats
     covariance: Floats
+    noise: Floats  #: shape (2, 2): The part of it that is there if the craft's parameters are right.
     drag: float
 
 
@@ -228,9 +231,10 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
         slope = inverse @ jacobian[-1, :2, : SHARED + len(OWN)]
         seconds = float(motion.t[-1] - motion.t[0])
         unseen = 2.0 * gusts.noise**2 + gusts.jolt**2 * seconds
-        covariance = slope @ fit.covariance[np.ix_(places, places)] @ slope.T + unseen * inverse @ inverse.T
+        noise = unseen * inverse @ inverse.T
+        covariance = slope @ fit.covariance[np.ix_(places, places)] @ slope.T + noise
         drag = float(np.sqrt(abs(np.linalg.det(by_wind)))) / seconds
-        result.append(MeanWind(values[own.start + len(OWN) : own.stop], covariance, drag))
+        result.append(MeanWind(values[own.start + len(OWN) : own.stop], covariance, noise, drag))
     return result
 
 

@@ -74,7 +74,8 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     covariance[:SHARED, :SHARED] += np.outer(curved, curved)
     exponents = [flight_slice(k, 1).start for k in range(len(motions))]
     covariance[exponents, exponents] += EXPONENT_ERROR**2
-    return replace(fit, covariance=covariance)
+    assumed = np.diag(covariance - fit.covariance)[:SHARED]
+    return replace(fit, covariance=covariance, assumed=assumed)
 
 
 def unlike_motors(count: int) -> float:

@@ -25,6 +25,11 @@ RUN_SECONDS = 0.2
 #: shorter than these.
 WIND_SECONDS, TRIM_SECONDS = 1.0, 5.0
 
+#: Standard deviation of the horizontal acceleration that all of a record may miss, m/s^2: by a law of drag that does
+#: not hold at every speed, and by a level that is off by 0.3 deg where no trim is given. In a tunnel, flown by two
+#: controllers, known winds of 0 to 12 m/s were 0.2 m/s off with a trim, 0.25 without; 0.1 m/s^2 are 0.24 m/s there.
+_LAW, _LEVEL = 0.1, 0.05
+
 #: Windows farther from the median than so many median distances are unlike the others; three standard deviations.
 _UNLIKE = 4.4
 
@@ -53,7 +58,7 @@ class WindTrack:
 
     t: Floats  #: shape (B,): Middle of each window, s.
     wind: Floats  #: shape (B, 2): North and east, m/s, as the air moves.
-    sigma: Floats  #: shape (B, 2): From the scatter within each window.
+    sigma: Floats  #: shape (B, 2): From the scatter within each window, and what the model misses of drag and level.
     mean: Floats  #: shape (2,): Of the whole record at once.
     mean_sigma: Floats  #: shape (2,)
 
@@ -77,7 +82,9 @@ def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
         When the record is shorter than a window.
     """
     runs = _runs(model, still, TRIM_SECONDS)
-    values, _ = _solve(lambda sought: runs.errors(np.zeros((len(sought), 2)), sought[:, :2], sought[:, 2]), runs, _TRIM)
+    values, _, _ = _solve(
+        lambda sought: runs.errors(np.zeros((len(sought), 2)), sought[:, :2], sought[:, 2]), runs, _TRIM
+    )
     return np.array([_usual(column) for column in values[:, :2].T])
 
 
@@ -112,14 +119,16 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | Non
     def errors(sought: Floats) -> Floats:
         return runs.errors(sought[:, :2], np.broadcast_to(lean, (len(sought), 2)), sought[:, 2])
 
-    whole, whole_sigma = _solve(errors, runs, _WIND, blocks=1)
-    values, sigma = _solve(errors, runs, _WIND, first=whole[0])
+    missed = _LAW if trim is not None else float(np.hypot(_LAW, _LEVEL))
+    whole, whole_covariance, by_wind = _solve(errors, runs, _WIND, blocks=1)
+    values, covariance, _ = _solve(errors, runs, _WIND, first=whole[0])
+    feigned = np.diag(np.linalg.pinv(by_wind[0] @ by_wind[0].T)) * missed**2
     return WindTrack(
         t=runs.record.t[runs.starts.reshape(runs.windows, -1)].mean(axis=1),
         wind=values[:, :2],
-        sigma=sigma[:, :2],
+        sigma=np.sqrt(covariance.diagonal(axis1=1, axis2=2)[:, :2] + feigned),
         mean=whole[0, :2],
-        mean_sigma=whole_sigma[0, :2],
+        mean_sigma=np.sqrt(np.diag(whole_covariance[0])[:2] + feigned),
     )
 
 
@@ -172,8 +181,12 @@ def _runs(model: SixDofModel, experiment: Experiment, window: float) -> _Runs:
 
 def _solve(
     errors: Callable[[Floats], Floats], runs: _Runs, sought: _Sought, blocks: int = 0, first: Floats | None = None
-) -> tuple[Floats, Floats]:
-    """Gauss-Newton for every window at once, or for all as one block; values and standard errors, (blocks, 3)."""
+) -> tuple[Floats, Floats, Floats]:
+    """Gauss-Newton for every window at once, or for all as one block.
+
+    Returns values, (blocks, 3), their covariances, (blocks, 3, 3), and the mean of the horizontal acceleration's slopes
+    by the first two, (blocks, 2, 2).
+    """
     blocks = blocks or runs.windows
     spread = runs.windows // blocks
     owner = np.repeat(np.arange(blocks), len(runs.starts) // blocks)
@@ -199,4 +212,8 @@ def _solve(
         value = np.clip(value + step, sought.mean - sought.farthest, sought.mean + sought.farthest)
         if np.abs(step / sought.sigma).max() < 1e-4:
             break
-    return value, np.sqrt(np.linalg.inv(held).diagonal(axis1=1, axis2=2))
+    by_sought = np.zeros((blocks, 2, 2))
+    np.add.at(by_sought, owner, slopes[:, :2, :2] / number[owner, None, None])
+    # What a model misses in a manoeuvre lasts as long as a window: one window is one error.
+    together = len(runs.starts) / runs.windows / runs.steps
+    return value, np.asarray(np.linalg.inv(held) * together), by_sought

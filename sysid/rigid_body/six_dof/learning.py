@@ -20,7 +20,7 @@ _PASSES, _FLOOR = 3, 0.3
 #: which take 8 bytes each.
 _RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
 
-#: Groups of records that are left out in turn, and by how many percent errors must become smaller.
+#: Groups of records that are left out in turn, and by how many percent errors of each must become smaller.
 _FOLDS, _WORTH = 4, 1.0
 
 #: Horizontal, vertical, and all of a position.
@@ -85,8 +85,8 @@ def learn_correction(
 ) -> SixDofModel:
     """Return the model with a correction of what it leaves over, learned from its training records.
 
-    Records are left out in turn, in groups of neighbours; a state is corrected only if its errors on the records left
-    out become smaller by 1 percent at least. Without such a state the model is returned as it is.
+    Records are left out in turn, in groups of neighbours; a state is corrected only if its errors become smaller by 1
+    percent at least on each of them. Without such a state the model is returned as it is.
 
     Parameters
     ----------
@@ -152,7 +152,10 @@ def learn_correction(
 def gains_of_order(
     table: Sequence[Floats], goals: Sequence[Floats], states: Sequence[int], ridge: float
 ) -> list[float]:
-    """By how many percent errors of records left out become smaller, by state; every record counts alike.
+    """By how many percent errors become smaller on the record, left out, that gains least; by state.
+
+    A mean over records lets flights of one kind vouch for those of another: on a nano-quadrotor velocities of ordinary
+    flights that grew by 10 % were outvoted, and those of an unseen kind grew too.
 
     Parameters
     ----------
@@ -178,7 +181,7 @@ def gains_of_order(
                 left = truth - np.tensordot((table[k][::every] - centre) / width, weights, axes=1)
                 before = np.linalg.norm(truth, axis=2).sum()
                 gains[k, at] = 1.0 - np.linalg.norm(left, axis=2).sum() / max(float(before), 1e-12)
-    return [float(value) for value in 100.0 * gains.mean(axis=0)]
+    return [float(value) for value in 100.0 * gains.min(axis=0)]
 
 
 def _scaling(x: Floats) -> tuple[Floats, Floats]:

@@ -125,7 +125,7 @@ def test_a_fit_to_a_chirp_is_not_judged_by_the_chirp(chirped: FlightLog) -> None
 def test_ordinary_sticks_give_gain_and_delay(tmp_path: Path) -> None:
     found = frequency.fit(frequency.response(flown(tmp_path, STICKS, 2, rate=50.0), "roll"))
     assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.10)
-    delay = found.parameters.get("effective_delay", found.parameters["delay"])
+    delay = found.parameters["effective_delay"]
     assert delay.value == pytest.approx(PLANT.total_delay + PLANT.lag, abs=0.010)
 
 

@@ -53,7 +53,7 @@ def test_throttle_and_accelerometer_tell_the_thrust_per_throttle(tmp_path: Path)
     found = frequency.fit(frf).parameters
     assert frf.instrument == "pilot's throttle"
     assert found["gain"].value == pytest.approx(GAIN, rel=0.05)
-    late = found.get("effective_delay", found["delay"])
+    late = found["effective_delay"]
     assert late.value == pytest.approx(LAG, abs=0.02)
 
 
