@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import uvicorn
 from alembic.util import CommandError
+from fastapi import FastAPI
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
@@ -71,16 +72,7 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None,
         app = create_app(settings, local_only=local_only)
     if host not in LOOPBACK and settings.access is Access.OPEN:
         _log.warning("anyone who can reach %s may upload and read logs: ROTORID_ACCESS is open", host)
-    config = uvicorn.Config(
-        app,
-        host=host,
-        port=port,
-        http=PatientProtocol,
-        log_config=None,
-        server_header=False,
-        timeout_graceful_shutdown=_GRACE,
-    )
-    server = Server(config, app.state.parts.runner)
+    server = Server(app, settings, host=host, port=port)
     with suppress(KeyboardInterrupt):  # which uvicorn repeats after an orderly stop
         server.run()
     if not server.started:
@@ -141,9 +133,20 @@ def _usable(settings: Settings) -> Iterator[None]:
 class Server(uvicorn.Server):
     """Ends the analyses before it waits for the requests that wait for them."""
 
-    def __init__(self, config: uvicorn.Config, runner: Runner) -> None:
+    def __init__(self, app: FastAPI, settings: Settings, host: str = "127.0.0.1", port: int = 0) -> None:
+        config = uvicorn.Config(
+            app,
+            host=host,
+            port=port,
+            http=PatientProtocol,
+            log_config=None,
+            server_header=False,
+            timeout_graceful_shutdown=_GRACE,
+            proxy_headers=bool(settings.proxies),
+            forwarded_allow_ips=settings.proxies,
+        )
         super().__init__(config)
-        self._runner = runner
+        self._runner: Runner = app.state.parts.runner
 
     async def shutdown(self, sockets: list[socket] | None = None) -> None:
         """Stop the service in order."""

@@ -84,6 +84,11 @@ class Settings(BaseSettings):
         description="Names under which the service answers besides localhost, separated by commas, such as "
         "rotorid.lab; by default any.",
     )
+    proxies: str = Field(
+        default="",
+        description="Addresses or networks of proxies in front, separated by commas, such as 127.0.0.1, whose "
+        "`X-Forwarded-For` and `X-Forwarded-Proto` are believed; by default nobody's.",
+    )
     workers: NonNegativeInt = Field(
         default_factory=_spare_cores,
         description="Analyses that run at the same time; 0 leaves them to `rotorid worker` on other computers.",

@@ -10,8 +10,9 @@ from limits.strategies import MovingWindowRateLimiter
 
 from api.problems import Problem, ProblemError
 
-#: Wrong tokens from one address.
-_SIGN_INS = parse("10/minute")
+#: Wrong tokens from one address: at the page that asks for one, and with requests, of which a page left open after its
+#: token was revoked sends thirty.
+_SIGN_INS, _BEARERS = parse("10/minute"), parse("60/minute")
 
 
 def _address(request: Request) -> str:
@@ -32,39 +33,34 @@ class Rates:
         self._limiter = MovingWindowRateLimiter(MemoryStorage())
 
     def check_sign_ins(self, request: Request) -> None:
-        """Refuse another try where an address has sent too many wrong tokens; those of others are not held up."""
+        """Refuse another sign-in where an address has sent too many wrong tokens; those of others are not held up."""
         if not self._limiter.test(_SIGN_INS, "sign-in", _address(request)):
-            free = self._limiter.get_window_stats(_SIGN_INS, "sign-in", _address(request)).reset_time
-            wait = max(1, round(free - time.time()))
-            raise ProblemError(
-                Problem.named(
-                    "too-many-sign-ins",
-                    "Too many wrong tokens",
-                    HTTPStatus.TOO_MANY_REQUESTS,
-                    f"Too many wrong tokens came from your address. Try again in {wait} s.",
-                ),
-                {"Retry-After": str(wait)},
-            )
+            raise self._too_many("sign-ins", "wrong tokens", _SIGN_INS, "sign-in", _address(request))
 
     def count_wrong_token(self, request: Request) -> None:
         """Count a sign-in that failed."""
         self._limiter.hit(_SIGN_INS, "sign-in", _address(request))
 
+    def count_wrong_bearer(self, request: Request) -> None:
+        """Count a request whose token is nobody's; a problem when there were too many. A right one is not held up."""
+        if not self._limiter.hit(_BEARERS, "bearer", _address(request)):
+            raise self._too_many("wrong-tokens", "wrong tokens", _BEARERS, "bearer", _address(request))
+
     def count_upload(self, request: Request, owner: str) -> None:
         """Count an upload; a problem when there were too many."""
-        if self._uploads is None:
-            return
         client = owner or _address(request)
-        if self._limiter.hit(self._uploads, client):
-            return
-        free = self._limiter.get_window_stats(self._uploads, client).reset_time
+        if self._uploads is not None and not self._limiter.hit(self._uploads, client):
+            raise self._too_many("uploads", "uploads", self._uploads, client)
+
+    def _too_many(self, name: str, what: str, rate: RateLimitItem, *of: str) -> ProblemError:
+        free = self._limiter.get_window_stats(rate, *of).reset_time
         wait = max(1, round(free - time.time()))
-        raise ProblemError(
+        return ProblemError(
             Problem.named(
-                "too-many-uploads",
-                "Too many uploads",
+                f"too-many-{name}",
+                f"Too many {what}",
                 HTTPStatus.TOO_MANY_REQUESTS,
-                f"This service takes {self._uploads} from one client. Try again in {wait} s.",
+                f"This service takes {rate} {what} from one client. Try again in {wait} s.",
             ),
             {"Retry-After": str(wait)},
         )

@@ -94,8 +94,10 @@ class Database:
     def keep_reserve(self) -> None:
         """Keep a little room beside a SQLite file, so that something can be deleted when the disk is full."""
         if self._reserve is not None and not self._reserve.exists():
-            with suppress(OSError):
+            try:
                 self._reserve.write_bytes(bytes(_RESERVE))
+            except OSError:
+                self.release_reserve()  # a part of it would be taken for the whole
 
     def release_reserve(self) -> bool:
         """Make that room free; False where there is none."""

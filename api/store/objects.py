@@ -7,6 +7,7 @@ object only when it is complete. Names are made of ids and of our own file names
 import errno
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -49,8 +50,11 @@ class Objects:
         probe = str(self._root / f"{new_id()}{_PARTIAL}")  # others may probe at the same time
         with as_os_error():
             self._files.makedirs(str(self._root), exist_ok=True)
-            self._files.pipe_file(probe, b"probe")
-            self._files.rm_file(probe)
+            try:
+                self._files.pipe_file(probe, b"probe")
+            finally:  # a full disk takes the name and refuses the bytes
+                with suppress(FileNotFoundError):
+                    self._files.rm_file(probe)
 
     def put(self, source: Path, key: str) -> None:
         """Keep a file, which is on a disk and synced, under `key`; in a folder on the same disk it moves."""

@@ -71,6 +71,8 @@ def owner_of(request: Request, parts: Parts) -> str:
     secret = bearer(request)
     owner = None if secret is None else parts.tokens.owner_of(secret)
     if owner is None:
+        if secret is not None:
+            parts.rates.count_wrong_bearer(request)
         raise unauthorized()
     return owner
 

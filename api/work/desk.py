@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from api.problems import Problem, ProblemError
+from api.work.confinement import die_with_parent
 from api.work.watch import CONTEXT
 
 _log = logging.getLogger("rotorid.api")
@@ -110,6 +111,7 @@ def _import_questions() -> None:
 
 
 def _limit(memory: int) -> None:
+    die_with_parent()  # which waits for questions without end, also where nobody is left to ask
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
 

@@ -4,11 +4,13 @@ This runs in a thread of the server, or of a Dask worker on another computer; ei
 its own, which can be ended when it takes too long, and the database and the storage are the only things shared.
 """
 
+import errno
 import logging
 import multiprocessing
 import os
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -105,7 +107,9 @@ class Workplace:
         """Start the process that analyses are forked from; it imports the pipeline meanwhile."""
         # Our matrices are small: BLAS threads only hurt them and each other. The workers inherit this.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        CONTEXT.set_forkserver_preload(["__main__", "api.work.worker", "logparse", *self.preload])
+        # The kernel ends a child with the thread that started it: only the main thread is sure to outlast the others.
+        mortal = ["api.work.mortal"] if threading.current_thread() is threading.main_thread() else []
+        CONTEXT.set_forkserver_preload([*mortal, "__main__", "api.work.worker", "logparse", *self.preload])
         forkserver.ensure_running()
 
 
@@ -141,40 +145,42 @@ def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool] = bool
 
 def _work(workplace: Workplace, claim: Claim, database: Database, queue: Queue, stopping: Callable[[], bool]) -> None:
     objects = Objects(workplace.objects)
-    with (
-        Heartbeat(queue, claim, workplace.lease) as heartbeat,
-        tempfile.TemporaryDirectory(prefix="rotorid-", dir=workplace.scratch) as name,
-    ):
-        folder = Path(name)
+
+    def persist(change: Callable[[], bool]) -> bool:
+        return _persist(database, change)
+
+    with Heartbeat(queue, claim, workplace.lease) as heartbeat:
         try:
-            logs = [] if claim.craft else _fetch(claim, objects, folder, heartbeat)
-            members = _fetch_members(claim, database, objects, folder, heartbeat) if claim.craft else []
-            task = worker.Task(logs, claim.configuration, folder / "results", members)
-            task.folder.mkdir()
-            problem = _analyse(workplace, claim, heartbeat, task, stopping)
-            if problem is not None:
-                _persist(lambda: queue.fail(claim, problem))
-                return
-            found, flown = read_found(task.folder / "report.json"), read_flown(task.folder)
-            files = _keep(claim, objects, task.folder, heartbeat)
-            if not _persist(lambda: queue.finish(claim, files, found, flown)):
-                objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
+            with tempfile.TemporaryDirectory(prefix="rotorid-", dir=workplace.scratch) as name:
+                folder = Path(name)
+                logs = [] if claim.craft else _fetch(claim, objects, folder, heartbeat)
+                members = _fetch_members(claim, database, objects, folder, heartbeat) if claim.craft else []
+                task = worker.Task(logs, claim.configuration, folder / "results", members)
+                task.folder.mkdir()
+                problem = _analyse(workplace, claim, heartbeat, task, stopping)
+                if problem is not None:
+                    persist(lambda: queue.fail(claim, problem))
+                    return
+                found, flown = read_found(task.folder / "report.json"), read_flown(task.folder)
+                files = _keep(claim, objects, task.folder, heartbeat)
+                if not persist(lambda: queue.finish(claim, files, found, flown)):
+                    objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
             queue.give_back(claim)
         except _DiedError as death:
-            if not _persist(lambda: queue.retry(claim)):
+            if not persist(lambda: queue.retry(claim)):
                 given_up = _judge_exit(workplace, claim, death.exit_code)
-                _persist(lambda: queue.fail(claim, given_up))
+                persist(lambda: queue.fail(claim, given_up))
         except LostError:
             objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
             _log.info("analysis %s was cancelled, or given to another worker", claim.analysis)
         except FileNotFoundError:
             _log.exception("analysis %s: a log is gone", claim.analysis)
-            _persist(lambda: queue.fail(claim, _GONE))
+            persist(lambda: queue.fail(claim, _GONE))
         except OSError as error:
             _log.exception("analysis %s: cannot keep its results", claim.analysis)
             unkept = _unkept(error)
-            _persist(lambda: queue.fail(claim, unkept))
+            persist(lambda: queue.fail(claim, unkept))
 
 
 class _StoppedError(Exception):
@@ -279,17 +285,22 @@ def _process(workplace: Workplace, task: worker.Task) -> Iterator[tuple[ForkServ
         receiver.close()
 
 
-def _persist(change: Callable[[], bool]) -> bool:
-    """Write the end of an analysis down, waiting for a database that does not answer."""
+def _persist(database: Database, change: Callable[[], bool]) -> bool:
+    """Write the end of an analysis down, at a full disk too, waiting for a database that does not answer."""
     deadline, pause = time.monotonic() + _PATIENCE, 0.5
     while True:
         try:
-            return change()
+            changed = change()
         except SQLAlchemyError:
+            if database.release_reserve():
+                continue
             if time.monotonic() + pause > deadline:
                 raise
             time.sleep(pause)
             pause = min(2.0 * pause, 5.0)
+        else:
+            database.keep_reserve()
+            return changed
 
 
 def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem | None:
@@ -299,6 +310,8 @@ def _judge(workplace: Workplace, claim: Claim, report: worker.Report) -> Problem
             return _unusable(reason)
         case worker.OutOfMemory():
             return _too_large(workplace.limits.memory)
+        case worker.DiskFull():
+            return _unkept(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
         case worker.Crashed(traceback):
             _log.error("analysis %s met a bug:\n%s", claim.analysis, traceback)
             return _bug(claim)

@@ -90,7 +90,7 @@ def _text(path: Path) -> pd.DataFrame:
         with path.open("rb") as plain:
             return _values(plain)
     with opener(path) as packed, tempfile.TemporaryFile() as plain:
-        _, damage = unpack(packed, plain, path.name)
+        _, damage = unpack(packed, plain, path)
         if damage is not None:
             raise damage
         plain.seek(0)
@@ -117,7 +117,7 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 def _check_size(path: Path, size: int) -> None:
     """Refuse a table that is larger in memory than an archive may unpack to."""
-    if size > (most := most_unpacked()):
+    if size > (most := most_unpacked(path.stat().st_size)):
         raise TableError(
             f"{path.name} holds {size / 1e9:.3g} GB of numbers, more than the {most / 1e9:.3g} GB that are read here: "
             "cut the table into shorter flights"
@@ -165,7 +165,7 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
         except (ValueError, SyntaxError, TypeError, OverflowError, MemoryError, RecursionError):
             rows.append(np.empty(0))  # no list of numbers; nested too deep ends in one of the last two
     width = max(len(row) for row in rows)
-    if 8 * width * len(rows) > most_unpacked():
+    if 8 * width * len(rows) > most_unpacked(8 * sum(map(len, rows))):
         raise TableError(f"column {name}: lists of up to {width} numbers in {len(rows)} rows are too much to read")
     matrix = np.full((len(rows), width), np.nan)
     for k, row in enumerate(rows):

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-import uvicorn
 from fastapi import FastAPI
 
 from api import Settings, create_app
 from api.server import Server
 from api.web import form_tokens
-from api.web.connections import PatientProtocol
 from tests.api import standins
 from tests.api.programs import PATIENCE
 
@@ -33,9 +31,7 @@ def _analyses_start_at_once(forks: None) -> None:
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""
-    server = Server(
-        uvicorn.Config(app, log_config=None, http=PatientProtocol, timeout_graceful_shutdown=5), app.state.parts.runner
-    )
+    server = Server(app, app.state.parts.settings)
     listener = socket.create_server(("127.0.0.1", 0))
     # Connections inherit it. A listener that uvicorn makes has it from asyncio; without, each answer waits for 40 ms.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
