@@ -17,8 +17,8 @@ from core.findings import Finding, Severity
 #: An archive that holds more than this is refused: a few kB can unpack to terabytes.
 MAX_UNPACKED_BYTES = 4 << 30
 
-#: So is one that unpacks to more than so many times its own size, beyond a size that does no harm. Logs of flights shrink
-#: to a tenth.
+#: So is one that unpacks to more than so many times its own size, beyond a size that does no harm: logs of flights
+#: shrink to a tenth.
 _MOST_TIMES, _HARMLESS = 20, 100_000_000
 
 _limit = MAX_UNPACKED_BYTES
@@ -200,7 +200,9 @@ def unpack(packed: io.BufferedIOBase, file: IO[bytes], archive: Path) -> tuple[i
             break
         size += len(piece)
         if size > most:
-            raise LogError(f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read of such a file here")
+            raise LogError(
+                f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read of such a file here"
+            )
         file.write(piece)
     file.flush()
     return size, damage

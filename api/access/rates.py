@@ -12,7 +12,7 @@ from api.problems import Problem, ProblemError
 
 #: Wrong tokens from one address: at the page that asks for one, and with requests, of which a page left open after its
 #: token was revoked sends thirty.
-_SIGN_INS, _BEARERS = parse("10/minute"), parse("60/minute")
+SIGN_INS, BEARERS = parse("10/minute"), parse("60/minute")
 
 
 def _address(request: Request) -> str:
@@ -34,17 +34,17 @@ class Rates:
 
     def check_sign_ins(self, request: Request) -> None:
         """Refuse another sign-in where an address has sent too many wrong tokens; those of others are not held up."""
-        if not self._limiter.test(_SIGN_INS, "sign-in", _address(request)):
-            raise self._too_many("sign-ins", "wrong tokens", _SIGN_INS, "sign-in", _address(request))
+        if not self._limiter.test(SIGN_INS, "sign-in", _address(request)):
+            raise self._too_many("sign-ins", "wrong tokens", SIGN_INS, "sign-in", _address(request))
 
     def count_wrong_token(self, request: Request) -> None:
         """Count a sign-in that failed."""
-        self._limiter.hit(_SIGN_INS, "sign-in", _address(request))
+        self._limiter.hit(SIGN_INS, "sign-in", _address(request))
 
     def count_wrong_bearer(self, request: Request) -> None:
         """Count a request whose token is nobody's; a problem when there were too many. A right one is not held up."""
-        if not self._limiter.hit(_BEARERS, "bearer", _address(request)):
-            raise self._too_many("wrong-tokens", "wrong tokens", _BEARERS, "bearer", _address(request))
+        if not self._limiter.hit(BEARERS, "bearer", _address(request)):
+            raise self._too_many("wrong-tokens", "wrong tokens", BEARERS, "bearer", _address(request))
 
     def count_upload(self, request: Request, owner: str) -> None:
         """Count an upload; a problem when there were too many."""

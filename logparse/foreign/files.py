@@ -8,8 +8,10 @@ import gzip
 import io
 import lzma
 import math
+import struct
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -39,6 +41,9 @@ _SAMPLE = 4096
 
 #: Classes of MATLAB's variables that are no arrays of numbers.
 _NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
+
+#: Kinds of elements of a MATLAB file of version 5, and that of a packed one.
+_ELEMENTS, _COMPRESSED = {*range(1, 8), 9, *range(12, 19)}, 15
 
 #: File names that a table may have.
 SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet", ".mat")
@@ -173,8 +178,36 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
     return {f"{name}[{k}]": matrix[:, k] for k in range(width)}
 
 
+def _check_tags(path: Path) -> None:
+    """Raise ValueError if a MATLAB file of version 5 has an element of a kind that there is not: SciPy would crash."""
+    data = path.read_bytes()
+    order = {b"\0\1IM": "<", b"\1\0MI": ">"}.get(data[124:128])
+    most = most_unpacked(len(data))
+    for kind, content in _elements(data[128:], order) if order else ():
+        if kind == _COMPRESSED:
+            unpacking = zlib.decompressobj()
+            content = unpacking.decompress(content, most)
+            _check_size(path, len(content) + len(unpacking.unconsumed_tail) if unpacking.unconsumed_tail else 0)
+            ((_, content),) = list(_elements(content, order))[:1]
+        if unknown := {kind for kind, _ in _elements(content, order)} - _ELEMENTS:
+            raise ValueError(f"elements of the kind {min(unknown)}")
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of each element of a MATLAB file of version 5; short ones have both in eight bytes."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start = at + 8
+        if kind >> 16:
+            kind, size, start = kind & 0xFFFF, min(kind >> 16, 4), at + 4
+        yield kind, data[start : start + size]
+        at = start + size if kind == _COMPRESSED else at + 8 + (-(-size // 8) * 8 if start == at + 8 else 0)
+
+
 def _matlab(path: Path) -> pd.DataFrame:
     try:
+        _check_tags(path)
         named = {name: shape for name, shape, kind in scipy.io.whosmat(path) if kind not in _NO_NUMBERS}
         _check_size(path, 8 * sum(math.prod(shape) for shape in named.values()))
         content = scipy.io.loadmat(path, squeeze_me=False, variable_names=list(named))

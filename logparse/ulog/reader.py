@@ -40,8 +40,8 @@ def looks_like(head: bytes) -> bool:
 class _Log(ULog):  # type: ignore[misc]
     """A log whose subscriptions have no more fields than any autopilot publishes.
 
-    pyulog makes an object and a column of each. A format that damage has given an array of 60,000, or that holds itself,
-    would take gigabytes before the first row is read.
+    pyulog makes an object and a column of each. A format that damage has given an array of 60,000, or that holds
+    itself, would take gigabytes before the first row is read.
     """
 
     _fields = 0

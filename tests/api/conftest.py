@@ -14,6 +14,9 @@ from api.web import form_tokens
 from tests.api import standins
 from tests.api.programs import PATIENCE
 
+#: Uploads bytes as a file and has them analysed.
+Upload = Callable[..., httpx.Response]
+
 #: What an answer holds only where it is asked for.
 EVERYTHING = ["report", "models", "findings"]
 

@@ -19,7 +19,7 @@ from tests.api.conftest import running
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
 def app(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1)
+    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1")
     return create_app(settings, standins.analyze, preload=())
 
 
@@ -32,22 +32,29 @@ def service(app: FastAPI) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.mark.parametrize("scheme", ["http", "https"])
-@pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost", "drone.lab", "drone.lab:8443", "[fd00::1]:8000"])
+HOSTS = ("127.0.0.1:8000", "localhost", "drone.lab", "drone.lab:8443", "[fd00::1]:8000")
+CASES = (
+    ("own", "own", True),
+    (None, "own", True),  # an old browser, which tells no origin
+    ("own", None, False),
+    ("own", "guessed", False),
+    ("own", "", False),
+    (None, None, False),
+    ("other port", "own", False),
+    ("other scheme", "own", False),
+    ("null", "own", False),
+    ("http://evil.example", "own", False),
+)
+
+
 @pytest.mark.parametrize(
-    ("origin", "token", "taken"),
-    [
-        ("own", "own", True),
-        (None, "own", True),  # an old browser, which tells no origin
-        ("own", None, False),
-        ("own", "guessed", False),
-        ("own", "", False),
-        (None, None, False),
-        ("other port", "own", False),
-        ("other scheme", "own", False),
-        ("null", "own", False),
-        ("http://evil.example", "own", False),
-    ],
+    ("scheme", "host", "origin", "token", "taken"),
+    [  # each case under both schemes, each host under both schemes in taken and refused cases
+        (scheme, HOSTS[(k + 2 * (scheme == "https")) % len(HOSTS)], *case)
+        for scheme in ("http", "https")
+        for k, case in enumerate(CASES)
+    ]
+    + [(scheme, host, "own", "own", True) for scheme in ("http", "https") for host in HOSTS[1:]],
 )
 def test_a_form_is_taken_from_its_own_page_only(
     service: httpx.Client, scheme: str, host: str, origin: str | None, token: str | None, *, taken: bool
@@ -98,7 +105,9 @@ def test_every_form_of_our_pages_carries_it(service: httpx.Client) -> None:
 
 
 def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None:
-    with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())) as client:
+    with running(
+        create_app(Settings(data=tmp_path, workers=1, proxies="127.0.0.1"), standins.analyze, preload=())
+    ) as client:
         client.cookies.clear()
         cookie = client.get("/", headers={"X-Forwarded-Proto": "https"}).headers["Set-Cookie"]
     assert cookie.startswith(f"{COOKIE}=")

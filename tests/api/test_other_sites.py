@@ -21,7 +21,7 @@ from tests.api.conftest import running
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
 def app(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1)
+    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1")
     return create_app(settings, standins.analyze, preload=())
 
 

@@ -37,7 +37,7 @@ class Guarded(NamedTuple):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    settings = Settings(data=tmp_path_factory.mktemp("guarded"), workers=1, access=Access.TOKENS)
+    settings = Settings(data=tmp_path_factory.mktemp("guarded"), workers=1, access=Access.TOKENS, proxies="127.0.0.1")
     app = create_app(settings, standins.analyze, preload=())
     parts = app.state.parts
     with running(app) as client:
