@@ -148,12 +148,10 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     database = Database(settings.database_url)
     database.migrate()
     catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
-    # A cluster's computers have a place of their own for what is temporary.
-    workplace = Workplace.of(settings, analyze, preload, None if settings.scheduler else scratch.folder)
     desk = Desk(settings.memory_limit)
     found = Crafts(database)
     folder = FolderFlights(database, settings.out)
-    runner = Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None)
+    runner = Runner(Workplace(database, objects, settings, scratch.folder, analyze, preload))
     return Parts(
         settings=settings,
         database=database,

@@ -26,8 +26,7 @@ from api.store.database import Database, NewerDatabaseError
 from api.store.objects import Objects
 from api.web.connections import PatientProtocol
 from api.web.local_only import LOOPBACK
-from api.work.jobs import Runner
-from api.work.working import work_until_told
+from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
 from pipeline.results.quantity import ParameterChange
 
@@ -196,6 +195,8 @@ def _in_short(error: Exception) -> str:
 
 
 def _settings() -> Settings:
+    if "ROTORID_SCHEDULER" in os.environ:
+        sys.exit("ROTORID_SCHEDULER is not known any more: run `rotorid worker` on each computer instead.")
     try:
         return Settings()
     except ValidationError as error:

@@ -93,11 +93,6 @@ class Settings(BaseSettings):
         default_factory=_spare_cores,
         description="Analyses that run at the same time; 0 leaves them to `rotorid worker` on other computers.",
     )
-    scheduler: str = Field(
-        default="",
-        description="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse (needs the extra "
-        "`cluster`). By default processes of this computer.",
-    )
     time_limit: PositiveFloat = Field(default=900.0, description="Longest time one analysis may take [s].")
     memory_limit: ByteSize = Field(
         default=ByteSize(4 * 10**9), gt=0, description="Most memory one analysis may use, in bytes."

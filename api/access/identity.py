@@ -1,13 +1,12 @@
 """Who asks: everybody where the service is open, otherwise whoever has a token, and then only for what is theirs."""
 
 from datetime import UTC, datetime, timedelta
-from http import HTTPStatus
 from typing import NamedTuple
 
 from fastapi import Request
 from sqlalchemy import delete, select
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.store.database import Database
 from api.store.ids import digest, new_id, new_secret
 from api.store.records import ShareRecord, TokenRecord
@@ -105,12 +104,8 @@ def bearer(request: Request) -> str | None:
 
 def unauthorized() -> ProblemError:
     """Make the answer to a request without a valid token."""
-    return ProblemError(
-        Problem.named(
-            "token-needed",
-            "A token is needed",
-            HTTPStatus.UNAUTHORIZED,
-            "This service knows its users by tokens. Sign in, or send the header `Authorization: Bearer TOKEN`; the "
-            "operator makes tokens with `rotorid token`.",
-        )
+    return ProblemError.of(
+        "token-needed",
+        "This service knows its users by tokens. Sign in, or send the header `Authorization: Bearer TOKEN`; the "
+        "operator makes tokens with `rotorid token`.",
     )

@@ -1,14 +1,13 @@
 """How much one client may send: uploads in a time, and logs in all."""
 
 import time
-from http import HTTPStatus
 
 from fastapi import Request
 from limits import RateLimitItem, parse
 from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 
 #: Wrong tokens from one address: at the page that asks for one, and with requests, of which a page left open after its
 #: token was revoked sends thirty.
@@ -20,13 +19,7 @@ def _address(request: Request) -> str:
 
 
 class Rates:
-    """Counts uploads of every owner or, where the service is open to all, of every address.
-
-    Parameters
-    ----------
-    uploads : str
-        Such as ``"120/minute"``; empty for no limit.
-    """
+    """Counts uploads of every owner or, where the service is open to all, of every address."""
 
     def __init__(self, uploads: str) -> None:
         self._uploads: RateLimitItem | None = parse(uploads) if uploads else None
@@ -35,7 +28,7 @@ class Rates:
     def check_sign_ins(self, request: Request) -> None:
         """Refuse another sign-in where an address has sent too many wrong tokens; those of others are not held up."""
         if not self._limiter.test(SIGN_INS, "sign-in", _address(request)):
-            raise self._too_many("sign-ins", "wrong tokens", SIGN_INS, "sign-in", _address(request))
+            raise self._too_many("wrong tokens", SIGN_INS, "sign-in", _address(request))
 
     def count_wrong_token(self, request: Request) -> None:
         """Count a sign-in that failed."""
@@ -44,23 +37,17 @@ class Rates:
     def count_wrong_bearer(self, request: Request) -> None:
         """Count a request whose token is nobody's; a problem when there were too many. A right one is not held up."""
         if not self._limiter.hit(BEARERS, "bearer", _address(request)):
-            raise self._too_many("wrong-tokens", "wrong tokens", BEARERS, "bearer", _address(request))
+            raise self._too_many("wrong tokens", BEARERS, "bearer", _address(request))
 
     def count_upload(self, request: Request, owner: str) -> None:
         """Count an upload; a problem when there were too many."""
         client = owner or _address(request)
         if self._uploads is not None and not self._limiter.hit(self._uploads, client):
-            raise self._too_many("uploads", "uploads", self._uploads, client)
+            raise self._too_many("uploads", self._uploads, client)
 
-    def _too_many(self, name: str, what: str, rate: RateLimitItem, *of: str) -> ProblemError:
+    def _too_many(self, what: str, rate: RateLimitItem, *of: str) -> ProblemError:
         free = self._limiter.get_window_stats(rate, *of).reset_time
         wait = max(1, round(free - time.time()))
-        return ProblemError(
-            Problem.named(
-                f"too-many-{name}",
-                f"Too many {what}",
-                HTTPStatus.TOO_MANY_REQUESTS,
-                f"This service takes {rate} {what} from one client. Try again in {wait} s.",
-            ),
-            {"Retry-After": str(wait)},
-        )
+        name = "too-many-uploads" if what == "uploads" else "too-many-sign-ins"
+        detail = f"This service takes {rate} {what} from one client. Try again in {wait} s."
+        return ProblemError.of(name, detail, {"Retry-After": str(wait)})

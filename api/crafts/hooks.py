@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 
 from sqlalchemy import Row, delete, select, update
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.settings import Webhooks
 from api.store.database import Database
 from api.store.ids import new_id, new_secret
@@ -60,12 +60,7 @@ class ForbiddenAddressError(Exception):
 
 
 def check_address(url: str, webhooks: Webhooks) -> None:
-    """Refuse an address that a webhook may not have, as far as its name tells.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    """
+    """Refuse an address that a webhook may not have, as far as its name tells."""
     try:
         parts = urlsplit(url)
         port = parts.port
@@ -109,23 +104,7 @@ def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Web
 
 
 def resolve(host: str, port: int, webhooks: Webhooks) -> str:
-    """Return the address that a name leads to, if none that it leads to is forbidden.
-
-    Parameters
-    ----------
-    host : str
-        Name or address.
-    port : int
-        TCP port.
-    webhooks : Webhooks
-        Which addresses are allowed.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    OSError
-        The name is unknown.
-    """
+    """Return the address that a name leads to, if none that it leads to is forbidden."""
     found = [str(each[4][0]) for each in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
     for each in found:
         _check(ipaddress.ip_address(each.partition("%")[0]), webhooks)
@@ -133,27 +112,7 @@ def resolve(host: str, port: int, webhooks: Webhooks) -> str:
 
 
 def send(url: str, body: bytes, secret: str, webhooks: Webhooks, timeout: float = TIMEOUT) -> int:
-    """Post a body and return the status of the answer.
-
-    Parameters
-    ----------
-    url : str
-        Where to.
-    body : bytes
-        JSON.
-    secret : str
-        Key of the HMAC-SHA256 signature that is sent along.
-    webhooks : Webhooks
-        Which addresses are allowed.
-    timeout : float
-        How long the answer may take, s.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    OSError
-        Nobody answers there.
-    """
+    """Post a body and return the status of the answer."""
     check_address(url, webhooks)
     parts = urlsplit(url)
     secure = parts.scheme == "https"
@@ -204,14 +163,7 @@ def _cut_off(stream: socket.socket, late: threading.Event) -> None:
 
 
 class Hooks(Rounds):
-    """The webhooks of all owners; what is due is sent by a thread of its own.
-
-    Parameters
-    ----------
-    database : Database
-    webhooks : Webhooks
-        Where they may lead.
-    """
+    """The webhooks of all owners; what is due is sent by a thread of its own."""
 
     def __init__(self, database: Database, webhooks: Webhooks) -> None:
         super().__init__("webhooks", LOOK_EVERY)
@@ -229,14 +181,12 @@ class Hooks(Rounds):
             check_address(url, self._webhooks)
         except ForbiddenAddressError as error:
             detail = f"Nothing is sent to this address: {error}."
-            raise ProblemError(
-                Problem.named("forbidden-address", "Forbidden address", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
-            ) from error
+            raise ProblemError.of("forbidden-address", detail) from error
         with self._database.write() as session:
             owned = session.scalars(select(HookRecord).where(HookRecord.owner == owner, HookRecord.url != "")).all()
             if len(owned) >= _MOST:
                 detail = f"There are {_MOST} webhooks, the most that one user may have. Remove one, then try again."
-                raise ProblemError(Problem.named("too-many-hooks", "Too many webhooks", HTTPStatus.FORBIDDEN, detail))
+                raise ProblemError.of("too-many-hooks", detail)
             record = HookRecord(
                 id=new_id(), owner=owner, url=url, secret=new_secret(), created=datetime.now(UTC), state=""
             )

@@ -34,19 +34,7 @@ class Crafts:
         self._database = database
 
     def list(self, owner: str, *, limit: int, after: str | None = None, text: str = "") -> list[Craft]:
-        """List craft, those that changed last first.
-
-        Parameters
-        ----------
-        owner : str
-            Only craft of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last craft of the page before; ignored when the owner has no such craft.
-        text : str
-            Part of the name or kind, in capitals or not; "" for any.
-        """
+        """List craft, those that changed last first."""
         with self._database.read() as session:
             query = select(CraftRecord).where(CraftRecord.owner == owner)
             if text:
@@ -119,17 +107,7 @@ class Crafts:
             ]
 
     def rename(self, craft_id: str, owner: str, name: str) -> bool:
-        """Call a craft by a name; False when the owner has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        owner : str
-            Whose craft it is.
-        name : str
-            New name; runs of white space become one blank.
-        """
+        """Call a craft by a name; False when the owner has none of this id."""
         with self._database.write() as session:
             record = _owned(session, craft_id, owner)
             if record is None:
@@ -138,17 +116,7 @@ class Crafts:
             return True
 
     def merge(self, craft_id: str, other_id: str, owner: str) -> bool:
-        """Merge another craft into this one; False when the owner has not both, or they are one.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft that stays, with its name if it has one.
-        other_id : str
-            The craft whose flights, notes and alerts move, and which is then removed.
-        owner : str
-            Whose craft both are.
-        """
+        """Merge another craft into this one; False when the owner has not both, or they are one."""
         with self._database.write() as session:
             craft, other = _owned(session, craft_id, owner), _owned(session, other_id, owner)
             if craft is None or other is None or craft is other:
@@ -165,19 +133,7 @@ class Crafts:
             return True
 
     def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str | None:
-        """Move flights to a craft, or to a new one; return its id, or None when the owner has not all of them.
-
-        Parameters
-        ----------
-        flights : sequence of str
-            Ids of the flights.
-        target : str or None
-            Id of the craft that they go to; None for a new one.
-        owner : str
-            Whose flights and craft they are.
-        later : bool
-            Whether later flights with the same fingerprint go there too.
-        """
+        """Move flights to a craft, or to a new one; return its id, or None when the owner has not all of them."""
         with self._database.write() as session:
             found = [
                 each
@@ -210,26 +166,7 @@ class Crafts:
             return craft.id
 
     def add_note(self, craft_id: str, owner: str, text: str, at: datetime | None, *, boundary: bool) -> Note | None:
-        """Write down what was done to a craft; None when the owner has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        owner : str
-            Whose craft it is.
-        text : str
-            What was done.
-        at : datetime or None
-            When it was done; None for now.
-        boundary : bool
-            Whether flights before it are not to be pooled with those after it.
-
-        Raises
-        ------
-        ProblemError
-            The craft has as many notes as it may have.
-        """
+        """Write down what was done to a craft; None when the owner has none of this id."""
         with self._database.write() as session:
             record = _owned(session, craft_id, owner)
             if record is None:
@@ -237,7 +174,7 @@ class Crafts:
             count = session.scalar(select(func.count()).where(NoteRecord.craft_id == record.id)) or 0
             if count >= _NOTES:
                 detail = f"A craft has {_NOTES} notes at most. Remove some, then try again."
-                raise ProblemError(Problem.named("too-many-notes", "Too many notes", HTTPStatus.FORBIDDEN, detail))
+                raise ProblemError.of("too-many-notes", detail)
             now = datetime.now(UTC)
             when, text = now if at is None else _in_utc(at), _plain(text)
             note = NoteRecord(id=new_id(), craft_id=record.id, at=when, text=text, boundary=boundary, created=now)
@@ -247,17 +184,7 @@ class Crafts:
             return _note(note)
 
     def remove_note(self, craft_id: str, note_id: str, owner: str) -> bool:
-        """Remove a note; False when the craft has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        note_id : str
-            The note.
-        owner : str
-            Whose craft it is.
-        """
+        """Remove a note; False when the craft has none of this id."""
         with self._database.write() as session:
             note = session.get(NoteRecord, note_id) if is_id(note_id) else None
             if _owned(session, craft_id, owner) is None or note is None or note.craft_id != craft_id:
@@ -268,17 +195,7 @@ class Crafts:
             return True
 
     def alerts(self, owner: str, *, limit: int, after: str | None = None) -> Sequence[RaisedAlert]:
-        """List the alerts of an owner, the newest first.
-
-        Parameters
-        ----------
-        owner : str
-            Only alerts of this owner's craft.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last alert of the page before; ignored when the owner has no such alert.
-        """
+        """List the alerts of an owner, the newest first."""
         with self._database.read() as session:
             query = (
                 select(AlertRecord, CraftRecord)

@@ -7,7 +7,6 @@ bytes without a row are swept up by `api.logs.housekeeping`.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from http import HTTPStatus
 from typing import Any, NamedTuple
 
 from sqlalchemy import delete, func, or_, select, tuple_
@@ -53,15 +52,7 @@ _TRIES = 5
 
 
 class Catalog:
-    """Logs and analyses.
-
-    Parameters
-    ----------
-    database : Database
-    objects : Objects
-    quota : Quota, optional
-        Of each owner; none by default.
-    """
+    """Logs and analyses."""
 
     def __init__(self, database: Database, objects: Objects, quota: Quota | None = None) -> None:
         self._quota = quota or Quota()
@@ -69,37 +60,13 @@ class Catalog:
         self._objects = objects
 
     def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
-        """Keep one log, as `keep_logs` does.
-
-        Parameters
-        ----------
-        upload : Upload
-            The bytes, fully arrived.
-        name : str
-            File name that the user gave.
-        owner : str
-            Whose log it is.
-        """
+        """Keep one log, as `keep_logs` does."""
         return self.keep_logs([(upload, name)], owner)[0]
 
     def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
         """Keep logs that have fully arrived, with their names: all or none.
 
         The same bytes of the same owner are the same log.
-
-        Parameters
-        ----------
-        arrived : sequence of (Upload, str)
-            The bytes of each log and its file name.
-        owner : str
-            Whose logs they are.
-        limit : int
-            Most logs that the owner may have.
-
-        Raises
-        ------
-        FullError
-            The owner would have more than `limit` logs; 0 is no limit.
         """
         placed: dict[str, str] = {}
         try:
@@ -181,19 +148,7 @@ class Catalog:
             return _count_logs(session, owner)
 
     def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
-        """List the newest logs, or those after a log of this list, whose names contain `name`.
-
-        Parameters
-        ----------
-        owner : str
-            Only logs of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last log of the page before; ignored when the owner has no such log.
-        name : str
-            Part of the file name, in capitals or not; "" for any.
-        """
+        """List the newest logs, or those after a log of this list, whose names contain `name`."""
         with self._database.read() as session:
             query = select(LogRecord).where(LogRecord.owner == owner)
             if name:
@@ -248,22 +203,7 @@ class Catalog:
         return True
 
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
-        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not.
-
-        Parameters
-        ----------
-        log_ids : sequence of str
-            Logs to analyse together; each counts once.
-        configuration : mapping
-            What differs from the default analysis.
-        owner : str
-            Whose logs they are.
-
-        Raises
-        ------
-        ProblemError
-            The owner has as many unfinished analyses as the quota allows.
-        """
+        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
         with self._database.write() as session:
             if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
                 raise _too_many_unfinished(self._quota.unfinished)
@@ -297,21 +237,6 @@ class Catalog:
         """List the newest analyses, or those after one of this list, of a state, of a log or with a text.
 
         The text is part of a log's name, of the craft, the day of flight or the health.
-
-        Parameters
-        ----------
-        owner : str
-            Only analyses of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last analysis of the page before; ignored when the owner has no such analysis.
-        state : State, optional
-            Only those in this state.
-        log : str, optional
-            Only those of the log of this id.
-        text : str
-            Text to look for, in capitals or not; "" for any.
         """
         with self._database.read() as session:
             query = select(AnalysisRecord).where(AnalysisRecord.owner == owner)
@@ -372,19 +297,7 @@ class Catalog:
 
 
 def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:
-    """Put the joint fit of flights of a craft into the queue.
-
-    Parameters
-    ----------
-    session : Session
-        Open for writing.
-    craft : CraftRecord
-        The craft, whose owner's the analysis is.
-    flights : sequence of FlightRecord
-        Flights to fit together.
-    mass : float or None
-        Mass of the craft, kg; None where not known.
-    """
+    """Put the joint fit of flights of a craft into the queue."""
     logs = {flight.log_id for flight in flights}
     records = session.scalars(select(LogRecord).where(LogRecord.id.in_(logs)).order_by(LogRecord.received))
     configuration: dict[str, Any] = {"flights": [flight.id for flight in flights]}
@@ -435,17 +348,12 @@ def _count_unfinished(session: Session, owner: str) -> int:
 
 def _too_many_bytes(limit: int) -> ProblemError:
     detail = f"Your logs would have more than the {sizes.in_words(limit)} that this service keeps for one user. "
-    return ProblemError(
-        Problem.named("too-many-bytes", "Too many bytes", HTTPStatus.FORBIDDEN, detail + "Delete some, then try again.")
-    )
+    return ProblemError.of("too-many-bytes", detail + "Delete some, then try again.")
 
 
 def _too_many_unfinished(limit: int) -> ProblemError:
     detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
-    return ProblemError(
-        Problem.named("too-many-analyses", "Too many analyses", HTTPStatus.TOO_MANY_REQUESTS, detail),
-        {"Retry-After": "60"},
-    )
+    return ProblemError.of("too-many-analyses", detail, {"Retry-After": "60"})
 
 
 def _owned(session: Session, analysis_id: str, owner: str) -> AnalysisRecord | None:

@@ -13,17 +13,7 @@ _LOOK = 0.25
 
 
 async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> AsyncIterator[Analysis]:
-    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours.
-
-    Parameters
-    ----------
-    catalog : Catalog
-        Where the analysis is kept.
-    analysis : Analysis
-        The analysis as it is now.
-    stopping : callable
-        Return whether the service stops.
-    """
+    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
     yield analysis
     while not (analysis.state.ended or stopping()):
         await asyncio.sleep(_LOOK)
@@ -36,17 +26,7 @@ async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], b
 
 
 async def ended(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> Analysis:
-    """Wait for the end of an analysis, or until the service stops, and give it as it is then.
-
-    Parameters
-    ----------
-    catalog : Catalog
-        Where the analysis is kept.
-    analysis : Analysis
-        The analysis as it is now.
-    stopping : callable
-        Return whether the service stops.
-    """
+    """Wait for the end of an analysis, or until the service stops, and give it as it is then."""
     async for now in changes(catalog, analysis, stopping):
         analysis = now
     return analysis

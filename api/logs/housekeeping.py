@@ -25,18 +25,7 @@ _CACHED = timedelta(days=1)
 
 
 class Housekeeping(Rounds):
-    """Goes round now and then, in a thread of its own.
-
-    Parameters
-    ----------
-    database : Database
-    objects : Objects
-    catalog : Catalog
-    cache : Path
-        Folder with copies of objects from elsewhere.
-    retention : timedelta or None
-        How long logs are kept; for ever when None.
-    """
+    """Goes round now and then, in a thread of its own."""
 
     def __init__(
         self, database: Database, objects: Objects, catalog: Catalog, cache: Path, retention: timedelta | None

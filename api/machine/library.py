@@ -38,17 +38,7 @@ class Library(Protocol):
     """Flights and craft, to be read only."""
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them.
-
-        Parameters
-        ----------
-        craft : str
-            Only those of the craft of this id.
-        text : str
-            Only those with this in their name, in capitals or not.
-        limit : int, optional
-            Most that are listed; all are counted.
-        """
+        """List flights, the newest first, and count them."""
         ...
 
     def flight(self, name: str) -> str | None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from api import problems
 from api.crafts.feed import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.routes.paging import After, Limit, page
 from api.store.resources import Page
 from api.web.dependencies import Owner, PartsOf, from_our_pages
@@ -93,7 +93,7 @@ def make_hook(hook: NewHook, parts: PartsOf, owner: Owner) -> MadeHook:
 def remove_hook(hook_id: str, parts: PartsOf, owner: Owner) -> None:
     """Send alerts there no more."""
     if not parts.hooks.remove(owner, hook_id):
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no webhook of this id."))
+        raise ProblemError.missing("There is no webhook of this id.")
 
 
 feeds = APIRouter(include_in_schema=False)
@@ -104,6 +104,6 @@ def read_feed(request: Request, secret: str, parts: PartsOf) -> Response:
     """Answer with the alerts of whoever a secret is of."""
     owner = parts.feeds.owner_of(secret)
     if owner is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no such feed, or it has another address."))
+        raise ProblemError.missing("There is no such feed, or it has another address.")
     base = str(request.base_url).rstrip("/")
     return Response(atom(parts.crafts.alerts(owner, limit=_IN_FEED), base), media_type=MEDIA_TYPE)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from api import problems
 from api.logs.catalog import Catalog
 from api.logs.following import changes
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.routes.paging import After, Limit, page
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
 from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
@@ -34,9 +34,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
         analysis = parts.catalog.order(order.ids, order.configuration.chosen(), owner)
     except KeyError as error:
         detail = f"There is no log with the id {error.args[0]}."
-        raise ProblemError(
-            Problem.named("unknown-log", "Unknown log", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
-        ) from error
+        raise ProblemError.of("unknown-log", detail) from error
     parts.runner.wake()
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     return summary(analysis)
@@ -47,14 +45,7 @@ def check(order: AnalysisOrder) -> None:
     try:
         AnalysisConfig(**order.configuration.model_dump(exclude_none=True))
     except RotoridError as error:
-        raise ProblemError(
-            Problem.named(
-                "impossible-configuration",
-                "Impossible configuration",
-                HTTPStatus.UNPROCESSABLE_ENTITY,
-                f"configuration: {error}",
-            )
-        ) from error
+        raise ProblemError.of("impossible-configuration", f"configuration: {error}") from error
 
 
 @router.get("", summary="Analyses, the newest first")
@@ -131,7 +122,7 @@ def fetch_result(analysis_id: str, name: str, parts: PartsOf, owner: Owner) -> R
     response = file_of(analysis, name, parts)
     if response is None:
         detail = f"This analysis has no {name}." if analysis.state.ended else "This analysis is not done yet."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+        raise ProblemError.missing(detail)
     return response
 
 
@@ -145,7 +136,7 @@ def find_analysis(analysis_id: str, catalog: Catalog, owner: str) -> Analysis:
 
 def unknown_analysis() -> ProblemError:
     """Make the answer where there is no such analysis, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no analysis of this id."))
+    return ProblemError.missing("There is no analysis of this id.")
 
 
 def in_words(error: ValidationError | ProblemError) -> str:

@@ -84,7 +84,7 @@ def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Draw a craft over its flights: the page in the frame of `show_craft_page`."""
     craft = show_craft(craft_id, parts, owner)
     if craft.review is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "This craft has not been looked at yet."))
+        raise ProblemError.missing("This craft has not been looked at yet.")
     notes = [{"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in craft.notes]
     page = parts.desk.ask("craft_page", craft.review, craft.name, notes)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from api import problems
 from api.crafts.models import FILES, LeastTrust, latest
 from api.crafts.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.routes.paging import After, Limit, page
 from api.store.resources import Page
 from api.web.dependencies import Owner, PartsOf, from_our_pages
@@ -134,7 +134,7 @@ def fetch_model(craft_id: str, name: str, parts: PartsOf, owner: Owner, trust: T
     """
     show_craft(craft_id, parts, owner)
     if name not in FILES:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"There is {', '.join(FILES)}."))
+        raise ProblemError.missing(f"There is {', '.join(FILES)}.")
     found = latest(parts.database, craft_id, trust, name)
     path = local_copy(f"{found.results}/{name}", parts)
     if path is None:
@@ -146,4 +146,4 @@ def fetch_model(craft_id: str, name: str, parts: PartsOf, owner: Owner, trust: T
 
 def unknown_craft() -> ProblemError:
     """Make the answer where there is no such craft, flight or note, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no craft, flight or note of this id."))
+    return ProblemError.missing("There is no craft, flight or note of this id.")

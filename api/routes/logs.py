@@ -11,7 +11,7 @@ from api.access.identity import bearer
 from api.logs.catalog import Kept
 from api.logs.following import ended
 from api.logs.uploads import FORM, receive_logs
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.routes.paging import After, Limit, page
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
 from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
@@ -80,14 +80,12 @@ async def take_upload(request: Request, parts: Parts, owner: str, fields: dict[s
 def _unfinished(analysis: Analysis) -> ProblemError:
     """Make the answer to who waited for an analysis that did not come to its end."""
     if analysis.state is State.CANCELLED:
-        return ProblemError(Problem.named("cancelled", "Cancelled", HTTPStatus.CONFLICT, "The analysis was cancelled."))
+        return ProblemError.of("cancelled", "The analysis was cancelled.")
     detail = (
         "The service is being stopped. The log is kept and its analysis goes on when the service is back: look at "
         f"/api/v1/analyses/{analysis.id}."
     )
-    return ProblemError(
-        Problem.named("stopping", "The service is being stopped", HTTPStatus.SERVICE_UNAVAILABLE, detail)
-    )
+    return ProblemError.of("stopping", detail)
 
 
 @router.get("", summary="Logs, the newest first")
@@ -141,4 +139,4 @@ def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | No
 
 def unknown_log() -> ProblemError:
     """Make the answer where there is no such log, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no log of this id."))
+    return ProblemError.missing("There is no log of this id.")

@@ -78,7 +78,7 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
     form = await request.form(max_files=0, max_fields=5)
     sample = samples().get(str(form.get("name", "")))
     if sample is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no sample log of this name."))
+        raise ProblemError.missing("There is no sample log of this name.")
     parts.rates.count_upload(request, owner)
 
     def keep() -> Analysis:
@@ -131,7 +131,7 @@ def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
     found = [find_analysis(each, parts.catalog, owner) for each in (a, b)]
     reports = [answer(each, parts).report for each in found]
     if None in reports:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "Only analyses that are done can be compared."))
+        raise ProblemError.missing("Only analyses that are done can be compared.")
     names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in found)
     page = parts.desk.ask("compare", *reports, names)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
@@ -171,7 +171,7 @@ def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
     response = None if analysis is None else file_of(analysis, name, parts)
     if response is None:
         detail = "There is nothing here any more. Open the analysis again from the list."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+        raise ProblemError.missing(detail)
     return response
 
 

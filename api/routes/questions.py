@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
@@ -22,7 +21,7 @@ from api.machine.answers import (
 )
 from api.machine.service_library import ServiceLibrary
 from api.machine.tools import MOST, Tools, UnknownError
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.web.dependencies import Owner, PartsOf
 from pipeline.results.quantity import ParameterChange
 
@@ -48,7 +47,7 @@ def _answering() -> Iterator[None]:
         yield
     except UnknownError as error:
         detail = f"{str(error)[:1].upper()}{str(error)[1:]}."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail)) from error
+        raise ProblemError.missing(detail) from error
 
 
 @router.get("/flights", summary="List flights")

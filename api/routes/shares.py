@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from api import problems
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.routes.analyses import find_analysis
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
 from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
@@ -90,7 +90,7 @@ def fetch_shared(secret: str, name: str, parts: PartsOf) -> Response:
     analysis = find_shared(secret, parts)
     response = file_of(analysis, name, parts) if name in shared_files(analysis) else None
     if response is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"This analysis has no {name}."))
+        raise ProblemError.missing(f"This analysis has no {name}.")
     if Path(name).suffix not in _TEXT:
         return response
     # A report names the content of its log, by which it could be told among others.
@@ -110,5 +110,5 @@ def find_shared(secret: str, parts: Parts) -> Analysis:
     analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
     if analysis is None:
         detail = "There is nothing behind this link; it may have expired or been taken back."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+        raise ProblemError.missing(detail)
     return analysis

@@ -77,13 +77,7 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
 
 
 def restore(settings: Settings, source: Path) -> tuple[int, int]:
-    """Bring a backup back into an empty service; return the number of rows and objects.
-
-    Raises
-    ------
-    BackupError
-        The service is not empty, or the file is no backup.
-    """
+    """Bring a backup back into an empty service; return the number of rows and objects."""
     database, objects = Database(settings.database_url), Objects(settings.storage_url)
     try:
         database.migrate()

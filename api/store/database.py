@@ -41,13 +41,7 @@ class NewerDatabaseError(Exception):
 
 
 class Database:
-    """A database of `records`.
-
-    Parameters
-    ----------
-    url : str
-        As SQLAlchemy takes it: ``sqlite:////srv/rotorid/rotorid.db``, ``postgresql+psycopg://user@host/rotorid``.
-    """
+    """A database of `records`."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -60,12 +54,7 @@ class Database:
         self._writing = sessionmaker(self._engine.execution_options(writes=True), expire_on_commit=False)
 
     def migrate(self) -> None:
-        """Bring the tables up to date; several processes may do so at once.
-
-        Raises
-        ------
-        NewerDatabaseError
-        """
+        """Bring the tables up to date; several processes may do so at once."""
         config = Config()
         config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
         with self._engine.execution_options(writes=True).begin() as connection:

@@ -30,13 +30,7 @@ class Object(NamedTuple):
 
 
 class Objects:
-    """Objects by key, such as ``logs/5f0c...`` or ``analyses/0a1b.../7c2e.../report.html``.
-
-    Parameters
-    ----------
-    url : str
-        A folder, or a URL with a protocol that fsspec knows.
-    """
+    """Objects by key, such as ``logs/5f0c...`` or ``analyses/0a1b.../7c2e.../report.html``."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -83,17 +77,7 @@ class Objects:
             target.symlink_to((self.folder / key).resolve(strict=True))
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> bytes:
-        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none.
-
-        Parameters
-        ----------
-        key : str
-            Name of the object.
-        start : int
-            First byte.
-        stop : int, optional
-            Byte after the last; None for all.
-        """
+        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none."""
         with as_os_error():
             content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
         return content

@@ -14,18 +14,7 @@ from api.store.ids import new_id
 
 
 class Scratch:
-    """The folder of this process.
-
-    Parameters
-    ----------
-    parent : Path
-        Holds the folders of all processes; made when missing.
-
-    Raises
-    ------
-    OSError
-        The folder cannot be made or written.
-    """
+    """The folder of this process."""
 
     def __init__(self, parent: Path) -> None:
         parent.mkdir(parents=True, exist_ok=True)

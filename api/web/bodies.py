@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Iterable
-from http import HTTPStatus
 
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -16,16 +15,7 @@ _LIMIT = 1 << 20
 
 
 class SmallBodies:
-    """ASGI middleware: refuses bodies that are large or slow, but for uploads, which are limited where they are taken.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    uploads : iterable of str
-        Paths to which logs are posted.
-    stall : float
-        Seconds within which a body must have arrived.
-    """
+    """ASGI middleware: refuses large or slow bodies but for uploads, which are limited where they are taken."""
 
     def __init__(self, app: ASGIApp, uploads: Iterable[str], stall: float) -> None:
         self.app = app
@@ -73,18 +63,10 @@ class SmallBodies:
         await self.app(scope, replay, send)
 
 
-_TOO_LARGE = Problem.named(
-    "body-too-large",
-    "The request is too large",
-    HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-    f"A request that is no upload has at most {sizes.in_words(_LIMIT)}.",
-)
+_TOO_LARGE = Problem.of("body-too-large", f"A request that is no upload has at most {sizes.in_words(_LIMIT)}.")
 
 
 def _slow(stall: float) -> Problem:
-    return Problem.named(
-        "request-stalled",
-        "The request stalled",
-        HTTPStatus.REQUEST_TIMEOUT,
-        f"The request was not there after {stall:g} s. Check the connection and try again.",
+    return Problem.of(
+        "request-stalled", f"The request was not there after {stall:g} s. Check the connection and try again."
     )

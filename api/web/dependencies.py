@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -21,7 +20,7 @@ from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog
 from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.settings import Access, Settings
 from api.store.database import Database
 from api.store.incoming import Incoming
@@ -97,7 +96,7 @@ async def _refuse_other_sites(request: Request) -> None:
     foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
     if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
         detail = "This request comes from a page of another site."
-        raise ProblemError(Problem.named("other-site", "Request from another site", HTTPStatus.FORBIDDEN, detail))
+        raise ProblemError.of("other-site", detail)
 
 
 def _is_origin_of(origin: str, url: URL) -> bool:

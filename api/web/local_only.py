@@ -5,7 +5,6 @@ a proxy in front would make an open service public without anybody having decide
 """
 
 from collections.abc import Collection
-from http import HTTPStatus
 
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -18,14 +17,7 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class KnownHosts:
-    """ASGI middleware: answers only to who calls the service by a name of this computer for itself, or one of `names`.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    names : collection of str
-        In lower case, without a port.
-    """
+    """ASGI middleware: answers only to who calls the service by a name of this computer for itself, or by one given."""
 
     def __init__(self, app: ASGIApp, names: Collection[str] = ()) -> None:
         self.app = app
@@ -42,17 +34,12 @@ class KnownHosts:
         await self.app(scope, receive, send)
 
 
-_UNKNOWN = Problem.named(
-    "unknown-host",
-    "Not a name of this service",
-    HTTPStatus.MISDIRECTED_REQUEST,
-    "This service does not answer under this name. Its operator lists its names in ROTORID_HOSTS.",
+_UNKNOWN = Problem.of(
+    "unknown-host", "This service does not answer under this name. Its operator lists its names in ROTORID_HOSTS."
 )
 
-_ELSEWHERE = Problem.named(
+_ELSEWHERE = Problem.of(
     "local-only",
-    "For this computer only",
-    HTTPStatus.MISDIRECTED_REQUEST,
     "This service is open, but only under the name localhost or 127.0.0.1. To reach it under another name its operator "
     "sets ROTORID_ACCESS to `tokens` (or to `open`, which lets everybody in).",
 )

@@ -91,21 +91,7 @@ def render(
     status: int = 200,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Fill a template; `signed_in` says whether there is a token that the visitor could forget.
-
-    Parameters
-    ----------
-    request : Request
-        What is answered.
-    template : str
-        File name in `templates/`.
-    context : mapping
-        The template's variables.
-    status : int
-        HTTP status.
-    headers : mapping, optional
-        Further headers of the answer.
-    """
+    """Fill a template; `signed_in` says whether there is a token that the visitor could forget."""
     signed_in = COOKIE in request.cookies
     page = _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
     return fill_in(page, request)

@@ -45,17 +45,7 @@ class Operation(NamedTuple):
 
 
 def operations_by_kind(document: Schema, base: str, *, tokens: bool = False) -> dict[str, list[Operation]]:
-    """Turn a document into what the page shows.
-
-    Parameters
-    ----------
-    document : mapping
-        As `FastAPI.openapi` gives it.
-    base : str
-        Address of the service, for the examples.
-    tokens : bool
-        Whether the service needs a token.
-    """
+    """Turn a document into what the page shows."""
     kinds: dict[str, list[Operation]] = {kind: [] for kind in _KINDS}
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -128,17 +118,7 @@ def _kind(document: Schema, schema: Schema) -> str:
 
 
 def example_of(document: Schema, schema: Schema, depth: int = 0) -> Any:
-    """Make up a value of a schema, of the examples that it gives.
-
-    Parameters
-    ----------
-    document : dict
-        The OpenAPI document, in which references are looked up.
-    schema : dict
-        The schema.
-    depth : int
-        Level of nesting; deep objects are left empty.
-    """
+    """Make up a value of a schema, of the examples that it gives."""
     if schema.get("examples"):
         return schema["examples"][0]
     inner = _resolved(document, schema)

@@ -49,17 +49,7 @@ Include = Annotated[
 
 
 def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Extra)) -> AnalysisAnswer:
-    """Add to an analysis what it found, with as much as `include` asks for, and where its files are.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    parts : Parts
-        The service, which has its files.
-    include : sequence of Extra
-        Which of the longer parts to add.
-    """
+    """Add to an analysis what it found, with as much as `include` asks for, and where its files are."""
     report = _contents(analysis, parts, "report.json")
     return AnalysisAnswer(
         **dict(analysis),
@@ -74,17 +64,7 @@ def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Ex
 
 
 def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
-    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    name : str
-        File name.
-    parts : Parts
-        The service, which has its files.
-    """
+    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
     path = local_copy(parts.catalog.object_of(analysis, name), parts)
     return None if path is None else file_response(path, name)
 

@@ -40,21 +40,6 @@ def confine(closed: Sequence[Path], own: Path, given: Sequence[Path] = ()) -> bo
     """Close the environment and some folders to this process and those that it starts, for good.
 
     It must have one thread. What /proc tells of other processes is closed too.
-
-    Parameters
-    ----------
-    closed : sequence of Path
-        Folders that may no longer be read, written or listed. What holds them may not be listed or written either, but
-        what lies beside them may.
-    own : Path
-        Folder that stays open, wherever it lies.
-    given : sequence of Path
-        Files, or links to files, that may be read wherever they lie.
-
-    Returns
-    -------
-    bool
-        Whether folders were closed: not where the kernel is no Linux or has no Landlock of version 2 (Linux 5.19).
     """
     libc = ctypes.CDLL(None, use_errno=True)
     _forget(libc)

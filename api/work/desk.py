@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.work.confinement import die_with_parent
 from api.work.watch import CONTEXT
 
@@ -25,15 +25,7 @@ _ANSWERS = 500
 
 
 class Desk:
-    """One process that answers one question after the other; started with the first.
-
-    Parameters
-    ----------
-    memory : int
-        Bytes that the process may take.
-    patience : float
-        Seconds for a question to wait for its turn and be answered; on a fresh machine the first compiles its kernels.
-    """
+    """One process that answers one question after the other; started with the first."""
 
     def __init__(self, memory: int, patience: float = 90.0) -> None:
         self._memory = memory
@@ -42,13 +34,7 @@ class Desk:
         self._process: ProcessPoolExecutor | None = None
 
     def ask(self, question: str, *arguments: object) -> Any:
-        """Ask a function of `api.machine.questions`.
-
-        Raises
-        ------
-        ProblemError
-            There is no answer (`api.machine.questions.QuestionError`), or none in time.
-        """
+        """Ask a function of `api.machine.questions`."""
         process = self._running()
         try:
             answer, problem = process.submit(_answer, question, arguments).result(timeout=self.patience)
@@ -56,11 +42,9 @@ class Desk:
             _log.warning("the question %s found no answer: %s", question, type(error).__name__)
             self._give_up(process)
             detail = "The answer took too long, or needed more memory than this service has for it. Try again."
-            raise ProblemError(
-                Problem.named("no-answer", "No answer in time", HTTPStatus.SERVICE_UNAVAILABLE, detail)
-            ) from error
+            raise ProblemError.of("no-answer", detail) from error
         if problem:
-            raise ProblemError(Problem.named("not-possible", "Not possible", HTTPStatus.UNPROCESSABLE_ENTITY, problem))
+            raise ProblemError.of("not-possible", problem)
         return answer
 
     def open(self) -> None:
@@ -83,8 +67,7 @@ class Desk:
             if error.problem.status == HTTPStatus.SERVICE_UNAVAILABLE:
                 return
             detail = f"{error.problem.detail.rstrip('.')}."
-            status = HTTPStatus.UNPROCESSABLE_ENTITY
-            raise ProblemError(Problem.named("unusable-log", "Not a flight log", status, detail)) from error
+            raise ProblemError.of("unusable-log", detail) from error
 
     def close(self) -> None:
         """End the process."""

@@ -23,15 +23,7 @@ class LostError(Exception):
 
 
 class Heartbeat:
-    """Prolongs a claim until it is left.
-
-    Parameters
-    ----------
-    queue : Queue
-    claim : Claim
-    lease : float
-        Seconds without a sign of life after which a worker is taken for dead.
-    """
+    """Prolongs a claim until it is left."""
 
     def __init__(self, queue: Queue, claim: Claim, lease: float) -> None:
         self._queue = queue

@@ -2,16 +2,14 @@
 
 A worker claims an analysis for a short time and keeps prolonging that. When it dies, its lease runs out and another
 worker may claim the analysis. A worker that lost its lease, because it was too slow or the analysis was cancelled, can
-change nothing any more: every change names the lease. Whoever begins to work renews the claim under a lease of its own,
-so that a claim handed out twice, as a cluster does when it loses a worker, is worked on once.
+change nothing any more: every change names the lease.
 
 Every change may be asked for again when the connection broke before the answer came.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
-from http import HTTPStatus
 from typing import Any
 
 from sqlalchemy import ColumnElement, and_, func, or_, select, update
@@ -49,16 +47,7 @@ _PLAUSIBLE = 3
 
 
 class Queue:
-    """Claims analyses and records how they go.
-
-    Parameters
-    ----------
-    database : Database
-    lease : float
-        Seconds without a sign of life after which a worker is taken for dead.
-    deaths : int
-        How many processes may die of one analysis.
-    """
+    """Claims analyses and records how they go."""
 
     def __init__(self, database: Database, *, lease: float, deaths: int) -> None:
         self._database = database
@@ -98,25 +87,8 @@ class Queue:
                 craft=found.craft_id,
             )
 
-    def begin(self, claim: Claim) -> Claim | None:
-        """Put a claim under a new lease, which only the caller knows; None when the old one is lost."""
-        own = replace(claim, lease=new_id())
-        with self._database.write() as session:
-            held = _change(session, claim, lease=own.lease, lease_until=now(session) + self._lease)
-        return own if held else None
-
     def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
-        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing.
-
-        Parameters
-        ----------
-        claim : Claim
-            The analysis and the lease it is worked on under.
-        stage : str
-            What is being done.
-        progress : float
-            Share of the whole that is done, from 0 to 1.
-        """
+        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
         with self._database.write() as session:
             until = now(session) + self._lease
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
@@ -124,19 +96,7 @@ class Queue:
     def finish(
         self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
     ) -> bool:
-        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost.
-
-        Parameters
-        ----------
-        claim : Claim
-            The analysis and the lease it was worked on under.
-        files : mapping of str to int
-            Names of the files of results, with their sizes in bytes.
-        found : Found, optional
-            What the list of analyses shows.
-        flown : sequence of Flown
-            The flights.
-        """
+        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
         short = asdict(found or Found())
         with self._database.write() as session:
             if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **short):
@@ -207,10 +167,8 @@ def cancel(session: Session, analysis: str) -> bool:
 
 def abandoned(attempts: int) -> Problem:
     """Report that an analysis lost its worker as often as it may."""
-    return Problem.named(
+    return Problem.of(
         "analysis-crashed",
-        "The analysis crashed",
-        HTTPStatus.INTERNAL_SERVER_ERROR,
         f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
         "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
     )

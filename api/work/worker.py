@@ -120,7 +120,8 @@ class Crashed:
     traceback: str
 
 
-Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | DiskFull | Crashed
+Failed: TypeAlias = Refused | OutOfMemory | DiskFull | Crashed
+Report: TypeAlias = Advanced | Finished | Failed
 
 
 def analyze_logs(task: Task, progress: Progress) -> None:
@@ -220,21 +221,7 @@ class Limits:
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
-    """Do a task within its limits and report how it goes, ending with anything but `Advanced`.
-
-    Parameters
-    ----------
-    reports_to : Connection
-        Pipe to the process that watches this one.
-    analyze : callable
-        The analysis, called with the task and a function that takes stage and progress (0 to 1).
-    task : Task
-        The logs and where results go.
-    limits : Limits
-        Time and memory allowed.
-    log_format : LogFormat
-        How log lines are written.
-    """
+    """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
     log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
     confinement.die_with_parent()  # should the server be killed, nobody else would end us before the alarm

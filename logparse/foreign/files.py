@@ -42,8 +42,9 @@ _SAMPLE = 4096
 #: Classes of MATLAB's variables that are no arrays of numbers.
 _NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
 
-#: Kinds of elements of a MATLAB file of version 5, and that of a packed one.
-_ELEMENTS, _COMPRESSED = {*range(1, 8), 9, *range(12, 19)}, 15
+#: Kinds of elements of a MATLAB file of version 5: packed ones, an array's first, those that arrays of numbers have; and
+#: the classes of arrays of numbers.
+_COMPRESSED, _FLAGS, _HELD, _NUMERIC = 15, 6, {*range(1, 8), 9, 12, 13, 16}, range(6, 16)
 
 #: File names that a table may have.
 SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet", ".mat")
@@ -179,18 +180,22 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
 
 
 def _check_tags(path: Path) -> None:
-    """Raise ValueError if a MATLAB file of version 5 has an element of a kind that there is not: SciPy would crash."""
+    """Raise ValueError if a MATLAB file of version 5 has elements of kinds that SciPy would crash at."""
     data = path.read_bytes()
     order = {b"\0\1IM": "<", b"\1\0MI": ">"}.get(data[124:128])
+    if order is None:
+        return  # of another version
     most = most_unpacked(len(data))
-    for kind, content in _elements(data[128:], order) if order else ():
+    for kind, content in _elements(data[128:], order):
         if kind == _COMPRESSED:
             unpacking = zlib.decompressobj()
             content = unpacking.decompress(content, most)
             _check_size(path, len(content) + len(unpacking.unconsumed_tail) if unpacking.unconsumed_tail else 0)
             ((_, content),) = list(_elements(content, order))[:1]
-        if unknown := {kind for kind, _ in _elements(content, order)} - _ELEMENTS:
-            raise ValueError(f"elements of the kind {min(unknown)}")
+        kinds, contents = zip(*_elements(content, order), strict=True)
+        numeric = contents[0][0 if order == "<" else 3] in _NUMERIC
+        if kinds[0] != _FLAGS or (numeric and not _HELD.issuperset(kinds)):
+            raise ValueError(f"an array of elements of the kinds {kinds[:9]}")
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
