@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from fastapi.concurrency import run_in_threadpool
 
 from api.logs.catalog import Catalog
+from api.problems import ProblemError
 from api.store.resources import Analysis
 
 #: Seconds between two looks at the database: workers may be in other processes and on other computers.
@@ -17,8 +18,9 @@ async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], b
     yield analysis
     while not (analysis.state.ended or stopping()):
         await asyncio.sleep(_LOOK)
-        now = await run_in_threadpool(catalog.find_analysis, analysis.id, None)
-        if now is None:
+        try:
+            now = await run_in_threadpool(catalog.find_analysis, analysis.id, None)
+        except ProblemError:
             return
         if now != analysis:
             analysis = now

@@ -1,12 +1,14 @@
 """Clearing away what nobody needs any more: logs past their time, bytes that no row names, copies nobody reads."""
 
 import logging
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sqlalchemy import select
 
 from api.logs.catalog import Catalog
+from api.problems import ProblemError
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord
@@ -53,7 +55,8 @@ class Housekeeping(Rounds):
             old = session.execute(select(LogRecord.id, LogRecord.owner).where(LogRecord.received < before)).all()
         for log_id, owner in old:
             _log.info("log %s is removed: its time is over", log_id)
-            self._catalog.delete_log(log_id, owner)
+            with suppress(ProblemError):  # deleted at this moment
+                self._catalog.delete_log(log_id, owner)
 
     def _remove_orphans(self, before: datetime) -> None:
         """Remove bytes that no row names: of uploads that were broken off, and of attempts that came to nothing."""

@@ -10,7 +10,6 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import ValidationError
 
 from api import problems
-from api.logs.catalog import Catalog
 from api.logs.following import changes
 from api.problems import ProblemError
 from api.routes.paging import After, Limit, page
@@ -69,7 +68,7 @@ def list_analyses(
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
 def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
     """Show an analysis: in short, or with all that `include` names."""
-    return answer(find_analysis(analysis_id, parts.catalog, owner), parts, include)
+    return answer(parts.catalog.find_analysis(analysis_id, owner), parts, include)
 
 
 @router.get(
@@ -80,7 +79,7 @@ def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Inclu
 )
 def follow_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> StreamingResponse:
     """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     return StreamingResponse(_events(parts, analysis), media_type="text/event-stream")
 
 
@@ -93,10 +92,7 @@ async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis", dependencies=[from_our_pages])
 def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """End an analysis that waits or is being worked on; one that has ended stays as it is."""
-    analysis = parts.catalog.cancel(analysis_id, owner)
-    if analysis is None:
-        raise unknown_analysis()
-    return summary(analysis)
+    return summary(parts.catalog.cancel(analysis_id, owner))
 
 
 @router.delete(
@@ -107,8 +103,7 @@ def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisS
 )
 def delete_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
     """Delete an analysis for good; its logs stay."""
-    if not parts.catalog.delete_analysis(analysis_id, owner):
-        raise unknown_analysis()
+    parts.catalog.delete_analysis(analysis_id, owner)
 
 
 @router.head("/{analysis_id}/{name:path}", include_in_schema=False)
@@ -118,25 +113,12 @@ def fetch_result(analysis_id: str, name: str, parts: PartsOf, owner: Owner) -> R
 
     `files` of the analysis lists what there is; a part of a file is had with the header `Range`.
     """
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     response = file_of(analysis, name, parts)
     if response is None:
         detail = f"This analysis has no {name}." if analysis.state.ended else "This analysis is not done yet."
         raise ProblemError.missing(detail)
     return response
-
-
-def find_analysis(analysis_id: str, catalog: Catalog, owner: str) -> Analysis:
-    """Look an analysis up, with its present state; a problem when there is none of this id."""
-    analysis = catalog.find_analysis(analysis_id, owner)
-    if analysis is None:
-        raise unknown_analysis()
-    return analysis
-
-
-def unknown_analysis() -> ProblemError:
-    """Make the answer where there is no such analysis, or it is another's."""
-    return ProblemError.missing("There is no analysis of this id.")
 
 
 def in_words(error: ValidationError | ProblemError) -> str:

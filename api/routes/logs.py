@@ -104,10 +104,7 @@ def list_logs(
 @router.get("/{log_id}", summary="A log's name and size")
 def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
     """Show what is known of an uploaded log."""
-    log = parts.catalog.find_log(log_id, owner)
-    if log is None:
-        raise unknown_log()
-    return log
+    return parts.catalog.find_log(log_id, owner)
 
 
 @router.delete(
@@ -125,18 +122,11 @@ def delete_log(
     ] = None,
 ) -> None:
     """Delete a log for good: its bytes, its analyses and their results."""
-    owner = _deleter(request, parts, log_id, delete_token)
-    if owner is None or not parts.catalog.delete_log(log_id, owner):
-        raise unknown_log()
+    parts.catalog.delete_log(log_id, _deleter(request, parts, log_id, delete_token))
 
 
-def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str | None:
+def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str:
     """Report for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
     if delete_token is not None and bearer(request) is None:
         return parts.catalog.may_delete_log(log_id, delete_token)
     return owner_of(request, parts)
-
-
-def unknown_log() -> ProblemError:
-    """Make the answer where there is no such log, or it is another's."""
-    return ProblemError.missing("There is no log of this id.")

@@ -15,7 +15,7 @@ from api.access.report_keys import ReportKeys
 from api.logs.result_files import downloads, flight_pages, tables
 from api.logs.uploads import check_room
 from api.problems import Problem, ProblemError
-from api.routes.analyses import check, find_analysis, in_words
+from api.routes.analyses import check, in_words
 from api.routes.logs import take_upload
 from api.routes.paging import After
 from api.routes.shares import find_shared
@@ -128,7 +128,7 @@ def compare_page(request: Request, parts: PartsOf, owner: Owner, a: str = "", b:
 @router.get("/compare/report")
 def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
     """Compare two analyses: the page in the frame of `compare_page`."""
-    found = [find_analysis(each, parts.catalog, owner) for each in (a, b)]
+    found = [parts.catalog.find_analysis(each, owner) for each in (a, b)]
     reports = [answer(each, parts).report for each in found]
     if None in reports:
         raise ProblemError.missing("Only analyses that are done can be compared.")
@@ -154,7 +154,7 @@ def _listed(
 @router.get("/analyses/{analysis_id}")
 def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     address = frame = f"/api/v1/analyses/{analysis.id}"
     secret = bearer(request)
     if parts.settings.access is Access.TOKENS and secret is not None:
@@ -167,8 +167,7 @@ def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner
 def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
     """Fetch a report into the frame of a signed-in visitor's page, or what that report links to."""
     analysis_id = ReportKeys(parts.database).analysis_of(key)
-    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
-    response = None if analysis is None else file_of(analysis, name, parts)
+    response = None if analysis_id is None else file_of(parts.catalog.find_analysis(analysis_id, None), name, parts)
     if response is None:
         detail = "There is nothing here any more. Open the analysis again from the list."
         raise ProblemError.missing(detail)

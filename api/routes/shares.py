@@ -13,7 +13,6 @@ from pydantic import BaseModel, Field
 
 from api import problems
 from api.problems import ProblemError
-from api.routes.analyses import find_analysis
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
 from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
 from api.web.results import answer, file_of
@@ -47,7 +46,7 @@ def share_analysis(
     days: Annotated[float | None, Query(gt=0, le=3650, description="Days until the link expires.")] = None,
 ) -> Share:
     """Make a link; whoever has it can read the report and its files, and nothing else."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     secret, expires = parts.shares.create(analysis.id, days)
     return Share(url=f"/shared/{secret}", api=f"/api/v1/shared/{secret}", expires=expires)
 
@@ -60,7 +59,7 @@ def share_analysis(
 )
 def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
     """Withdraw all links to an analysis."""
-    parts.shares.revoke_all(find_analysis(analysis_id, parts.catalog, owner).id)
+    parts.shares.revoke_all(parts.catalog.find_analysis(analysis_id, owner).id)
 
 
 @router.get("/shared/{secret}", summary="The analysis that a link is to")
@@ -107,8 +106,6 @@ def shared_files(analysis: Analysis) -> dict[str, int]:
 def find_shared(secret: str, parts: Parts) -> Analysis:
     """Look up what a link is to; a problem when it is to nothing."""
     analysis_id = parts.shares.analysis_of(secret)
-    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
-    if analysis is None:
-        detail = "There is nothing behind this link; it may have expired or been taken back."
-        raise ProblemError.missing(detail)
-    return analysis
+    if analysis_id is None:
+        raise ProblemError.missing("There is nothing behind this link; it may have expired or been taken back.")
+    return parts.catalog.find_analysis(analysis_id, None)

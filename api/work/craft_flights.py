@@ -125,15 +125,19 @@ def _craft_of(session: Session, owner: str, entry: FlightEntry) -> str:
     known = session.get(CraftKeyRecord, (owner, key))
     if known is not None:
         return known.craft_id
-    now = datetime.now(UTC)
-    craft = CraftRecord(
-        id=new_id(), owner=owner, kind=entry.craft_name[:200], created=now, changed=now, joint_of=[], name=""
-    )
-    session.add(craft)
-    session.flush()
+    craft = new_craft(session, owner, entry.craft_name)
     session.add(CraftKeyRecord(owner=owner, digest=key, craft_id=craft.id))
     session.flush()
     return craft.id
+
+
+def new_craft(session: Session, owner: str, kind: str) -> CraftRecord:
+    """Make a craft without flights."""
+    now = datetime.now(UTC)
+    craft = CraftRecord(id=new_id(), owner=owner, kind=kind[:200], created=now, changed=now, joint_of=[], name="")
+    session.add(craft)
+    session.flush()
+    return craft
 
 
 def _free_name(session: Session, owner: str, name: str) -> str:

@@ -239,8 +239,8 @@ def test_ordering_and_deleting_at_once_leaves_no_analysis_without_its_log(
             return False
         return True
 
-    def delete(log: str) -> bool:
-        return catalog.delete_log(log, "ann")
+    def delete(log: str) -> None:
+        catalog.delete_log(log, "ann")
 
     with ThreadPoolExecutor(8) as pool:
         jobs = [pool.submit(work, log) for log in logs for work in (order, order, delete, order)]
