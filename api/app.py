@@ -35,14 +35,11 @@ from api.routes import (
 )
 from api.settings import Settings
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
-from api.store.scratch import Scratch
-from api.web import openapi, problem_responses
-from api.web.bodies import SmallBodies
+from api.store.scratch import Incoming, Scratch
+from api.web import problem_responses, reference
 from api.web.dependencies import Parts
-from api.web.headers import SafeHeaders
-from api.web.local_only import KnownHosts
+from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.work.desk import Desk
 from api.work.jobs import Runner
 from api.work.watch import PRELOAD, Workplace
@@ -114,7 +111,7 @@ def create_app(
     app.state.parts = parts
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problem_responses.install(app)
-    openapi.install(app)
+    reference.install(app)
     if local_only:
         app.add_middleware(KnownHosts)
     elif settings.host_names:

@@ -25,7 +25,7 @@ from api.store import backup as backups
 from api.store.database import Database, NewerDatabaseError
 from api.store.objects import Objects
 from api.web.connections import PatientProtocol
-from api.web.local_only import LOOPBACK
+from api.web.middleware import LOOPBACK
 from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
 from pipeline.results.quantity import ParameterChange

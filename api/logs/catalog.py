@@ -14,14 +14,14 @@ from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
 from api.problems import ProblemError
-from api.store import sizes
+from api.settings import in_words
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id, new_secret
-from api.store.incoming import Upload
 from api.store.objects import Objects
 from api.store.owned import find, get, holds, listed, missing
 from api.store.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
 from api.store.resources import Analysis, Log, State
+from api.store.scratch import Upload
 from api.work import queue
 from api.work.craft_flights import forget
 
@@ -332,7 +332,7 @@ def _count_unfinished(session: Session, owner: str) -> int:
 
 
 def _too_many_bytes(limit: int) -> ProblemError:
-    detail = f"Your logs would have more than the {sizes.in_words(limit)} that this service keeps for one user. "
+    detail = f"Your logs would have more than the {in_words(limit)} that this service keeps for one user. "
     return ProblemError.of("too-many-bytes", detail + "Delete some, then try again.")
 
 

@@ -14,8 +14,8 @@ from starlette.requests import ClientDisconnect
 
 from api.logs.catalog import Catalog, ConflictError, FullError, Kept
 from api.problems import ProblemError
-from api.store import sizes
-from api.store.incoming import Incoming, Upload
+from api.settings import in_words
+from api.store.scratch import Incoming, Upload
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
 _BATCH = 1 << 18
@@ -267,7 +267,7 @@ def _empty(name: str) -> ProblemError:
 
 
 def _too_large(limit: int) -> ProblemError:
-    detail = f"The upload is larger than the {sizes.in_words(limit)} that this service takes."
+    detail = f"The upload is larger than the {in_words(limit)} that this service takes."
     return ProblemError.of("log-too-large", detail)
 
 

@@ -11,9 +11,8 @@ from api import problems
 from api.crafts.feed import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
-from api.routes.paging import After, Limit, page
 from api.store.resources import Page
-from api.web.dependencies import Owner, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, PartsOf, from_our_pages, page
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 

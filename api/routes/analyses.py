@@ -12,9 +12,8 @@ from pydantic import ValidationError
 from api import problems
 from api.logs.following import changes
 from api.problems import ProblemError
-from api.routes.paging import After, Limit, page
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, from_our_pages, page
 from api.web.results import Include, answer, file_of, summary
 from logparse import RotoridError
 from pipeline import AnalysisConfig

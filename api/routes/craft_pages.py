@@ -10,12 +10,11 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from api.crafts.models import FILES, LeastTrust, latest
 from api.problems import Problem, ProblemError
-from api.routes.paging import After
 from api.store.owned import missing
 from api.store.records import CraftRecord
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.headers import REPORT_POLICY
+from api.web.middleware import REPORT_POLICY
 from api.web.page_templates import render
 
 router = APIRouter(include_in_schema=False)

@@ -11,11 +11,10 @@ from api import problems
 from api.crafts.models import FILES, LeastTrust, latest
 from api.crafts.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
 from api.problems import ProblemError
-from api.routes.paging import After, Limit, page
 from api.store.owned import missing
 from api.store.records import CraftRecord
 from api.store.resources import Page
-from api.web.dependencies import Owner, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, PartsOf, from_our_pages, page
 from api.web.results import file_response, local_copy
 
 router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)

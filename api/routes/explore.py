@@ -17,7 +17,7 @@ from api.store.owned import missing
 from api.store.records import LogRecord
 from api.store.resources import Log
 from api.web.dependencies import Owner, Parts, PartsOf
-from api.web.headers import PLOT_POLICY
+from api.web.middleware import PLOT_POLICY
 from api.web.page_templates import render
 from api.web.results import local_copy
 

@@ -12,9 +12,8 @@ from api.logs.catalog import Kept
 from api.logs.following import ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
-from api.routes.paging import After, Limit, page
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, from_our_pages, owner_of, page
 from api.web.results import Include, answer
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)

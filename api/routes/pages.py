@@ -1,8 +1,11 @@
 """The pages for people: drop logs, follow their analyses, read the reports; and a reference of the interface."""
 
+import json
+from functools import cache
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
@@ -10,24 +13,20 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
-from api.access.identity import bearer
-from api.access.report_keys import ReportKeys
-from api.logs.result_files import downloads, flight_pages, tables
+from api.access.identity import ReportKeys, bearer
 from api.logs.uploads import check_room
 from api.problems import Problem, ProblemError
 from api.routes.analyses import check, in_words
 from api.routes.logs import take_upload
-from api.routes.paging import After
 from api.routes.shares import find_shared
-from api.samples import samples
 from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.headers import REPORT_POLICY
+from api.web.middleware import REPORT_POLICY
 from api.web.page_templates import render
 from api.web.reference import operations_by_kind
-from api.web.results import answer, file_of
+from api.web.results import answer, downloads, file_of, flight_pages, tables
 
 router = APIRouter(include_in_schema=False)
 
@@ -210,3 +209,29 @@ def reference(request: Request, parts: PartsOf) -> Response:
     kinds = operations_by_kind(request.app.openapi(), str(request.base_url).rstrip("/"), tokens=tokens)
     view = {"kinds": kinds, "tokens": tokens, "limit": parts.settings.upload_limit}
     return render(request, "docs.html", view)
+
+
+_FOLDER = Path(__file__).parents[2] / "sample_logs"
+
+
+class Sample(NamedTuple):
+    """A log that can be opened as if it had been uploaded."""
+
+    name: str
+    what: str
+    path: Path
+
+
+@cache
+def samples(folder: Path = _FOLDER) -> dict[str, Sample]:
+    """List the sample logs by name; none where rotorid was installed without them."""
+    return {path.stem: Sample(path.stem, _what(path), path) for path in sorted(folder.glob("*.bin"))}
+
+
+def _what(path: Path) -> str:
+    """Read from the truth beside a log what was flown."""
+    try:
+        what = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["what"]
+    except (OSError, ValueError, KeyError):
+        return ""
+    return str(what).rpartition("simulated by rotorid, not flown: ")[2]

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Request
+from fastapi import Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import URL
 
@@ -16,6 +16,7 @@ from api.crafts.feed import Feeds
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.hooks import Hooks
 from api.crafts.registry import Crafts
+from api.crafts.resources import Craft, RaisedAlert
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog
 from api.logs.housekeeping import Housekeeping
@@ -23,9 +24,9 @@ from api.logs.metrics import Metrics
 from api.problems import ProblemError
 from api.settings import Access, Settings
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
-from api.store.scratch import Scratch
+from api.store.resources import Analysis, Log, Page
+from api.store.scratch import Incoming, Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner
 
@@ -113,3 +114,16 @@ def _is_origin_of(origin: str, url: URL) -> bool:
 _PORTS = {"http": 80, "https": 443}
 
 from_our_pages = Depends(_refuse_other_sites)
+
+
+Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
+After = Annotated[str | None, Query(max_length=64, description="Id of the last item of the part before.")]
+
+Item = TypeVar("Item", bound=Log | Analysis | Craft | RaisedAlert)
+
+
+def page(request: Request, items: list[Item], limit: int) -> Page[Item]:
+    """Make a part of a list of its items and, if there are more, the first of the next part."""
+    shown = items[:limit]
+    following = str(request.url.include_query_params(after=shown[-1].id)) if len(items) > limit else None
+    return Page(items=shown, next=following)

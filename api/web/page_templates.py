@@ -13,7 +13,7 @@ from fastapi.templating import Jinja2Templates
 from jinja2 import StrictUndefined
 
 from api.access.identity import COOKIE
-from api.store import sizes
+from api.settings import in_words
 from api.store.resources import Analysis, State
 from api.web.form_tokens import fill_in
 
@@ -74,7 +74,7 @@ _templates = Jinja2Templates(directory=_FOLDER / "templates")
 _templates.env.trim_blocks = _templates.env.lstrip_blocks = True
 _templates.env.undefined = StrictUndefined
 _templates.env.filters |= {
-    "size": sizes.in_words,
+    "size": in_words,
     "moment": _moment,
     "duration": _duration,
     "stage": _stage,

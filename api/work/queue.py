@@ -7,13 +7,17 @@ change nothing any more: every change names the lease.
 Every change may be asked for again when the connection broke before the answer came.
 """
 
+import logging
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.engine import CursorResult
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from api.problems import Problem
@@ -196,3 +200,64 @@ def _change(session: Session, claim: Claim, **values: Any) -> bool:
         .values(**values)
     )
     return isinstance(changed, CursorResult) and changed.rowcount == 1
+
+
+_log = logging.getLogger("rotorid.api")
+
+#: Part of a lease after which it is prolonged: two signs of life may be lost.
+_PROLONG = 1 / 3
+
+#: Least seconds between two signs of life when there is progress to tell.
+_QUICKEST = 0.2
+
+
+class LostError(Exception):
+    """Somebody else has the analysis now, or nobody wants it any more."""
+
+
+class Heartbeat:
+    """Prolongs a claim until it is left."""
+
+    def __init__(self, queue: Queue, claim: Claim, lease: float) -> None:
+        self._queue = queue
+        self._claim = claim
+        self._interval = lease * _PROLONG
+        self._reached = ("", 0.0)
+        self._news, self._lost, self._left = threading.Event(), threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Stop; the last sign of life may still be on its way, and comes to nothing once the analysis has ended."""
+        self._left.set()
+        self._news.set()
+        self._thread.join()
+
+    def reach(self, stage: str, progress: float) -> None:
+        """Report how far the work is, and let others know soon."""
+        self._reached = (stage, progress)
+        self._news.set()
+
+    def check(self) -> None:
+        """Raise `LostError` when the claim is lost."""
+        if self._lost.is_set():
+            raise LostError
+
+    def _beat(self) -> None:
+        while not self._left.is_set():
+            self._news.wait(self._interval)
+            self._news.clear()
+            if self._left.is_set():
+                return
+            try:
+                if not self._queue.prolong(self._claim, *self._reached):
+                    self._lost.set()
+                    return
+            except SQLAlchemyError as error:
+                # A database that does not answer is no reason to stop before it says that the lease is over.
+                _log.warning("analysis %s: no sign of life can be given: %s", self._claim.analysis, error)
+            self._left.wait(_QUICKEST)

@@ -24,16 +24,14 @@ from sqlalchemy import make_url, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from api.problems import Problem
-from api.settings import Settings
-from api.store import sizes
+from api.settings import Settings, in_words
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, FlightRecord
 from api.work import worker
 from api.work.flown import read_flown
 from api.work.found import read_found
-from api.work.heartbeat import Heartbeat, LostError
-from api.work.queue import Claim, Queue
+from api.work.queue import Claim, Heartbeat, LostError, Queue
 from pipeline.names import folder_names
 
 _log = logging.getLogger("rotorid.api")
@@ -275,7 +273,7 @@ def _problem_of(report: worker.Failed, settings: Settings, claim: Claim) -> Prob
         case worker.OutOfMemory():
             return Problem.of(
                 "analysis-too-large",
-                f"The analysis needed more than the {sizes.in_words(settings.memory_limit)} that this service allows. "
+                f"The analysis needed more than the {in_words(settings.memory_limit)} that this service allows. "
                 "Analyse a shorter log, or run `rotorid analyze` yourself, which has no limit.",
             )
         case worker.DiskFull():

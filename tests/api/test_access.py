@@ -18,7 +18,7 @@ from api.routes import page_forms, pages
 from api.settings import Access
 from api.store.records import ShareRecord, TokenRecord
 from api.web.dependencies import Parts
-from api.web.local_only import LOOPBACK
+from api.web.middleware import LOOPBACK
 from rotorid.cli.main import app as command_line
 from tests.api import standins
 from tests.api.conftest import running

@@ -20,8 +20,8 @@ from api.logs.catalog import Catalog
 from api.settings import Access
 from api.store import backup
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
+from api.store.scratch import Incoming
 from api.work.queue import Queue
 from tests.api import standins
 from tests.api.conftest import Upload, running

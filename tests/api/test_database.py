@@ -17,10 +17,10 @@ from api import Settings, create_app
 from api.logs.catalog import Catalog, FullError
 from api.problems import Problem
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
+from api.store.scratch import Incoming
 from api.work.queue import Claim, Queue
 from tests.api import postgresql, standins
 from tests.api.conftest import running

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.samples import samples
+from api.routes.pages import samples
 from api.settings import Settings
 
 Upload = Callable[..., httpx.Response]
