@@ -82,23 +82,17 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        parts.runner.open()
-        parts.housekeeping.open()
-        parts.reviews.open()
-        parts.hooks.open()
+        working = (parts.runner, parts.housekeeping, parts.reviews, parts.hooks)
+        for each in working:
+            each.open()
         if parts.recognise is not None:
             parts.desk.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
         try:
             yield
         finally:
-            parts.runner.close()
-            parts.housekeeping.close()
-            parts.reviews.close()
-            parts.hooks.close()
-            parts.desk.close()
-            parts.database.close()
-            parts.scratch.close()
+            for part in (*working, parts.desk, parts.database, parts.scratch):
+                part.close()
 
     app = FastAPI(
         title="rotorid",
@@ -112,27 +106,15 @@ def create_app(
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problem_responses.install(app)
     reference.install(app)
-    if local_only:
-        app.add_middleware(KnownHosts)
-    elif settings.host_names:
-        app.add_middleware(KnownHosts, names=settings.host_names)
+    if local_only or settings.host_names:
+        app.add_middleware(KnownHosts, names=frozenset() if local_only else settings.host_names)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
-    app.include_router(logs.router, prefix="/api/v1")
-    app.include_router(explore.router, prefix="/api/v1")
-    app.include_router(explore.pages)
-    app.include_router(shares.router, prefix="/api/v1")
-    app.include_router(analyses.router, prefix="/api/v1")
-    app.include_router(crafts.router, prefix="/api/v1")
-    app.include_router(alerts.router, prefix="/api/v1")
-    app.include_router(alerts.feeds)
-    app.include_router(craft_pages.router)
-    app.include_router(craft_pages.forms)
-    app.include_router(questions.router, prefix="/api/v1")
-    app.include_router(health.router)
-    app.include_router(pages.router)
-    app.include_router(page_forms.router)
-    app.include_router(sign_in.router)
+    for kind in (logs, explore, shares, analyses, crafts, alerts, questions):
+        app.include_router(kind.router, prefix="/api/v1")
+    own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)
+    for router in (*own, page_forms.router, sign_in.router):
+        app.include_router(router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     return app
 

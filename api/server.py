@@ -4,7 +4,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING
@@ -174,19 +174,12 @@ def open_library(owner: str) -> Iterator[ServiceLibrary]:
 
 @contextmanager
 def _opened(settings: Settings) -> Iterator[Database]:
-    """Open the database; the program ends with a sentence where it cannot be used."""
-    try:
+    """Open the database."""
+    with _usable(settings):
         settings.data.mkdir(parents=True, exist_ok=True)
-        database = Database(settings.database_url)
-        try:
+        with closing(Database(settings.database_url)) as database:
             database.migrate()
             yield database
-        finally:
-            database.close()
-    except NewerDatabaseError as error:
-        sys.exit(f"rotorid cannot use its database: {error}.")
-    except (OSError, SQLAlchemyError, CommandError, ValueError, ImportError) as error:
-        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE and ROTORID_DATA.")
 
 
 def _in_short(error: Exception) -> str:

@@ -42,8 +42,8 @@ _SAMPLE = 4096
 #: Classes of MATLAB's variables that are no arrays of numbers.
 _NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
 
-#: Kinds of elements of a MATLAB file of version 5: packed ones, an array's first, those that arrays of numbers have. And
-#: the classes of arrays of numbers.
+#: Kinds of elements of a MATLAB file of version 5: packed ones, an array's first, those that arrays of numbers have.
+#: And the classes of arrays of numbers.
 _COMPRESSED, _FLAGS, _HELD, _NUMERIC = 15, 6, {*range(1, 8), 9, 12, 13, 16}, range(6, 16)
 
 #: File names that a table may have.
