@@ -9,11 +9,9 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api.access.identity import Shares, Tokens
-from api.access.rates import Rates
-from api.crafts.feed import Feeds
+from api.access.identity import Rates, Shares, Tokens
 from api.crafts.folder_flights import FolderFlights
-from api.crafts.hooks import Hooks
+from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog, Quota

@@ -4,11 +4,13 @@ Bytes are kept before the row that names them and removed after it, so that a ro
 bytes without a row are swept up by `api.logs.housekeeping`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
+from fastapi.concurrency import run_in_threadpool
 from sqlalchemy import delete, func, or_, select
 from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
@@ -339,3 +341,28 @@ def _too_many_bytes(limit: int) -> ProblemError:
 def _too_many_unfinished(limit: int) -> ProblemError:
     detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
     return ProblemError.of("too-many-analyses", detail, {"Retry-After": "60"})
+
+
+#: Seconds between two looks at the database: workers may be in other processes and on other computers.
+_LOOK = 0.25
+
+
+async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> AsyncIterator[Analysis]:
+    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
+    yield analysis
+    while not (analysis.state.ended or stopping()):
+        await asyncio.sleep(_LOOK)
+        try:
+            now = await run_in_threadpool(catalog.find_analysis, analysis.id, None)
+        except ProblemError:
+            return
+        if now != analysis:
+            analysis = now
+            yield analysis
+
+
+async def ended(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> Analysis:
+    """Wait for the end of an analysis, or until the service stops, and give it as it is then."""
+    async for now in changes(catalog, analysis, stopping):
+        analysis = now
+    return analysis

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from api.machine.library import NOT_DETERMINED, CraftRef, FlightRef
+from api.machine.answers import NOT_DETERMINED, CraftRef, FlightRef
 from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.fleet.review import review

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
-from api.machine.library import NOT_DETERMINED, CraftRef, FlightRef
+from api.machine.answers import NOT_DETERMINED, CraftRef, FlightRef
 from api.store.database import Database
 from api.store.ids import is_id
 from api.store.objects import Objects

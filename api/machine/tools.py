@@ -10,18 +10,19 @@ from typing import Annotated
 from fastapi import Query
 
 from api.machine.answers import (
+    NOT_DETERMINED,
     Answers,
     Changes,
     ComparedFlights,
     CraftList,
     Events,
     FlightList,
+    Library,
     LoopMargins,
     NextFlights,
     Parameters,
     Predictions,
 )
-from api.machine.library import NOT_DETERMINED, Library
 from pipeline.results.report import FlightReport
 from reports.numbers.quantities import (
     answers_of,

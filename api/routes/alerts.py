@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.crafts.feed import MEDIA_TYPE, atom
+from api.crafts.hooks import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
 from api.store.resources import Page

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import ValidationError
 
 from api import problems
-from api.logs.following import changes
+from api.logs.catalog import changes
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
 from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, from_our_pages, page

@@ -8,8 +8,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from api import problems
 from api.access.identity import bearer
-from api.logs.catalog import Kept
-from api.logs.following import ended
+from api.logs.catalog import Kept, ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs

@@ -10,11 +10,9 @@ from fastapi import Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import URL
 
-from api.access.identity import EVERYBODY, Shares, Tokens, bearer, unauthorized
-from api.access.rates import Rates
-from api.crafts.feed import Feeds
+from api.access.identity import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
-from api.crafts.hooks import Hooks
+from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
 from api.crafts.resources import Craft, RaisedAlert
 from api.crafts.reviews import Reviews
