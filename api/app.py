@@ -36,7 +36,7 @@ from api.store.database import Database
 from api.store.objects import Objects
 from api.store.scratch import Incoming, Scratch
 from api.web import problem_responses, reference
-from api.web.dependencies import Parts
+from api.web.dependencies import Parts, from_our_pages
 from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.work.desk import Desk
 from api.work.jobs import Runner
@@ -109,7 +109,7 @@ def create_app(
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
     for kind in (logs, explore, shares, analyses, crafts, alerts, questions):
-        app.include_router(kind.router, prefix="/api/v1")
+        app.include_router(kind.router, prefix="/api/v1", dependencies=[from_our_pages])
     own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)
     for router in (*own, page_forms.router, sign_in.router):
         app.include_router(router)

@@ -12,7 +12,7 @@ from api.crafts.hooks import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
 from api.store.resources import Page
-from api.web.dependencies import After, Limit, Owner, PartsOf, from_our_pages, page
+from api.web.dependencies import After, Limit, Owner, PartsOf, page
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 
@@ -60,12 +60,7 @@ def list_alerts(
     return page(request, list(parts.crafts.alerts(owner, limit=limit + 1, after=after)), limit)
 
 
-@router.post(
-    "/alerts/feed",
-    status_code=HTTPStatus.CREATED,
-    summary="Make the address of a feed of alerts",
-    dependencies=[from_our_pages],
-)
+@router.post("/alerts/feed", status_code=HTTPStatus.CREATED, summary="Make the address of a feed of alerts")
 def make_feed(parts: PartsOf, owner: Owner) -> Feed:
     """Make the address of an Atom feed that is read without a token; an earlier one is worthless from now on."""
     return Feed(url=f"/feeds/{parts.feeds.create(owner)}.atom")
@@ -77,18 +72,14 @@ def list_hooks(parts: PartsOf, owner: Owner) -> list[Hook]:
     return [Hook(id=each.id, url=each.url, created=each.created, state=each.state) for each in parts.hooks.list(owner)]
 
 
-@router.post(
-    "/hooks", status_code=HTTPStatus.CREATED, summary="Send alerts to an address", dependencies=[from_our_pages]
-)
+@router.post("/hooks", status_code=HTTPStatus.CREATED, summary="Send alerts to an address")
 def make_hook(hook: NewHook, parts: PartsOf, owner: Owner) -> MadeHook:
     """Send each alert from now on to an https address of the public internet, as JSON by POST, signed."""
     made = parts.hooks.create(owner, hook.url)
     return MadeHook(id=made.id, url=made.url, created=made.created, state="", secret=made.secret)
 
 
-@router.delete(
-    "/hooks/{hook_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a webhook", dependencies=[from_our_pages]
-)
+@router.delete("/hooks/{hook_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a webhook")
 def remove_hook(hook_id: str, parts: PartsOf, owner: Owner) -> None:
     """Send alerts there no more."""
     if not parts.hooks.remove(owner, hook_id):

@@ -13,7 +13,7 @@ from api import problems
 from api.logs.catalog import changes
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, from_our_pages, page
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, page
 from api.web.results import Include, answer, file_of, summary
 from logparse import RotoridError
 from pipeline import AnalysisConfig
@@ -21,7 +21,7 @@ from pipeline import AnalysisConfig
 router = APIRouter(prefix="/analyses", tags=["analyses"], responses=problems.RESPONSES)
 
 
-@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs", dependencies=[from_our_pages])
+@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs")
 def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """Start an analysis and answer at once; `Location` is where to follow it.
 
@@ -88,18 +88,13 @@ async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
         yield f"event: {'end' if now.state.ended else 'progress'}\ndata: {content}\n\n"
 
 
-@router.post("/{analysis_id}/cancel", summary="Cancel an analysis", dependencies=[from_our_pages])
+@router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
 def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """End an analysis that waits or is being worked on; one that has ended stays as it is."""
     return summary(parts.catalog.cancel(analysis_id, owner))
 
 
-@router.delete(
-    "/{analysis_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Delete an analysis and its results",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{analysis_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete an analysis and its results")
 def delete_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
     """Delete an analysis for good; its logs stay."""
     parts.catalog.delete_analysis(analysis_id, owner)

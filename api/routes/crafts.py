@@ -14,7 +14,7 @@ from api.problems import ProblemError
 from api.store.owned import missing
 from api.store.records import CraftRecord
 from api.store.resources import Page
-from api.web.dependencies import After, Limit, Owner, PartsOf, from_our_pages, page
+from api.web.dependencies import After, Limit, Owner, PartsOf, page
 from api.web.results import file_response, local_copy
 
 router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)
@@ -51,7 +51,7 @@ def show_craft(craft_id: str, parts: PartsOf, owner: Owner) -> CraftAnswer:
     return parts.crafts.find(craft_id, owner)
 
 
-@router.put("/{craft_id}", summary="Name a craft", dependencies=[from_our_pages])
+@router.put("/{craft_id}", summary="Name a craft")
 def name_craft(craft_id: str, change: CraftChange, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Call a craft by a name."""
     parts.crafts.rename(craft_id, owner, change.name)
@@ -64,36 +64,26 @@ def list_flights(craft_id: str, parts: PartsOf, owner: Owner) -> list[CraftFligh
     return list(parts.crafts.flights(craft_id, owner))
 
 
-@router.post("/{craft_id}/merge", summary="Let another craft be part of this one", dependencies=[from_our_pages])
+@router.post("/{craft_id}/merge", summary="Let another craft be part of this one")
 def merge_crafts(craft_id: str, merge: Merge, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Bring the flights, notes and alerts of another craft over; flights that look like its come here from now on."""
     parts.crafts.merge(craft_id, merge.craft, owner)
     return show_craft(craft_id, parts, owner)
 
 
-@router.post("/flights/move", summary="Move flights to another craft", dependencies=[from_our_pages])
+@router.post("/flights/move", summary="Move flights to another craft")
 def move_flights(move: Move, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Move flights to another craft or to a new one, which splits theirs."""
     return show_craft(parts.crafts.move(move.flights, move.to, owner, later=move.later), parts, owner)
 
 
-@router.post(
-    "/{craft_id}/notes",
-    status_code=HTTPStatus.CREATED,
-    summary="Write down what was done to a craft",
-    dependencies=[from_our_pages],
-)
+@router.post("/{craft_id}/notes", status_code=HTTPStatus.CREATED, summary="Write down what was done to a craft")
 def add_note(craft_id: str, note: NewNote, parts: PartsOf, owner: Owner) -> Note:
     """Note maintenance; with `boundary`, flights before it are not pooled with those after it."""
     return parts.crafts.add_note(craft_id, owner, note.text, note.at, boundary=note.boundary)
 
 
-@router.delete(
-    "/{craft_id}/notes/{note_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Remove a note",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{craft_id}/notes/{note_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a note")
 def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> None:
     """Remove a note for good."""
     parts.crafts.remove_note(craft_id, note_id, owner)

@@ -12,7 +12,7 @@ from api.logs.catalog import Kept, ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, from_our_pages, owner_of, page
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, owner_of, page
 from api.web.results import Include, answer
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
@@ -23,7 +23,6 @@ router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
     status_code=HTTPStatus.CREATED,
     summary="Upload logs, and analyse them in the same call if wanted",
     openapi_extra=FORM,
-    dependencies=[from_our_pages],
 )
 async def upload_log(
     request: Request,
@@ -105,12 +104,7 @@ def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
     return parts.catalog.find_log(log_id, owner)
 
 
-@router.delete(
-    "/{log_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Delete a log and all analyses of it",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{log_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete a log and all analyses of it")
 def delete_log(
     request: Request,
     log_id: str,

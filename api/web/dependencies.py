@@ -91,6 +91,8 @@ async def _refuse_other_sites(request: Request) -> None:
     Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
     any name. Programs send neither.
     """
+    if request.method in ("GET", "HEAD"):  # which change nothing
+        return
     origins = request.headers.getlist("origin")
     foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
     if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
