@@ -125,7 +125,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     database = Database(settings.database_url)
     database.migrate()
     catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
-    desk = Desk(settings.memory_limit)
+    desk = Desk(settings.memory_limit, unpacked=settings.upload_limit)
     found = Crafts(database)
     folder = FolderFlights(database, settings.out)
     runner = Runner(Workplace(database, objects, settings, scratch.folder, analyze, preload))

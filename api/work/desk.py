@@ -17,6 +17,7 @@ from typing import Any
 from api.problems import ProblemError
 from api.work.confinement import die_with_parent
 from api.work.watch import CONTEXT
+from logparse.containers import MAX_UNPACKED_BYTES, limit_unpacked
 
 _log = logging.getLogger("rotorid.api")
 
@@ -27,8 +28,8 @@ _ANSWERS = 500
 class Desk:
     """One process that answers one question after the other; started with the first."""
 
-    def __init__(self, memory: int, patience: float = 90.0) -> None:
-        self._memory = memory
+    def __init__(self, memory: int, patience: float = 90.0, unpacked: int = MAX_UNPACKED_BYTES) -> None:
+        self._limits = (memory, unpacked)
         self.patience = patience
         self._lock = threading.Lock()
         self._process: ProcessPoolExecutor | None = None
@@ -55,7 +56,7 @@ class Desk:
         with self._lock:
             if self._process is None:
                 self._process = ProcessPoolExecutor(
-                    1, CONTEXT, initializer=_limit, initargs=(self._memory,), max_tasks_per_child=_ANSWERS
+                    1, CONTEXT, initializer=_limit, initargs=self._limits, max_tasks_per_child=_ANSWERS
                 )
             return self._process
 
@@ -93,8 +94,9 @@ def _import_questions() -> None:
     import_module("api.machine.questions")
 
 
-def _limit(memory: int) -> None:
+def _limit(memory: int, unpacked: int) -> None:
     die_with_parent()  # which waits for questions without end, also where nobody is left to ask
+    limit_unpacked(unpacked)
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
 

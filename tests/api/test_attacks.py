@@ -15,7 +15,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from api import Settings, create_app
-from api.access import rates
+from api.access.identity import BEARERS
 from api.logs.catalog import Catalog
 from api.settings import Access
 from api.store import backup
@@ -108,7 +108,7 @@ def test_a_proxy_that_the_settings_name_is_believed(tmp_path: Path) -> None:
 def test_wrong_bearer_tokens_meet_a_limit_and_right_ones_do_not(guarded: tuple[httpx.Client, str]) -> None:
     client, token = guarded
     answers = [client.get("/api/v1/logs", headers={"Authorization": f"Bearer guess{k}"}) for k in range(65)]
-    most = rates.BEARERS.amount
+    most = BEARERS.amount
     assert [each.status_code for each in answers] == [401] * most + [429] * (65 - most)
     assert int(answers[-1].headers["Retry-After"]) > 0
     assert client.get("/api/v1/logs", headers={"Authorization": f"Bearer {token}"}).status_code == 200
