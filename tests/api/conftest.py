@@ -1,8 +1,9 @@
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -11,6 +12,7 @@ from fastapi import FastAPI
 from api import Settings, create_app
 from api.server import Server
 from api.web import form_tokens
+from api.work.worker import Analyze
 from tests.api import standins
 from tests.api.programs import PATIENCE
 
@@ -52,6 +54,13 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
             thread.join()
 
 
+def served(
+    settings: Settings | None = None, analyze: Analyze = standins.analyze, **named: Any
+) -> AbstractContextManager[httpx.Client]:
+    """Serve with a pipeline that is a stand-in, under settings that are given or named."""
+    return running(create_app(settings or Settings(**named), analyze, preload=()))
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the data folder of the module's service."""
@@ -62,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
     settings = Settings(data=folder, upload_limit=4_000_000, workers=2, memory_limit=600_000_000)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 
@@ -70,7 +79,7 @@ def service(folder: Path) -> Iterator[httpx.Client]:
 def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
     """Run a service that gives uploads half a second."""
     settings = Settings(data=tmp_path, upload_stall=0.5, workers=1)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 

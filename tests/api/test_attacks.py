@@ -24,7 +24,7 @@ from api.store.objects import Objects
 from api.store.scratch import Incoming
 from api.work.queue import Queue
 from tests.api import standins
-from tests.api.conftest import Upload, running
+from tests.api.conftest import Upload, running, served
 from tests.api.programs import Service, children, wait_until
 
 
@@ -99,7 +99,7 @@ def test_who_is_no_proxy_cannot_say_for_whom_it_asks(guarded: tuple[httpx.Client
 
 def test_a_proxy_that_the_settings_name_is_believed(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, access=Access.TOKENS, workers=1, proxies="127.0.0.1")
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         for k in range(12):
             headers = {"X-Forwarded-For": f"192.0.2.{k}"}
             assert client.post("/sign-in", data={"token": "wrong"}, headers=headers).status_code == 401

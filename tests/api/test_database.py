@@ -13,7 +13,6 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import create_engine, select, update
 
-from api import Settings, create_app
 from api.logs.catalog import Catalog, FullError
 from api.problems import Problem
 from api.store.database import Database
@@ -22,8 +21,8 @@ from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
 from api.store.scratch import Incoming
 from api.work.queue import Claim, Queue
-from tests.api import postgresql, standins
-from tests.api.conftest import running
+from tests.api import postgresql
+from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 
 PROBLEM = Problem(title="No", status=422, detail="No.")
@@ -255,7 +254,7 @@ def test_the_whole_way_of_a_log(
     url: str, database: Database, tmp_path: Path, upload: Callable[..., httpx.Response]
 ) -> None:
     database.close()  # which has left no rows
-    with running(create_app(Settings(data=tmp_path, database=url, workers=1), standins.analyze, preload=())) as client:
+    with served(data=tmp_path, database=url, workers=1) as client:
         done = upload(client, b"good log", "Höhe 🚁.bin")
         assert (done.status_code, done.json()["report"]["name"]) == (201, "Höhe 🚁.bin")
         assert upload(client, b"refused").status_code == 422

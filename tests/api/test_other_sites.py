@@ -17,7 +17,7 @@ from api.routes import craft_pages, page_forms, pages, sign_in
 from api.settings import Access
 from api.web.form_tokens import COOKIE, FIELD, HEADER
 from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
@@ -108,9 +108,7 @@ def test_every_form_of_our_pages_carries_it(service: httpx.Client) -> None:
 
 
 def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None:
-    with running(
-        create_app(Settings(data=tmp_path, workers=1, proxies="127.0.0.1"), standins.analyze, preload=())
-    ) as client:
+    with served(data=tmp_path, workers=1, proxies="127.0.0.1") as client:
         client.cookies.clear()
         cookie = client.get("/", headers={"X-Forwarded-Proto": "https"}).headers["Set-Cookie"]
     assert cookie.startswith(f"{COOKIE}=")

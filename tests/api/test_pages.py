@@ -1,6 +1,5 @@
 """The pages say what there is to say without scripts, and escape what they were given."""
 
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,8 +8,6 @@ import pytest
 
 from api.routes.pages import samples
 from api.settings import Settings
-
-Upload = Callable[..., httpx.Response]
 
 
 class Outline(HTMLParser):
