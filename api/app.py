@@ -9,11 +9,9 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api.access.identity import Shares, Tokens
-from api.access.rates import Rates
-from api.crafts.feed import Feeds
+from api.access.identity import Rates, Shares, Tokens
 from api.crafts.folder_flights import FolderFlights
-from api.crafts.hooks import Hooks
+from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog, Quota
@@ -35,14 +33,11 @@ from api.routes import (
 )
 from api.settings import Settings
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
-from api.store.scratch import Scratch
-from api.web import openapi, problem_responses
-from api.web.bodies import SmallBodies
-from api.web.dependencies import Parts
-from api.web.headers import SafeHeaders
-from api.web.local_only import KnownHosts
+from api.store.scratch import Incoming, Scratch
+from api.web import problem_responses, reference
+from api.web.dependencies import Parts, from_our_pages
+from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.work.desk import Desk
 from api.work.jobs import Runner
 from api.work.watch import PRELOAD, Workplace
@@ -85,23 +80,17 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        parts.runner.open()
-        parts.housekeeping.open()
-        parts.reviews.open()
-        parts.hooks.open()
+        working = (parts.runner, parts.housekeeping, parts.reviews, parts.hooks)
+        for each in working:
+            each.open()
         if parts.recognise is not None:
             parts.desk.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
         try:
             yield
         finally:
-            parts.runner.close()
-            parts.housekeeping.close()
-            parts.reviews.close()
-            parts.hooks.close()
-            parts.desk.close()
-            parts.database.close()
-            parts.scratch.close()
+            for part in (*working, parts.desk, parts.database, parts.scratch):
+                part.close()
 
     app = FastAPI(
         title="rotorid",
@@ -114,28 +103,16 @@ def create_app(
     app.state.parts = parts
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problem_responses.install(app)
-    openapi.install(app)
-    if local_only:
-        app.add_middleware(KnownHosts)
-    elif settings.host_names:
-        app.add_middleware(KnownHosts, names=settings.host_names)
+    reference.install(app)
+    if local_only or settings.host_names:
+        app.add_middleware(KnownHosts, names=frozenset() if local_only else settings.host_names)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
-    app.include_router(logs.router, prefix="/api/v1")
-    app.include_router(explore.router, prefix="/api/v1")
-    app.include_router(explore.pages)
-    app.include_router(shares.router, prefix="/api/v1")
-    app.include_router(analyses.router, prefix="/api/v1")
-    app.include_router(crafts.router, prefix="/api/v1")
-    app.include_router(alerts.router, prefix="/api/v1")
-    app.include_router(alerts.feeds)
-    app.include_router(craft_pages.router)
-    app.include_router(craft_pages.forms)
-    app.include_router(questions.router, prefix="/api/v1")
-    app.include_router(health.router)
-    app.include_router(pages.router)
-    app.include_router(page_forms.router)
-    app.include_router(sign_in.router)
+    for kind in (logs, explore, shares, analyses, crafts, alerts, questions):
+        app.include_router(kind.router, prefix="/api/v1", dependencies=[from_our_pages])
+    own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)
+    for router in (*own, page_forms.router, sign_in.router):
+        app.include_router(router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     return app
 
@@ -148,12 +125,10 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     database = Database(settings.database_url)
     database.migrate()
     catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
-    # A cluster's computers have a place of their own for what is temporary.
-    workplace = Workplace.of(settings, analyze, preload, None if settings.scheduler else scratch.folder)
-    desk = Desk(settings.memory_limit)
+    desk = Desk(settings.memory_limit, unpacked=settings.upload_limit)
     found = Crafts(database)
     folder = FolderFlights(database, settings.out)
-    runner = Runner(database, workplace, workers=settings.workers, scheduler=settings.scheduler or None)
+    runner = Runner(Workplace(database, objects, settings, scratch.folder, analyze, preload))
     return Parts(
         settings=settings,
         database=database,

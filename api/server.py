@@ -4,13 +4,14 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING
 
 import uvicorn
 from alembic.util import CommandError
+from fastapi import FastAPI
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
@@ -24,9 +25,8 @@ from api.store import backup as backups
 from api.store.database import Database, NewerDatabaseError
 from api.store.objects import Objects
 from api.web.connections import PatientProtocol
-from api.web.local_only import LOOPBACK
-from api.work.jobs import Runner
-from api.work.working import work_until_told
+from api.web.middleware import LOOPBACK
+from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
 from pipeline.results.quantity import ParameterChange
 
@@ -71,16 +71,7 @@ def serve(host: str = "127.0.0.1", port: int = 8000, workers: int | None = None,
         app = create_app(settings, local_only=local_only)
     if host not in LOOPBACK and settings.access is Access.OPEN:
         _log.warning("anyone who can reach %s may upload and read logs: ROTORID_ACCESS is open", host)
-    config = uvicorn.Config(
-        app,
-        host=host,
-        port=port,
-        http=PatientProtocol,
-        log_config=None,
-        server_header=False,
-        timeout_graceful_shutdown=_GRACE,
-    )
-    server = Server(config, app.state.parts.runner)
+    server = Server(app, settings, host=host, port=port)
     with suppress(KeyboardInterrupt):  # which uvicorn repeats after an orderly stop
         server.run()
     if not server.started:
@@ -141,9 +132,20 @@ def _usable(settings: Settings) -> Iterator[None]:
 class Server(uvicorn.Server):
     """Ends the analyses before it waits for the requests that wait for them."""
 
-    def __init__(self, config: uvicorn.Config, runner: Runner) -> None:
+    def __init__(self, app: FastAPI, settings: Settings, host: str = "127.0.0.1", port: int = 0) -> None:
+        config = uvicorn.Config(
+            app,
+            host=host,
+            port=port,
+            http=PatientProtocol,
+            log_config=None,
+            server_header=False,
+            timeout_graceful_shutdown=_GRACE,
+            proxy_headers=bool(settings.proxies),
+            forwarded_allow_ips=settings.proxies,
+        )
         super().__init__(config)
-        self._runner = runner
+        self._runner: Runner = app.state.parts.runner
 
     async def shutdown(self, sockets: list[socket] | None = None) -> None:
         """Stop the service in order."""
@@ -172,19 +174,12 @@ def open_library(owner: str) -> Iterator[ServiceLibrary]:
 
 @contextmanager
 def _opened(settings: Settings) -> Iterator[Database]:
-    """Open the database; the program ends with a sentence where it cannot be used."""
-    try:
+    """Open the database."""
+    with _usable(settings):
         settings.data.mkdir(parents=True, exist_ok=True)
-        database = Database(settings.database_url)
-        try:
+        with closing(Database(settings.database_url)) as database:
             database.migrate()
             yield database
-        finally:
-            database.close()
-    except NewerDatabaseError as error:
-        sys.exit(f"rotorid cannot use its database: {error}.")
-    except (OSError, SQLAlchemyError, CommandError, ValueError, ImportError) as error:
-        sys.exit(f"rotorid cannot use its database: {_in_short(error)}. Check ROTORID_DATABASE and ROTORID_DATA.")
 
 
 def _in_short(error: Exception) -> str:
@@ -193,6 +188,8 @@ def _in_short(error: Exception) -> str:
 
 
 def _settings() -> Settings:
+    if "ROTORID_SCHEDULER" in os.environ:
+        sys.exit("ROTORID_SCHEDULER is not known any more: run `rotorid worker` on each computer instead.")
     try:
         return Settings()
     except ValidationError as error:

@@ -84,14 +84,14 @@ class Settings(BaseSettings):
         description="Names under which the service answers besides localhost, separated by commas, such as "
         "rotorid.lab; by default any.",
     )
+    proxies: str = Field(
+        default="",
+        description="Addresses or networks of proxies in front, separated by commas, such as 127.0.0.1, whose "
+        "`X-Forwarded-For` and `X-Forwarded-Proto` are believed; by default nobody's.",
+    )
     workers: NonNegativeInt = Field(
         default_factory=_spare_cores,
         description="Analyses that run at the same time; 0 leaves them to `rotorid worker` on other computers.",
-    )
-    scheduler: str = Field(
-        default="",
-        description="Address of a Dask scheduler, such as tcp://cluster:8786, whose workers analyse (needs the extra "
-        "`cluster`). By default processes of this computer.",
     )
     time_limit: PositiveFloat = Field(default=900.0, description="Longest time one analysis may take [s].")
     memory_limit: ByteSize = Field(
@@ -141,3 +141,8 @@ class Settings(BaseSettings):
     def storage_url(self) -> str:
         """Fsspec URL of the storage."""
         return self.storage or str((self.data / "objects").absolute())
+
+
+def in_words(count: int) -> str:
+    """Write a number of bytes in the largest unit that fits: ``1 GB``, ``3.2 MB``."""
+    return ByteSize(count).human_readable(decimal=True, separator=" ").replace(".0 ", " ").replace("KB", "kB")

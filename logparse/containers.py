@@ -17,6 +17,10 @@ from core.findings import Finding, Severity
 #: An archive that holds more than this is refused: a few kB can unpack to terabytes.
 MAX_UNPACKED_BYTES = 4 << 30
 
+#: So is one that unpacks to more than so many times its own size, beyond a size that does no harm: logs of flights
+#: shrink to a tenth.
+_MOST_TIMES, _HARMLESS = 20, 100_000_000
+
 _limit = MAX_UNPACKED_BYTES
 
 _PIECE = 1 << 20
@@ -92,10 +96,10 @@ def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tu
     with _opened(path) as (file, magic):
         if magic[:3] == b"\x1f\x8b\x08":
             with gzip.open(path) as packed:
-                return _unpacked(packed, path.name)
+                return _unpacked(packed, path)
         if magic == b"PK\x03\x04":
             with _zip_member(path, is_log) as member:
-                return _unpacked(member, path.name)
+                return _unpacked(member, path)
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), ()
 
 
@@ -178,48 +182,38 @@ def _said(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def most_unpacked() -> int:
-    """Return how many bytes an archive may unpack to in this process."""
-    return min(_limit, MAX_UNPACKED_BYTES)
+def most_unpacked(packed: int) -> int:
+    """Return how many bytes may become of so many in this process."""
+    return min(_limit, MAX_UNPACKED_BYTES, _HARMLESS + _MOST_TIMES * packed)
 
 
-def unpack(packed: io.BufferedIOBase, file: IO[bytes], name: str) -> tuple[int, Exception | None]:
+def unpack(packed: io.BufferedIOBase, file: IO[bytes], archive: Path) -> tuple[int, Exception | None]:
     """Unpack into a file, up to damage; return the bytes and what the decompressor raised.
 
-    Parameters
-    ----------
-    packed : BufferedIOBase
-        A decompressor.
-    file : file object
-        Receives the bytes.
-    name : str
-        Name of the archive, for errors.
-
-    Raises
-    ------
-    LogError
-        More than `most_unpacked`.
+    LogError where there are more than `most_unpacked`.
     """
+    name, most = archive.name, most_unpacked(archive.stat().st_size)
     size, damage = 0, None
     while damage is None:
         piece, damage = _piece(packed, _PIECE)
         if not piece:
             break
         size += len(piece)
-        if size > (most := most_unpacked()):
+        if size > most:
             raise LogError(
-                f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read here: analyse a shorter log"
+                f"{name} unpacks to more than {most / 1e9:.3g} GB, the most that is read of such a file here"
             )
         file.write(piece)
     file.flush()
     return size, damage
 
 
-def _unpacked(packed: io.BufferedIOBase, name: str) -> tuple[Buffer, tuple[Finding, ...]]:
+def _unpacked(packed: io.BufferedIOBase, archive: Path) -> tuple[Buffer, tuple[Finding, ...]]:
     """Unpack into a temporary file that disappears with its map; keep what comes before damage."""
     findings: tuple[Finding, ...] = ()
     with tempfile.TemporaryFile() as file:
-        size, damage = unpack(packed, file, name)
+        size, damage = unpack(packed, file, archive)
+        name = archive.name
         if damage is not None:
             if size == 0:
                 raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage

@@ -20,6 +20,8 @@ Unit = Mapping[str, Fraction]
 
 #: Longest expression, characters, and most operations in it.
 _LONGEST, _MOST = 300, 60
+#: Largest exponent: a double knows no number above 1 to a higher power.
+_LARGEST_POWER = 1000
 _PART = re.compile(r"([*/·]?)\s*([^\s*/·^²³]+)(?:\^(-?\d+)|([²³]))?")
 _SUPERSCRIPTS = {"²": 2, "³": 3}
 _SIGNS = {Fraction(2): "²", Fraction(3): "³", Fraction(1): ""}
@@ -69,8 +71,11 @@ def evaluate(log: "FlightLog", text: str) -> LoggedSignal:
         raise SignalError(f"the expression has more than {_MOST} operations")
     if _name(tree.body) is not None:
         return logged_signal(log, text)
-    with np.errstate(all="ignore"):
-        value = _evaluate(log, tree.body)
+    try:
+        with np.errstate(all="ignore"):
+            value = _evaluate(log, tree.body)
+    except (OverflowError, ValueError):  # of whole numbers without end: units have exact exponents
+        raise SignalError(f"{text!r} holds a number that is too large") from None
     if value.t is None:
         raise SignalError(f"{text!r} holds no signal; write, for one, ATT.Roll - ATT.DesRoll")
     if not np.isfinite(value.y).any():
@@ -169,6 +174,8 @@ def _product(power: int) -> Callable[[_Value, _Value], _Value]:
 def _power(a: _Value, b: _Value) -> _Value:
     if b.t is not None or b.unit:
         raise SignalError("an exponent must be a number")
+    if not abs(b.y) <= _LARGEST_POWER:
+        raise SignalError(f"an exponent must be between -{_LARGEST_POWER} and {_LARGEST_POWER}")
     exponent = Fraction(float(b.y)).limit_denominator(12)
     unit = {name: power * exponent for name, power in a.unit.items() if exponent}
     return _Value(np.asarray(a.y ** float(b.y)), unit, a.t)

@@ -392,6 +392,7 @@ def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:
     """Last value by name; nothing where a damaged definition has made something else of the columns."""
     if not {name, value} <= set(rows.columns):
         return {}
+    rows = rows[rows[name].notna()]  # damage leaves numbers where names are, and these have holes
     with np.errstate(invalid="ignore"):  # signalling NaNs of damaged rows
         values = pd.to_numeric(rows[value], errors="coerce").astype(float)
     return dict(zip(rows[name].astype(str), values, strict=True))

@@ -26,14 +26,7 @@ _log = logging.getLogger("rotorid.api")
 
 
 class FolderFlights:
-    """Keeps the flights of a folder in step with the database.
-
-    Parameters
-    ----------
-    database : Database
-    folder : Path or None
-        Nothing is shown where there is none.
-    """
+    """Keeps the flights of a folder in step with the database."""
 
     def __init__(self, database: Database, folder: Path | None) -> None:
         self._database = database

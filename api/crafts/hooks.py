@@ -23,13 +23,15 @@ from http import HTTPStatus
 from itertools import groupby
 from typing import TypeAlias
 from urllib.parse import urlsplit
+from xml.etree import ElementTree
 
 from sqlalchemy import Row, delete, select, update
 
-from api.problems import Problem, ProblemError
+from api.crafts.resources import RaisedAlert
+from api.problems import ProblemError
 from api.settings import Webhooks
 from api.store.database import Database
-from api.store.ids import new_id, new_secret
+from api.store.ids import digest, new_id, new_secret
 from api.store.records import AlertRecord, CraftRecord, DeliveryRecord, HookRecord
 from api.work.rounds import Rounds
 
@@ -60,12 +62,7 @@ class ForbiddenAddressError(Exception):
 
 
 def check_address(url: str, webhooks: Webhooks) -> None:
-    """Refuse an address that a webhook may not have, as far as its name tells.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    """
+    """Refuse an address that a webhook may not have, as far as its name tells."""
     try:
         parts = urlsplit(url)
         port = parts.port
@@ -109,23 +106,7 @@ def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Web
 
 
 def resolve(host: str, port: int, webhooks: Webhooks) -> str:
-    """Return the address that a name leads to, if none that it leads to is forbidden.
-
-    Parameters
-    ----------
-    host : str
-        Name or address.
-    port : int
-        TCP port.
-    webhooks : Webhooks
-        Which addresses are allowed.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    OSError
-        The name is unknown.
-    """
+    """Return the address that a name leads to, if none that it leads to is forbidden."""
     found = [str(each[4][0]) for each in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
     for each in found:
         _check(ipaddress.ip_address(each.partition("%")[0]), webhooks)
@@ -133,27 +114,7 @@ def resolve(host: str, port: int, webhooks: Webhooks) -> str:
 
 
 def send(url: str, body: bytes, secret: str, webhooks: Webhooks, timeout: float = TIMEOUT) -> int:
-    """Post a body and return the status of the answer.
-
-    Parameters
-    ----------
-    url : str
-        Where to.
-    body : bytes
-        JSON.
-    secret : str
-        Key of the HMAC-SHA256 signature that is sent along.
-    webhooks : Webhooks
-        Which addresses are allowed.
-    timeout : float
-        How long the answer may take, s.
-
-    Raises
-    ------
-    ForbiddenAddressError
-    OSError
-        Nobody answers there.
-    """
+    """Post a body and return the status of the answer."""
     check_address(url, webhooks)
     parts = urlsplit(url)
     secure = parts.scheme == "https"
@@ -204,14 +165,7 @@ def _cut_off(stream: socket.socket, late: threading.Event) -> None:
 
 
 class Hooks(Rounds):
-    """The webhooks of all owners; what is due is sent by a thread of its own.
-
-    Parameters
-    ----------
-    database : Database
-    webhooks : Webhooks
-        Where they may lead.
-    """
+    """The webhooks of all owners; what is due is sent by a thread of its own."""
 
     def __init__(self, database: Database, webhooks: Webhooks) -> None:
         super().__init__("webhooks", LOOK_EVERY)
@@ -229,14 +183,12 @@ class Hooks(Rounds):
             check_address(url, self._webhooks)
         except ForbiddenAddressError as error:
             detail = f"Nothing is sent to this address: {error}."
-            raise ProblemError(
-                Problem.named("forbidden-address", "Forbidden address", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
-            ) from error
+            raise ProblemError.of("forbidden-address", detail) from error
         with self._database.write() as session:
             owned = session.scalars(select(HookRecord).where(HookRecord.owner == owner, HookRecord.url != "")).all()
             if len(owned) >= _MOST:
                 detail = f"There are {_MOST} webhooks, the most that one user may have. Remove one, then try again."
-                raise ProblemError(Problem.named("too-many-hooks", "Too many webhooks", HTTPStatus.FORBIDDEN, detail))
+                raise ProblemError.of("too-many-hooks", detail)
             record = HookRecord(
                 id=new_id(), owner=owner, url=url, secret=new_secret(), created=datetime.now(UTC), state=""
             )
@@ -328,3 +280,69 @@ class Hooks(Rounds):
                     )
                 )
             session.execute(update(HookRecord).where(HookRecord.id == delivery.hook_id).values(state=said[:300]))
+
+
+MEDIA_TYPE = "application/atom+xml"
+
+_ATOM = "http://www.w3.org/2005/Atom"
+
+
+class Feeds:
+    """Secrets of feeds; the database has only their digests."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def create(self, owner: str) -> str:
+        """Make the secret of an owner's feed; an earlier one is worthless from now on."""
+        secret = new_secret()
+        with self._database.write() as session:
+            session.execute(delete(HookRecord).where(HookRecord.owner == owner, HookRecord.url == ""))
+            session.add(
+                HookRecord(id=new_id(), owner=owner, url="", secret=digest(secret), created=datetime.now(UTC), state="")
+            )
+        return secret
+
+    def owner_of(self, secret: str) -> str | None:
+        """Report whose feed a secret opens; None when it opens none."""
+        with self._database.read() as session:
+            return session.scalar(
+                select(HookRecord.owner).where(HookRecord.secret == digest(secret), HookRecord.url == "")
+            )
+
+
+def atom(alerts: Sequence[RaisedAlert], base: str) -> bytes:
+    """Write alerts as a feed; `base` is the address of the service."""
+    ElementTree.register_namespace("", _ATOM)
+    feed = ElementTree.Element(f"{{{_ATOM}}}feed")
+    _add(feed, "id", f"{base}/crafts")
+    _add(feed, "title", "rotorid: alerts")
+    _add(feed, "updated", _time(max((each.created for each in alerts), default=datetime(1970, 1, 1, tzinfo=UTC))))
+    _add(feed, "link", "", href=f"{base}/crafts")
+    _add(_add(feed, "author", ""), "name", "rotorid")
+    for alert in alerts:
+        entry = _add(feed, "entry", "")
+        _add(
+            entry, "id", f"urn:uuid:{alert.id[:8]}-{alert.id[8:12]}-{alert.id[12:16]}-{alert.id[16:20]}-{alert.id[20:]}"
+        )
+        _add(entry, "title", _printable(f"{alert.name}: {alert.kind.replace('-', ' ')} ({alert.flight})"))
+        _add(entry, "updated", _time(alert.created))
+        _add(entry, "link", "", href=f"{base}/crafts/{alert.craft}")
+        _add(entry, "category", "", term=alert.kind)
+        _add(entry, "summary", _printable(alert.text))
+    return bytes(ElementTree.tostring(feed, encoding="utf-8", xml_declaration=True))
+
+
+def _add(parent: ElementTree.Element, name: str, text: str, **attributes: str) -> ElementTree.Element:
+    element = ElementTree.SubElement(parent, f"{{{_ATOM}}}{name}", attributes)
+    element.text = text or None
+    return element
+
+
+def _time(when: datetime) -> str:
+    return when.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+def _printable(text: str) -> str:
+    """Leave out what XML 1.0 cannot hold."""
+    return "".join(each for each in text if each in "\t\n" or (each >= " " and each not in "\ufffe\uffff"))

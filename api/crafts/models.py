@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 from enum import StrEnum
-from http import HTTPStatus
 from typing import NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.store.database import Database
 from api.store.records import AnalysisRecord, CraftRecord, FlightRecord
 from api.store.resources import State
@@ -49,24 +48,7 @@ class LatestModel(NamedTuple):
 
 
 def latest(database: Database, craft_id: str, least: LeastTrust, name: str | None = None) -> LatestModel:
-    """Find the latest models of a craft, those that have the file `name` where one is wanted.
-
-    Parameters
-    ----------
-    database : Database
-        Where analyses are kept.
-    craft_id : str
-        The craft.
-    least : LeastTrust
-        Least trust that a model must have.
-    name : str, optional
-        File that the analysis must have; None for any.
-
-    Raises
-    ------
-    ProblemError
-        There are none.
-    """
+    """Find the latest models of a craft, those that have the file `name` where one is wanted."""
     trusted = ["yes"] if least is LeastTrust.YES else ["yes", "limited"]
     with database.read() as session:
         said = []
@@ -86,7 +68,7 @@ def latest(database: Database, craft_id: str, least: LeastTrust, name: str | Non
             if "limited" in said and least is LeastTrust.YES
             else "."
         )
-    raise ProblemError(Problem.named("no-trusted-model", "No trusted model", HTTPStatus.NOT_FOUND, detail))
+    raise ProblemError.of("no-trusted-model", detail)
 
 
 def _candidates(session: Session, craft_id: str) -> Iterator[LatestModel]:

@@ -5,16 +5,17 @@ from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from typing import Any
 
-from sqlalchemy import delete, func, or_, select, tuple_, update
+from sqlalchemy import delete, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from api.crafts.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert
 from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id
+from api.store.owned import find, get, holds, listed, missing
 from api.store.records import AlertRecord, AnalysisRecord, CraftKeyRecord, CraftRecord, FlightRecord, NoteRecord
 from api.store.resources import State
-from api.work.craft_flights import lose, touch
+from api.work.craft_flights import lose, new_craft, touch
 
 #: Joint models are made anew when a craft has this many times the flights that they are of: what refits cost together
 #: stays a multiple of the last one.
@@ -34,37 +35,18 @@ class Crafts:
         self._database = database
 
     def list(self, owner: str, *, limit: int, after: str | None = None, text: str = "") -> list[Craft]:
-        """List craft, those that changed last first.
-
-        Parameters
-        ----------
-        owner : str
-            Only craft of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last craft of the page before; ignored when the owner has no such craft.
-        text : str
-            Part of the name or kind, in capitals or not; "" for any.
-        """
+        """List craft, those that changed last first."""
         with self._database.read() as session:
-            query = select(CraftRecord).where(CraftRecord.owner == owner)
+            query = select(CraftRecord)
             if text:
-                if "\0" in text:
-                    return []
-                columns = (CraftRecord.name, CraftRecord.kind)
-                query = query.where(or_(*(column.icontains(text, autoescape=True) for column in columns)))
-            query = query.order_by(CraftRecord.changed.desc(), CraftRecord.id.desc()).limit(limit)
-            if after is not None and (last := _owned(session, after, owner)) is not None:
-                query = query.where(tuple_(CraftRecord.changed, CraftRecord.id) < (last.changed, last.id))
-            return [_craft(session, record) for record in session.scalars(query)]
+                query = query.where(holds(text, CraftRecord.name, CraftRecord.kind))
+            found = listed(session, CraftRecord, query, CraftRecord.changed, owner, limit, after)
+            return [_craft(session, record) for record in found]
 
-    def find(self, craft_id: str, owner: str) -> CraftAnswer | None:
-        """Look a craft up with all that is known of it but for its flights."""
+    def find(self, craft_id: str, owner: str) -> CraftAnswer:
+        """Look a craft up with all that is known of it but for its flights; a problem when the owner has none."""
         with self._database.read() as session:
-            record = _owned(session, craft_id, owner)
-            if record is None:
-                return None
+            record = get(session, CraftRecord, craft_id, owner)
             notes = session.scalars(select(NoteRecord).where(NoteRecord.craft_id == record.id).order_by(NoteRecord.at))
             newest = (
                 select(AlertRecord)
@@ -73,31 +55,18 @@ class Crafts:
             )
             return CraftAnswer(
                 **dict(_craft(session, record)),
-                notes=[_note(each) for each in notes],
+                notes=[Note.model_validate(each) for each in notes],
                 joint=joint_of(session, record),
                 review=record.review,
                 recent=[_alert(each, record) for each in session.scalars(newest.limit(20))],
             )
 
-    def flights(self, craft_id: str, owner: str) -> Sequence[CraftFlight] | None:
-        """List the flights of a craft, the newest first; None when the owner has none of this id."""
+    def flights(self, craft_id: str, owner: str) -> Sequence[CraftFlight]:
+        """List the flights of a craft, the newest first."""
         with self._database.read() as session:
-            if _owned(session, craft_id, owner) is None:
-                return None
+            get(session, CraftRecord, craft_id, owner)
             rows = session.scalars(select(FlightRecord).where(FlightRecord.craft_id == craft_id))
-            flights = [
-                CraftFlight(
-                    id=each.id,
-                    name=each.name,
-                    start=each.start,
-                    added=each.added,
-                    log=each.log_id,
-                    analysis=each.analysis_id,
-                    answers=each.answers,
-                    trust=each.trust,
-                )
-                for each in rows
-            ]
+            flights = [CraftFlight.model_validate(each) for each in rows]
         return sorted(flights, key=lambda each: (each.start or each.added, each.name), reverse=True)
 
     def folder_of(self, flight_id: str, owner: str) -> str | None:
@@ -118,41 +87,17 @@ class Crafts:
                 {"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in notes
             ]
 
-    def rename(self, craft_id: str, owner: str, name: str) -> bool:
-        """Call a craft by a name; False when the owner has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        owner : str
-            Whose craft it is.
-        name : str
-            New name; runs of white space become one blank.
-        """
+    def rename(self, craft_id: str, owner: str, name: str) -> None:
+        """Call a craft by a name; runs of white space become one blank."""
         with self._database.write() as session:
-            record = _owned(session, craft_id, owner)
-            if record is None:
-                return False
-            record.name = _plain(" ".join(name.split()))
-            return True
+            get(session, CraftRecord, craft_id, owner).name = _plain(" ".join(name.split()))
 
-    def merge(self, craft_id: str, other_id: str, owner: str) -> bool:
-        """Merge another craft into this one; False when the owner has not both, or they are one.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft that stays, with its name if it has one.
-        other_id : str
-            The craft whose flights, notes and alerts move, and which is then removed.
-        owner : str
-            Whose craft both are.
-        """
+    def merge(self, craft_id: str, other_id: str, owner: str) -> None:
+        """Merge another craft into this one; a problem when the owner has not both, or they are one."""
         with self._database.write() as session:
-            craft, other = _owned(session, craft_id, owner), _owned(session, other_id, owner)
-            if craft is None or other is None or craft is other:
-                return False
+            craft, other = (get(session, CraftRecord, each, owner) for each in (craft_id, other_id))
+            if craft is other:
+                raise missing(CraftRecord)
             known = select(AlertRecord.about).where(AlertRecord.craft_id == craft.id)
             session.execute(delete(AlertRecord).where(AlertRecord.craft_id == other.id, AlertRecord.about.in_(known)))
             for kind in (FlightRecord, NoteRecord, AlertRecord, CraftKeyRecord):
@@ -162,22 +107,9 @@ class Crafts:
             session.flush()
             session.execute(delete(CraftRecord).where(CraftRecord.id == other.id))
             touch(session, [craft.id])
-            return True
 
-    def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str | None:
-        """Move flights to a craft, or to a new one; return its id, or None when the owner has not all of them.
-
-        Parameters
-        ----------
-        flights : sequence of str
-            Ids of the flights.
-        target : str or None
-            Id of the craft that they go to; None for a new one.
-        owner : str
-            Whose flights and craft they are.
-        later : bool
-            Whether later flights with the same fingerprint go there too.
-        """
+    def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str:
+        """Move flights to a craft, or to a new one, and return its id; a problem when the owner has not all of them."""
         with self._database.write() as session:
             found = [
                 each
@@ -185,14 +117,11 @@ class Crafts:
                 if each is not None and each.owner == owner
             ]
             if not found or len(found) < len(set(flights)):
-                return None
+                raise missing(CraftRecord)
             if target is None:
-                craft = _new(session, owner, found[0].entry["craft_name"])
+                craft = new_craft(session, owner, found[0].entry["craft_name"])
             else:
-                known = _owned(session, target, owner)
-                if known is None:
-                    return None
-                craft = known
+                craft = get(session, CraftRecord, target, owner)
             touched = {each.craft_id for each in found} | {craft.id}
             for each in found:
                 if each.craft_id != craft.id:
@@ -209,76 +138,35 @@ class Crafts:
             touch(session, touched)
             return craft.id
 
-    def add_note(self, craft_id: str, owner: str, text: str, at: datetime | None, *, boundary: bool) -> Note | None:
-        """Write down what was done to a craft; None when the owner has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        owner : str
-            Whose craft it is.
-        text : str
-            What was done.
-        at : datetime or None
-            When it was done; None for now.
-        boundary : bool
-            Whether flights before it are not to be pooled with those after it.
-
-        Raises
-        ------
-        ProblemError
-            The craft has as many notes as it may have.
-        """
+    def add_note(self, craft_id: str, owner: str, text: str, at: datetime | None, *, boundary: bool) -> Note:
+        """Write down what was done to a craft."""
         with self._database.write() as session:
-            record = _owned(session, craft_id, owner)
-            if record is None:
-                return None
+            record = get(session, CraftRecord, craft_id, owner)
             count = session.scalar(select(func.count()).where(NoteRecord.craft_id == record.id)) or 0
             if count >= _NOTES:
                 detail = f"A craft has {_NOTES} notes at most. Remove some, then try again."
-                raise ProblemError(Problem.named("too-many-notes", "Too many notes", HTTPStatus.FORBIDDEN, detail))
+                raise ProblemError.of("too-many-notes", detail)
             now = datetime.now(UTC)
             when, text = now if at is None else _in_utc(at), _plain(text)
             note = NoteRecord(id=new_id(), craft_id=record.id, at=when, text=text, boundary=boundary, created=now)
             session.add(note)
             session.flush()
             touch(session, [record.id])
-            return _note(note)
+            return Note.model_validate(note)
 
-    def remove_note(self, craft_id: str, note_id: str, owner: str) -> bool:
-        """Remove a note; False when the craft has none of this id.
-
-        Parameters
-        ----------
-        craft_id : str
-            The craft.
-        note_id : str
-            The note.
-        owner : str
-            Whose craft it is.
-        """
+    def remove_note(self, craft_id: str, note_id: str, owner: str) -> None:
+        """Remove a note."""
         with self._database.write() as session:
+            get(session, CraftRecord, craft_id, owner)
             note = session.get(NoteRecord, note_id) if is_id(note_id) else None
-            if _owned(session, craft_id, owner) is None or note is None or note.craft_id != craft_id:
-                return False
+            if note is None or note.craft_id != craft_id:
+                raise missing(CraftRecord)
             session.delete(note)
             session.flush()
             touch(session, [craft_id])
-            return True
 
     def alerts(self, owner: str, *, limit: int, after: str | None = None) -> Sequence[RaisedAlert]:
-        """List the alerts of an owner, the newest first.
-
-        Parameters
-        ----------
-        owner : str
-            Only alerts of this owner's craft.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last alert of the page before; ignored when the owner has no such alert.
-        """
+        """List the alerts of an owner, the newest first."""
         with self._database.read() as session:
             query = (
                 select(AlertRecord, CraftRecord)
@@ -288,7 +176,7 @@ class Crafts:
                 .limit(limit)
             )
             last = session.get(AlertRecord, after) if after is not None and is_id(after) else None
-            if last is not None and _owned(session, last.craft_id, owner) is not None:
+            if last is not None and find(session, CraftRecord, last.craft_id, owner) is not None:
                 query = query.where(tuple_(AlertRecord.created, AlertRecord.id) < (last.created, last.id))
             return [_alert(alert, craft) for alert, craft in session.execute(query)]
 
@@ -332,19 +220,6 @@ def next_fit(count: int) -> int:
     return max(2, count + 1, int(-(-count * GROWTH // 1)))
 
 
-def _new(session: Session, owner: str, kind: str) -> CraftRecord:
-    now = datetime.now(UTC)
-    craft = CraftRecord(id=new_id(), owner=owner, kind=kind[:200], created=now, changed=now, joint_of=[], name="")
-    session.add(craft)
-    session.flush()
-    return craft
-
-
-def _owned(session: Session, craft_id: str, owner: str) -> CraftRecord | None:
-    found = session.get(CraftRecord, craft_id) if is_id(craft_id) else None
-    return found if found is not None and found.owner == owner else None
-
-
 def _craft(session: Session, record: CraftRecord) -> Craft:
     count, first, last = session.execute(
         select(func.count(), func.min(FlightRecord.start), func.max(FlightRecord.start)).where(
@@ -377,18 +252,6 @@ def _craft(session: Session, record: CraftRecord) -> Craft:
     )
 
 
-def _note(record: NoteRecord) -> Note:
-    return Note(id=record.id, at=record.at, text=record.text, boundary=record.boundary)
-
-
 def _alert(record: AlertRecord, craft: CraftRecord) -> RaisedAlert:
-    return RaisedAlert(
-        id=record.id,
-        craft=craft.id,
-        name=craft.name or craft.kind,
-        kind=record.kind,
-        severity=record.severity,
-        text=record.text,
-        flight=record.flight,
-        created=record.created,
-    )
+    facts = {name: getattr(record, name) for name in ("id", "kind", "severity", "text", "flight", "created")}
+    return RaisedAlert(craft=craft.id, name=craft.name or craft.kind, **facts)

@@ -40,18 +40,22 @@ class Craft(BaseModel):
 class CraftFlight(BaseModel):
     """A flight of a craft."""
 
+    model_config = ConfigDict(from_attributes=True, populate_by_name=True)
+
     id: str = Field(examples=["9a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
     name: str = Field(examples=["00000012"])
     start: datetime | None = Field(description="Take-off; null where the log does not tell.")
     added: datetime
-    log: str | None = Field(description="Id of its log; null for a flight of a folder.")
-    analysis: str | None = Field(description="Id of its analysis.")
+    log: str | None = Field(validation_alias="log_id", description="Id of its log; null for a flight of a folder.")
+    analysis: str | None = Field(validation_alias="analysis_id", description="Id of its analysis.")
     answers: list[dict[str, Any]] = Field(description="The first screen of its report: an answer for each purpose.")
     trust: str = Field(description="The most that is said of a model of it: yes, limited, no or unknown.")
 
 
 class Note(BaseModel):
     """What was done to a craft."""
+
+    model_config = ConfigDict(from_attributes=True)
 
     id: str
     at: datetime

@@ -29,18 +29,7 @@ _AT_ONCE, _MOST_ALERTS = 20, 50
 
 
 class Reviews(Rounds):
-    """Looks at craft in a thread of its own.
-
-    Parameters
-    ----------
-    database : Database
-    crafts : Crafts
-    desk : Desk
-    wake : callable
-        Told when something was put into the queue.
-    bring : callable, optional
-        Brings flights from elsewhere, before each look.
-    """
+    """Looks at craft in a thread of its own."""
 
     def __init__(
         self,

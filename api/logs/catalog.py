@@ -4,24 +4,26 @@ Bytes are kept before the row that names them and removed after it, so that a ro
 bytes without a row are swept up by `api.logs.housekeeping`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from http import HTTPStatus
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, func, or_, select, tuple_
+from fastapi.concurrency import run_in_threadpool
+from sqlalchemy import delete, func, or_, select
 from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
-from api.problems import Problem, ProblemError
-from api.store import sizes
+from api.problems import ProblemError
+from api.settings import in_words
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id, new_secret
-from api.store.incoming import Upload
 from api.store.objects import Objects
+from api.store.owned import find, get, holds, listed, missing
 from api.store.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
 from api.store.resources import Analysis, Log, State
+from api.store.scratch import Upload
 from api.work import queue
 from api.work.craft_flights import forget
 
@@ -53,15 +55,7 @@ _TRIES = 5
 
 
 class Catalog:
-    """Logs and analyses.
-
-    Parameters
-    ----------
-    database : Database
-    objects : Objects
-    quota : Quota, optional
-        Of each owner; none by default.
-    """
+    """Logs and analyses."""
 
     def __init__(self, database: Database, objects: Objects, quota: Quota | None = None) -> None:
         self._quota = quota or Quota()
@@ -69,37 +63,13 @@ class Catalog:
         self._objects = objects
 
     def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
-        """Keep one log, as `keep_logs` does.
-
-        Parameters
-        ----------
-        upload : Upload
-            The bytes, fully arrived.
-        name : str
-            File name that the user gave.
-        owner : str
-            Whose log it is.
-        """
+        """Keep one log, as `keep_logs` does."""
         return self.keep_logs([(upload, name)], owner)[0]
 
     def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
         """Keep logs that have fully arrived, with their names: all or none.
 
         The same bytes of the same owner are the same log.
-
-        Parameters
-        ----------
-        arrived : sequence of (Upload, str)
-            The bytes of each log and its file name.
-        owner : str
-            Whose logs they are.
-        limit : int
-            Most logs that the owner may have.
-
-        Raises
-        ------
-        FullError
-            The owner would have more than `limit` logs; 0 is no limit.
         """
         placed: dict[str, str] = {}
         try:
@@ -152,7 +122,7 @@ class Catalog:
                             delete_digest=digest(secret),
                         )
                         session.add(records[upload.sha256])
-                    kept.append(Kept(_log(records[upload.sha256]), secret))
+                    kept.append(Kept(Log.model_validate(records[upload.sha256]), secret))
                 session.flush()
                 added = any(each.delete_token is not None for each in kept)
                 if limit and added and _count_logs(session, owner) > limit:
@@ -169,11 +139,10 @@ class Catalog:
             with suppress(OSError):
                 self._objects.remove(f"logs/{log_id}")
 
-    def find_log(self, log_id: str, owner: str) -> Log | None:
-        """Look a log up; None when the owner has none of this id."""
+    def find_log(self, log_id: str, owner: str) -> Log:
+        """Look a log up; a problem when the owner has none of this id."""
         with self._database.read() as session:
-            found = _own_log(session, log_id, owner)
-            return None if found is None else _log(found)
+            return Log.model_validate(get(session, LogRecord, log_id, owner))
 
     def count_logs(self, owner: str) -> int:
         """Count the logs of an owner."""
@@ -181,56 +150,42 @@ class Catalog:
             return _count_logs(session, owner)
 
     def list_logs(self, owner: str, *, limit: int, after: str | None = None, name: str = "") -> list[Log]:
-        """List the newest logs, or those after a log of this list, whose names contain `name`.
-
-        Parameters
-        ----------
-        owner : str
-            Only logs of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last log of the page before; ignored when the owner has no such log.
-        name : str
-            Part of the file name, in capitals or not; "" for any.
-        """
+        """List the newest logs, or those after a log of this list, whose names contain `name`."""
         with self._database.read() as session:
-            query = select(LogRecord).where(LogRecord.owner == owner)
+            query = select(LogRecord)
             if name:
-                if "\0" in name:  # which no name has, and PostgreSQL does not take
-                    return []
-                query = query.where(LogRecord.name.icontains(name, autoescape=True))
-            query = query.order_by(LogRecord.received.desc(), LogRecord.id.desc()).limit(limit)
-            if after is not None and (last := _own_log(session, after, owner)) is not None:
-                query = query.where(tuple_(LogRecord.received, LogRecord.id) < (last.received, last.id))
-            return [_log(record) for record in session.scalars(query)]
+                query = query.where(holds(name, LogRecord.name))
+            return [
+                Log.model_validate(each)
+                for each in listed(session, LogRecord, query, LogRecord.received, owner, limit, after)
+            ]
 
-    def may_delete_log(self, log_id: str, secret: str) -> str | None:
-        """Return the owner of the log that a delete token is for; None when it is for another or none."""
+    def may_delete_log(self, log_id: str, secret: str) -> str:
+        """Return the owner of the log that a delete token is for; a problem when it is for another or none."""
         with self._database.read() as session:
             found = session.get(LogRecord, log_id) if is_id(log_id) else None
-            return found.owner if found is not None and found.delete_digest == digest(secret) else None
+            if found is None or found.delete_digest != digest(secret):
+                raise missing(LogRecord)
+            return found.owner
 
-    def delete_log(self, log_id: str, owner: str) -> bool:
-        """Remove a log and every analysis of it; False when the owner has none of this id."""
-        return self._at_a_full_disk_too(lambda: self._delete_log(log_id, owner))
+    def delete_log(self, log_id: str, owner: str) -> None:
+        """Remove a log and every analysis of it."""
+        self._at_a_full_disk_too(lambda: self._delete_log(log_id, owner))
 
-    def _at_a_full_disk_too(self, delete: Callable[[], bool]) -> bool:
+    def _at_a_full_disk_too(self, delete: Callable[[], None]) -> None:
         """Delete with what room is kept for it, where there is no other."""
         try:
-            return delete()
+            delete()
         except OperationalError:
             if not self._database.release_reserve():
                 raise
-            return delete()
+            delete()
         finally:
             self._database.keep_reserve()
 
-    def _delete_log(self, log_id: str, owner: str) -> bool:
+    def _delete_log(self, log_id: str, owner: str) -> None:
         with self._database.write() as session:
-            found = _own_log(session, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
-            if found is None:
-                return False
+            found = get(session, LogRecord, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
             analyses = list(session.scalars(select(AnalysedLog.analysis_id).where(AnalysedLog.log_id == log_id)))
             gone = or_(FlightRecord.log_id == log_id, FlightRecord.analysis_id.in_(analyses))
             flights = list(session.scalars(select(FlightRecord).where(gone)))
@@ -245,44 +200,30 @@ class Catalog:
         self._objects.remove(f"logs/{log_id}")
         for analysis in analyses:
             self._objects.remove(f"analyses/{analysis}")
-        return True
 
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
-        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not.
-
-        Parameters
-        ----------
-        log_ids : sequence of str
-            Logs to analyse together; each counts once.
-        configuration : mapping
-            What differs from the default analysis.
-        owner : str
-            Whose logs they are.
-
-        Raises
-        ------
-        ProblemError
-            The owner has as many unfinished analyses as the quota allows.
-        """
+        """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
         with self._database.write() as session:
             if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
                 raise _too_many_unfinished(self._quota.unfinished)
             logs = {}
             for log_id in sorted(set(log_ids)):  # one order for all, so that no two wait for each other
-                log = _own_log(session, log_id, owner, lock=True)  # nobody deletes it meanwhile
+                log = find(session, LogRecord, log_id, owner, lock=True)  # nobody deletes it meanwhile
                 if log is None:
                     raise KeyError(log_id)
                 logs[log_id] = log
             record = _new_analysis(owner, configuration, [logs[log_id] for log_id in dict.fromkeys(log_ids)])
             session.add(record)
             session.flush()
-            return _analysis(record)
+            return Analysis.model_validate(record)
 
-    def find_analysis(self, analysis_id: str, owner: str | None) -> Analysis | None:
-        """Look an analysis up; None when the owner (anybody, when None) has none of this id."""
+    def find_analysis(self, analysis_id: str, owner: str | None) -> Analysis:
+        """Look an analysis up; a problem when the owner (anybody, when None) has none of this id."""
         with self._database.read() as session:
             found = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
-            return None if found is None or owner not in (None, found.owner) else _analysis(found)
+            if found is None or owner not in (None, found.owner):
+                raise missing(AnalysisRecord)
+            return Analysis.model_validate(found)
 
     def list_analyses(
         self,
@@ -297,24 +238,9 @@ class Catalog:
         """List the newest analyses, or those after one of this list, of a state, of a log or with a text.
 
         The text is part of a log's name, of the craft, the day of flight or the health.
-
-        Parameters
-        ----------
-        owner : str
-            Only analyses of this owner.
-        limit : int
-            Most that are listed.
-        after : str, optional
-            Id of the last analysis of the page before; ignored when the owner has no such analysis.
-        state : State, optional
-            Only those in this state.
-        log : str, optional
-            Only those of the log of this id.
-        text : str
-            Text to look for, in capitals or not; "" for any.
         """
         with self._database.read() as session:
-            query = select(AnalysisRecord).where(AnalysisRecord.owner == owner)
+            query = select(AnalysisRecord)
             if state is not None:
                 query = query.where(AnalysisRecord.state == state)
             if log is not None:
@@ -322,35 +248,27 @@ class Catalog:
                     return []
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
             if text:
-                if "\0" in text:
-                    return []
-                named = AnalysisRecord.members.any(AnalysedLog.log.has(LogRecord.name.icontains(text, autoescape=True)))
-                columns = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health)
-                query = query.where(or_(named, *(column.icontains(text, autoescape=True) for column in columns)))
-            query = query.order_by(AnalysisRecord.created.desc(), AnalysisRecord.id.desc()).limit(limit)
-            if after is not None and (last := _owned(session, after, owner)) is not None:
-                query = query.where(tuple_(AnalysisRecord.created, AnalysisRecord.id) < (last.created, last.id))
-            return [_analysis(record) for record in session.scalars(query)]
+                named = AnalysisRecord.members.any(AnalysedLog.log.has(holds(text, LogRecord.name)))
+                said = holds(text, AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health)
+                query = query.where(or_(named, said))
+            found = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
+            return [Analysis.model_validate(each) for each in found]
 
-    def cancel(self, analysis_id: str, owner: str) -> Analysis | None:
-        """End an analysis that has not ended; None when the owner has none of this id."""
+    def cancel(self, analysis_id: str, owner: str) -> Analysis:
+        """End an analysis that has not ended."""
         with self._database.write() as session:
-            found = _owned(session, analysis_id, owner)
-            if found is None:
-                return None
+            found = get(session, AnalysisRecord, analysis_id, owner)
             queue.cancel(session, analysis_id)
             session.refresh(found)
-            return _analysis(found)
+            return Analysis.model_validate(found)
 
-    def delete_analysis(self, analysis_id: str, owner: str) -> bool:
-        """Remove an analysis and its results; False when the owner has none of this id."""
-        return self._at_a_full_disk_too(lambda: self._delete_analysis(analysis_id, owner))
+    def delete_analysis(self, analysis_id: str, owner: str) -> None:
+        """Remove an analysis and its results."""
+        self._at_a_full_disk_too(lambda: self._delete_analysis(analysis_id, owner))
 
-    def _delete_analysis(self, analysis_id: str, owner: str) -> bool:
+    def _delete_analysis(self, analysis_id: str, owner: str) -> None:
         with self._database.write() as session:
-            found = _owned(session, analysis_id, owner)
-            if found is None:
-                return False
+            found = get(session, AnalysisRecord, analysis_id, owner)
             flights = list(session.scalars(select(FlightRecord).where(FlightRecord.analysis_id == analysis_id)))
             forget(session, flights, "was deleted with its analysis")
             craft = None if found.craft_id is None else session.get(CraftRecord, found.craft_id)
@@ -358,7 +276,6 @@ class Catalog:
                 craft.joint_of, craft.joint_lost = [], "their analysis was deleted"
             session.execute(delete(AnalysisRecord).where(AnalysisRecord.id == analysis_id))
         self._objects.remove(f"analyses/{analysis_id}")
-        return True
 
     def object_of(self, analysis: Analysis, name: str) -> str | None:
         """Return the key of a file of an analysis; None when it has none of this name."""
@@ -372,19 +289,7 @@ class Catalog:
 
 
 def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:
-    """Put the joint fit of flights of a craft into the queue.
-
-    Parameters
-    ----------
-    session : Session
-        Open for writing.
-    craft : CraftRecord
-        The craft, whose owner's the analysis is.
-    flights : sequence of FlightRecord
-        Flights to fit together.
-    mass : float or None
-        Mass of the craft, kg; None where not known.
-    """
+    """Put the joint fit of flights of a craft into the queue."""
     logs = {flight.log_id for flight in flights}
     records = session.scalars(select(LogRecord).where(LogRecord.id.in_(logs)).order_by(LogRecord.received))
     configuration: dict[str, Any] = {"flights": [flight.id for flight in flights]}
@@ -409,11 +314,6 @@ def _new_analysis(owner: str, configuration: Mapping[str, Any], logs: Sequence[L
     )
 
 
-def _own_log(session: Session, log_id: str, owner: str, *, lock: bool = False) -> LogRecord | None:
-    found = session.get(LogRecord, log_id, with_for_update=lock) if is_id(log_id) else None
-    return found if found is not None and found.owner == owner else None
-
-
 def _same_logs(session: Session, owner: str, digests: Iterable[str]) -> dict[str, LogRecord]:
     """Find the logs of an owner with these digests."""
     query = select(LogRecord).where(LogRecord.owner == owner, LogRecord.sha256.in_(list(digests)))
@@ -434,46 +334,35 @@ def _count_unfinished(session: Session, owner: str) -> int:
 
 
 def _too_many_bytes(limit: int) -> ProblemError:
-    detail = f"Your logs would have more than the {sizes.in_words(limit)} that this service keeps for one user. "
-    return ProblemError(
-        Problem.named("too-many-bytes", "Too many bytes", HTTPStatus.FORBIDDEN, detail + "Delete some, then try again.")
-    )
+    detail = f"Your logs would have more than the {in_words(limit)} that this service keeps for one user. "
+    return ProblemError.of("too-many-bytes", detail + "Delete some, then try again.")
 
 
 def _too_many_unfinished(limit: int) -> ProblemError:
     detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
-    return ProblemError(
-        Problem.named("too-many-analyses", "Too many analyses", HTTPStatus.TOO_MANY_REQUESTS, detail),
-        {"Retry-After": "60"},
-    )
+    return ProblemError.of("too-many-analyses", detail, {"Retry-After": "60"})
 
 
-def _owned(session: Session, analysis_id: str, owner: str) -> AnalysisRecord | None:
-    found = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
-    return found if found is not None and found.owner == owner else None
+#: Seconds between two looks at the database: workers may be in other processes and on other computers.
+_LOOK = 0.25
 
 
-def _log(record: LogRecord) -> Log:
-    return Log(id=record.id, name=record.name, size=record.size, sha256=record.sha256, received=record.received)
+async def changes(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> AsyncIterator[Analysis]:
+    """Yield an analysis as it is, and again whenever it has changed, up to its end, its removal or ours."""
+    yield analysis
+    while not (analysis.state.ended or stopping()):
+        await asyncio.sleep(_LOOK)
+        try:
+            now = await run_in_threadpool(catalog.find_analysis, analysis.id, None)
+        except ProblemError:
+            return
+        if now != analysis:
+            analysis = now
+            yield analysis
 
 
-def _analysis(record: AnalysisRecord) -> Analysis:
-    return Analysis(
-        id=record.id,
-        logs=[_log(member.log) for member in record.members],
-        configuration=record.configuration,
-        state=State(record.state),
-        stage=record.stage,
-        progress=record.progress,
-        attempts=record.attempts,
-        created=record.created,
-        started=record.started,
-        ended=record.ended,
-        problem=None if record.problem is None else Problem.model_validate(record.problem),
-        files=record.files,
-        craft=record.craft,
-        flown=record.flown,
-        health=record.health,
-        tone=record.tone,
-        craft_id=record.craft_id,
-    )
+async def ended(catalog: Catalog, analysis: Analysis, stopping: Callable[[], bool]) -> Analysis:
+    """Wait for the end of an analysis, or until the service stops, and give it as it is then."""
+    async for now in changes(catalog, analysis, stopping):
+        analysis = now
+    return analysis

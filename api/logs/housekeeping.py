@@ -1,12 +1,14 @@
 """Clearing away what nobody needs any more: logs past their time, bytes that no row names, copies nobody reads."""
 
 import logging
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sqlalchemy import select
 
 from api.logs.catalog import Catalog
+from api.problems import ProblemError
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord
@@ -25,18 +27,7 @@ _CACHED = timedelta(days=1)
 
 
 class Housekeeping(Rounds):
-    """Goes round now and then, in a thread of its own.
-
-    Parameters
-    ----------
-    database : Database
-    objects : Objects
-    catalog : Catalog
-    cache : Path
-        Folder with copies of objects from elsewhere.
-    retention : timedelta or None
-        How long logs are kept; for ever when None.
-    """
+    """Goes round now and then, in a thread of its own."""
 
     def __init__(
         self, database: Database, objects: Objects, catalog: Catalog, cache: Path, retention: timedelta | None
@@ -64,7 +55,8 @@ class Housekeeping(Rounds):
             old = session.execute(select(LogRecord.id, LogRecord.owner).where(LogRecord.received < before)).all()
         for log_id, owner in old:
             _log.info("log %s is removed: its time is over", log_id)
-            self._catalog.delete_log(log_id, owner)
+            with suppress(ProblemError):  # deleted at this moment
+                self._catalog.delete_log(log_id, owner)
 
     def _remove_orphans(self, before: datetime) -> None:
         """Remove bytes that no row names: of uploads that were broken off, and of attempts that came to nothing."""

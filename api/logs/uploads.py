@@ -4,7 +4,6 @@ import asyncio
 import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack
-from http import HTTPStatus
 from pathlib import Path
 
 from fastapi import Request
@@ -14,9 +13,9 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
 from api.logs.catalog import Catalog, ConflictError, FullError, Kept
-from api.problems import Problem, ProblemError
-from api.store import sizes
-from api.store.incoming import Incoming, Upload
+from api.problems import ProblemError
+from api.settings import in_words
+from api.store.scratch import Incoming, Upload
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
 _BATCH = 1 << 18
@@ -160,35 +159,7 @@ async def receive_logs(
     recognise: Callable[[Path, str], object] | None = None,
     fields: dict[str, str] | None = None,
 ) -> list[Kept]:
-    """Store the logs of an upload: all, or none when something is wrong with one.
-
-    Parameters
-    ----------
-    request : Request
-        A multipart form.
-    incoming : Incoming
-        Where bytes arrive.
-    catalog : Catalog
-        Where logs are kept.
-    owner : str
-        Whose logs they are.
-    limit : int
-        Largest size of all files together, bytes.
-    stall : float
-        Longest time without a byte, s.
-    logs_limit : int
-        Most logs of the owner; 0 is no limit.
-    recognise : callable, optional
-        Refuse a file that is no log, by its place here and its name.
-    fields : dict, optional
-        Receives the other fields of the form.
-
-    Raises
-    ------
-    ProblemError
-        When the request is no upload of files, ends early, stalls for `stall` seconds or is larger than `limit`, or
-        when the owner has `logs_limit` logs already.
-    """
+    """Store the logs of an upload: all, or none when something is wrong with one."""
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
@@ -239,22 +210,7 @@ async def receive_logs(
 
 
 def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
-    """Refuse another log where the owner has `logs_limit` already; 0 is no limit.
-
-    Parameters
-    ----------
-    catalog : Catalog
-        Where logs are kept.
-    owner : str
-        Whose logs are counted.
-    logs_limit : int
-        Most logs of the owner.
-
-    Raises
-    ------
-    ProblemError
-        The owner has that many.
-    """
+    """Refuse another log where the owner has `logs_limit` already; 0 is no limit."""
     if 0 < logs_limit <= catalog.count_logs(owner):
         raise _too_many(logs_limit)
 
@@ -271,13 +227,9 @@ async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
         except StopAsyncIteration:
             return
         except TimeoutError as error:
-            raise ProblemError(
-                Problem.named(
-                    "upload-stalled",
-                    "The upload stalled",
-                    HTTPStatus.REQUEST_TIMEOUT,
-                    f"Nothing or hardly anything arrived for {stall:g} s. Check the connection and try again.",
-                )
+            raise ProblemError.of(
+                "upload-stalled",
+                f"Nothing or hardly anything arrived for {stall:g} s. Check the connection and try again.",
             ) from error
         yield piece
         arrived += len(piece)
@@ -289,13 +241,9 @@ def _boundary(request: Request) -> bytes:
     """Read from the headers what separates the parts of the form."""
     kind, options = parse_options_header(request.headers.get("content-type", ""))
     if kind != b"multipart/form-data" or not options.get(b"boundary"):
-        raise ProblemError(
-            Problem.named(
-                "not-a-form",
-                "Not a multipart upload",
-                HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
-                "Send the log as the field `file` of a multipart form. With curl: curl -F file=@FLIGHT.bin ADDRESS.",
-            )
+        raise ProblemError.of(
+            "not-a-form",
+            "Send the log as the field `file` of a multipart form. With curl: curl -F file=@FLIGHT.bin ADDRESS.",
         )
     if len(options[b"boundary"]) > _BOUNDARY:
         raise _bad_form(f"The boundary of the form is longer than {_BOUNDARY} bytes.")
@@ -310,26 +258,24 @@ def _display_name(filename: str) -> str:
 
 
 def _bad_form(detail: str) -> ProblemError:
-    return ProblemError(Problem.named("bad-upload", "The upload cannot be read", HTTPStatus.BAD_REQUEST, detail))
+    return ProblemError.of("bad-upload", detail)
 
 
 def _empty(name: str) -> ProblemError:
     detail = f"{name} is empty: the autopilot may have lost power before it wrote anything, or the copy failed."
-    return ProblemError(Problem.named("empty-log", "The log is empty", HTTPStatus.UNPROCESSABLE_ENTITY, detail))
+    return ProblemError.of("empty-log", detail)
 
 
 def _too_large(limit: int) -> ProblemError:
-    detail = f"The upload is larger than the {sizes.in_words(limit)} that this service takes."
-    return ProblemError(
-        Problem.named("log-too-large", "The log is too large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, detail)
-    )
+    detail = f"The upload is larger than the {in_words(limit)} that this service takes."
+    return ProblemError.of("log-too-large", detail)
 
 
 def _too_many(limit: int) -> ProblemError:
     detail = f"You have the {limit} logs that this service keeps for one user. Delete one, then try again."
-    return ProblemError(Problem.named("too-many-logs", "Too many logs", HTTPStatus.FORBIDDEN, detail))
+    return ProblemError.of("too-many-logs", detail)
 
 
 def _conflict() -> ProblemError:
     detail = "The same log is being uploaded or deleted by others at this moment. Try again."
-    return ProblemError(Problem.named("conflict", "Try again", HTTPStatus.CONFLICT, detail))
+    return ProblemError.of("conflict", detail)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from api.machine.library import NOT_DETERMINED, CraftRef, FlightRef
+from api.machine.answers import NOT_DETERMINED, CraftRef, FlightRef
 from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.fleet.review import review
@@ -25,18 +25,7 @@ Answer = TypeVar("Answer")
 
 
 class FolderLibrary:
-    """A folder; looked through with every question, so that what a run adds is there.
-
-    Parameters
-    ----------
-    folder : Path
-        With ``flights/``, or with the report of one log.
-
-    Raises
-    ------
-    ConfigError
-        It is neither.
-    """
+    """A folder; looked through with every question, so that what a run adds is there."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -47,17 +36,7 @@ class FolderLibrary:
             read_report(folder)
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them.
-
-        Parameters
-        ----------
-        craft : str
-            Only flights of the craft of this id; "" for all.
-        text : str
-            Only flights with this in their name, in capitals or not.
-        limit : int, optional
-            Most that are listed; all are counted.
-        """
+        """List flights, the newest first, and count them."""
         entries = self._entries()
         if not entries:
             report = read_report(self._folder)

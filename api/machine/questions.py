@@ -55,22 +55,7 @@ def list_messages(path: Path, name: str) -> LoggedMessages:
 
 
 def list_fields(path: Path, name: str, message: str) -> LoggedFields:
-    """List the numeric fields of one message, as they are written in expressions.
-
-    Parameters
-    ----------
-    path : Path
-        The log on this disk.
-    name : str
-        Name that the user gave the log, for errors.
-    message : str
-        Message type, such as IMU.
-
-    Raises
-    ------
-    QuestionError
-        The log cannot be read or has no such message.
-    """
+    """List the numeric fields of one message, as they are written in expressions."""
 
     def answer() -> LoggedFields:
         log = _opened(path)
@@ -99,21 +84,7 @@ def list_fields(path: Path, name: str, message: str) -> LoggedFields:
 def read_signals(
     path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None, points: int
 ) -> Signals:
-    """Evaluate expressions over a stretch of time, thinned to `points` values each such that no peak is lost.
-
-    Parameters
-    ----------
-    path : Path
-        The log on this disk.
-    name : str
-        Name that the user gave the log, for errors.
-    texts : sequence of str
-        Expressions; one that cannot be evaluated becomes a `NoSignal`.
-    start, stop : float or None
-        Ends of the stretch on the log's clock, s; None for those of the log.
-    points : int
-        Most values of each signal.
-    """
+    """Evaluate expressions over a stretch of time, thinned to `points` values each such that no peak is lost."""
 
     def answer() -> Signals:
         log = _opened(path)
@@ -129,40 +100,12 @@ def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> 
 
 
 def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
-    """Render what the flights of a craft say together.
-
-    Parameters
-    ----------
-    found : dict
-        A `CraftReview` as JSON.
-    name : str
-        Name of the craft.
-    notes : list of dict
-        `Note`s as JSON.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Render what the flights of a craft say together."""
     return render_craft(restored(found, CraftReview), name, restored(notes, list[Note]))
 
 
 def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
-    """Compare the parameters of two reports.
-
-    Parameters
-    ----------
-    a, b : bytes
-        Contents of two report.json, the older first.
-    names : tuple of str
-        What to call the two.
-
-    Raises
-    ------
-    QuestionError
-        One is no report, or they cannot be compared.
-    """
+    """Compare the parameters of two reports."""
     try:
         older, newer = (parse_report(content, name) for content, name in zip((a, b), names, strict=True))
         return [row for pair in compare_reports(older, newer, names).pairs for row in pair.parameters]
@@ -171,25 +114,7 @@ def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[Para
 
 
 def compare(a: dict[str, Any], b: dict[str, Any], names: tuple[str, str]) -> str:
-    """Render the comparison of two reports as a page.
-
-    Parameters
-    ----------
-    a, b : dict
-        Contents of two report.json, the older first.
-    names : tuple of str
-        What to call the two.
-
-    Returns
-    -------
-    str
-        HTML.
-
-    Raises
-    ------
-    QuestionError
-        One is no report, or they cannot be compared.
-    """
+    """Render the comparison of two reports as a page."""
     try:
         older, newer = (report_of(facts, name) for facts, name in zip((a, b), names, strict=True))
         return comparison_page(compare_reports(older, newer, names))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
-from api.machine.library import NOT_DETERMINED, CraftRef, FlightRef
+from api.machine.answers import NOT_DETERMINED, CraftRef, FlightRef
 from api.store.database import Database
 from api.store.ids import is_id
 from api.store.objects import Objects
@@ -22,17 +22,7 @@ Compare = Callable[[bytes, bytes, tuple[str, str]], Sequence[ParameterChange]]
 
 
 class ServiceLibrary:
-    """What one owner has.
-
-    Parameters
-    ----------
-    database : Database
-    objects : Objects
-    owner : str
-    compare : callable
-    folder : Path, optional
-        With the flights that are of no upload.
-    """
+    """What one owner has."""
 
     def __init__(
         self, database: Database, objects: Objects, owner: str, compare: Compare, folder: Path | None = None
@@ -44,17 +34,7 @@ class ServiceLibrary:
         self._compare = compare
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them.
-
-        Parameters
-        ----------
-        craft : str
-            Only flights of the craft of this id; "" for all.
-        text : str
-            Only flights with this in their name, in capitals or not.
-        limit : int, optional
-            Most that are listed; all are counted.
-        """
+        """List flights, the newest first, and count them."""
         chosen = [FlightRecord.owner == self._owner]
         if craft:
             chosen.append(FlightRecord.craft_id == craft)

@@ -5,20 +5,24 @@ The same questions are asked over HTTP (`api.routes.questions`) and over MCP (`a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Query
 
 from api.machine.answers import (
+    NOT_DETERMINED,
     Answers,
     Changes,
     ComparedFlights,
     CraftList,
     Events,
     FlightList,
+    Library,
     LoopMargins,
     NextFlights,
     Parameters,
     Predictions,
 )
-from api.machine.library import NOT_DETERMINED, Library
 from pipeline.results.report import FlightReport
 from reports.numbers.quantities import (
     answers_of,
@@ -33,6 +37,13 @@ from reports.numbers.quantities import (
 MOST = 1000
 
 
+# Queries of HTTP are fields of pydantic, as which the tools of MCP describe them too.
+Flight = Annotated[str, Query(max_length=200, description="Id or name of a flight.")]
+CraftName = Annotated[str, Query(max_length=200, description="Id or name of a craft.")]
+Part = Annotated[str, Query(max_length=200, description="Part of a flight's name.")]
+Most = Annotated[int, Query(ge=1, le=MOST, description="Items at most.")]
+
+
 class UnknownError(Exception):
     """There is no flight or craft of this id or name."""
 
@@ -43,18 +54,8 @@ class Tools:
 
     library: Library
 
-    def list_flights(self, craft: str = "", text: str = "", limit: int = 100) -> FlightList:
-        """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy.
-
-        Parameters
-        ----------
-        craft : str
-            Id or name of a craft; "" for all.
-        text : str
-            Part of the flight's name; "" for any.
-        limit : int
-            Most flights in the answer, which says how many there are.
-        """
+    def list_flights(self, craft: CraftName = "", text: Part = "", limit: Most = 100) -> FlightList:
+        """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy."""
         chosen = self._craft(craft) if craft else ""
         found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
         return FlightList(found, total)
@@ -63,11 +64,11 @@ class Tools:
         """List craft: id, name, kind, and how many flights each has."""
         return CraftList(list(self.library.crafts()))
 
-    def get_answers(self, flight: str) -> Answers:
+    def get_answers(self, flight: Flight) -> Answers:
         """Get the first screen of a flight: flown, healthy, loops, predict ahead, parameters, simulate."""
         return Answers(answers_of(self._report(flight)))
 
-    def get_parameters(self, flight: str = "", craft: str = "") -> Parameters:
+    def get_parameters(self, flight: Flight = "", craft: CraftName = "") -> Parameters:
         """Get physical parameters by every method: of one flight, or of a craft over its flights (name one of both)."""
         if craft and not flight:
             review = self.library.review(self._craft(craft))
@@ -76,19 +77,19 @@ class Tools:
             return Parameters(craft_parameters(review))
         return Parameters(parameters_of(self._report(flight)))
 
-    def get_margins(self, flight: str) -> LoopMargins:
+    def get_margins(self, flight: Flight) -> LoopMargins:
         """Get gain and phase margins, crossover, disturbance rejection and peaks of each axis, and bandwidths."""
         return LoopMargins(margins_of(self._report(flight)))
 
-    def get_health(self, flight: str) -> Events:
+    def get_health(self, flight: Flight) -> Events:
         """Get what happened in a flight, when (s on the log's boot clock), how grave it was, and what to do."""
         return Events(health_of(self._report(flight)))
 
-    def get_predictions(self, flight: str) -> Predictions:
+    def get_predictions(self, flight: Flight) -> Predictions:
         """Get how far ahead each model of a flight predicts (s), and its RMS error there (m) on held-out time."""
         return Predictions(predictions_of(self._report(flight)))
 
-    def get_changes(self, craft: str) -> Changes:
+    def get_changes(self, craft: CraftName) -> Changes:
         """Get what changes over the flights of a craft: slopes and steps of each parameter, motors, what is strange."""
         review = self.library.review(self._craft(craft))
         if review is None:
@@ -104,14 +105,14 @@ class Tools:
             remarks=review.remarks,
         )
 
-    def compare(self, before: str, after: str) -> ComparedFlights:
+    def compare(self, before: Flight, after: Flight) -> ComparedFlights:
         """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
         rows = self.library.compare(self._flight(before), self._flight(after))
         if rows is None:
             raise UnknownError(f"{before} and {after} cannot be compared")
         return ComparedFlights(rows or NOT_DETERMINED)
 
-    def what_to_fly(self, flight: str) -> NextFlights:
+    def what_to_fly(self, flight: Flight) -> NextFlights:
         """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
         return NextFlights(sorted(self._report(flight).advice, key=lambda each: each.rank))
 

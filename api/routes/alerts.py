@@ -8,12 +8,11 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.crafts.feed import MEDIA_TYPE, atom
+from api.crafts.hooks import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
-from api.problems import Problem, ProblemError
-from api.routes.paging import After, Limit, page
+from api.problems import ProblemError
 from api.store.resources import Page
-from api.web.dependencies import Owner, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, PartsOf, page
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 
@@ -61,12 +60,7 @@ def list_alerts(
     return page(request, list(parts.crafts.alerts(owner, limit=limit + 1, after=after)), limit)
 
 
-@router.post(
-    "/alerts/feed",
-    status_code=HTTPStatus.CREATED,
-    summary="Make the address of a feed of alerts",
-    dependencies=[from_our_pages],
-)
+@router.post("/alerts/feed", status_code=HTTPStatus.CREATED, summary="Make the address of a feed of alerts")
 def make_feed(parts: PartsOf, owner: Owner) -> Feed:
     """Make the address of an Atom feed that is read without a token; an earlier one is worthless from now on."""
     return Feed(url=f"/feeds/{parts.feeds.create(owner)}.atom")
@@ -78,22 +72,18 @@ def list_hooks(parts: PartsOf, owner: Owner) -> list[Hook]:
     return [Hook(id=each.id, url=each.url, created=each.created, state=each.state) for each in parts.hooks.list(owner)]
 
 
-@router.post(
-    "/hooks", status_code=HTTPStatus.CREATED, summary="Send alerts to an address", dependencies=[from_our_pages]
-)
+@router.post("/hooks", status_code=HTTPStatus.CREATED, summary="Send alerts to an address")
 def make_hook(hook: NewHook, parts: PartsOf, owner: Owner) -> MadeHook:
     """Send each alert from now on to an https address of the public internet, as JSON by POST, signed."""
     made = parts.hooks.create(owner, hook.url)
     return MadeHook(id=made.id, url=made.url, created=made.created, state="", secret=made.secret)
 
 
-@router.delete(
-    "/hooks/{hook_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a webhook", dependencies=[from_our_pages]
-)
+@router.delete("/hooks/{hook_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a webhook")
 def remove_hook(hook_id: str, parts: PartsOf, owner: Owner) -> None:
     """Send alerts there no more."""
     if not parts.hooks.remove(owner, hook_id):
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no webhook of this id."))
+        raise ProblemError.missing("There is no webhook of this id.")
 
 
 feeds = APIRouter(include_in_schema=False)
@@ -104,6 +94,6 @@ def read_feed(request: Request, secret: str, parts: PartsOf) -> Response:
     """Answer with the alerts of whoever a secret is of."""
     owner = parts.feeds.owner_of(secret)
     if owner is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no such feed, or it has another address."))
+        raise ProblemError.missing("There is no such feed, or it has another address.")
     base = str(request.base_url).rstrip("/")
     return Response(atom(parts.crafts.alerts(owner, limit=_IN_FEED), base), media_type=MEDIA_TYPE)

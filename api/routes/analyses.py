@@ -10,12 +10,10 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import ValidationError
 
 from api import problems
-from api.logs.catalog import Catalog
-from api.logs.following import changes
-from api.problems import Problem, ProblemError
-from api.routes.paging import After, Limit, page
+from api.logs.catalog import changes
+from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, page
 from api.web.results import Include, answer, file_of, summary
 from logparse import RotoridError
 from pipeline import AnalysisConfig
@@ -23,7 +21,7 @@ from pipeline import AnalysisConfig
 router = APIRouter(prefix="/analyses", tags=["analyses"], responses=problems.RESPONSES)
 
 
-@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs", dependencies=[from_our_pages])
+@router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs")
 def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """Start an analysis and answer at once; `Location` is where to follow it.
 
@@ -34,9 +32,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
         analysis = parts.catalog.order(order.ids, order.configuration.chosen(), owner)
     except KeyError as error:
         detail = f"There is no log with the id {error.args[0]}."
-        raise ProblemError(
-            Problem.named("unknown-log", "Unknown log", HTTPStatus.UNPROCESSABLE_ENTITY, detail)
-        ) from error
+        raise ProblemError.of("unknown-log", detail) from error
     parts.runner.wake()
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     return summary(analysis)
@@ -47,14 +43,7 @@ def check(order: AnalysisOrder) -> None:
     try:
         AnalysisConfig(**order.configuration.model_dump(exclude_none=True))
     except RotoridError as error:
-        raise ProblemError(
-            Problem.named(
-                "impossible-configuration",
-                "Impossible configuration",
-                HTTPStatus.UNPROCESSABLE_ENTITY,
-                f"configuration: {error}",
-            )
-        ) from error
+        raise ProblemError.of("impossible-configuration", f"configuration: {error}") from error
 
 
 @router.get("", summary="Analyses, the newest first")
@@ -78,7 +67,7 @@ def list_analyses(
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
 def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
     """Show an analysis: in short, or with all that `include` names."""
-    return answer(find_analysis(analysis_id, parts.catalog, owner), parts, include)
+    return answer(parts.catalog.find_analysis(analysis_id, owner), parts, include)
 
 
 @router.get(
@@ -89,7 +78,7 @@ def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Inclu
 )
 def follow_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> StreamingResponse:
     """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     return StreamingResponse(_events(parts, analysis), media_type="text/event-stream")
 
 
@@ -99,25 +88,16 @@ async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
         yield f"event: {'end' if now.state.ended else 'progress'}\ndata: {content}\n\n"
 
 
-@router.post("/{analysis_id}/cancel", summary="Cancel an analysis", dependencies=[from_our_pages])
+@router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
 def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """End an analysis that waits or is being worked on; one that has ended stays as it is."""
-    analysis = parts.catalog.cancel(analysis_id, owner)
-    if analysis is None:
-        raise unknown_analysis()
-    return summary(analysis)
+    return summary(parts.catalog.cancel(analysis_id, owner))
 
 
-@router.delete(
-    "/{analysis_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Delete an analysis and its results",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{analysis_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete an analysis and its results")
 def delete_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
     """Delete an analysis for good; its logs stay."""
-    if not parts.catalog.delete_analysis(analysis_id, owner):
-        raise unknown_analysis()
+    parts.catalog.delete_analysis(analysis_id, owner)
 
 
 @router.head("/{analysis_id}/{name:path}", include_in_schema=False)
@@ -127,25 +107,12 @@ def fetch_result(analysis_id: str, name: str, parts: PartsOf, owner: Owner) -> R
 
     `files` of the analysis lists what there is; a part of a file is had with the header `Range`.
     """
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     response = file_of(analysis, name, parts)
     if response is None:
         detail = f"This analysis has no {name}." if analysis.state.ended else "This analysis is not done yet."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+        raise ProblemError.missing(detail)
     return response
-
-
-def find_analysis(analysis_id: str, catalog: Catalog, owner: str) -> Analysis:
-    """Look an analysis up, with its present state; a problem when there is none of this id."""
-    analysis = catalog.find_analysis(analysis_id, owner)
-    if analysis is None:
-        raise unknown_analysis()
-    return analysis
-
-
-def unknown_analysis() -> ProblemError:
-    """Make the answer where there is no such analysis, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no analysis of this id."))
 
 
 def in_words(error: ValidationError | ProblemError) -> str:

@@ -10,11 +10,11 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from api.crafts.models import FILES, LeastTrust, latest
 from api.problems import Problem, ProblemError
-from api.routes.crafts import show_craft, unknown_craft
-from api.routes.paging import After
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.store.owned import missing
+from api.store.records import CraftRecord
+from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.headers import REPORT_POLICY
+from api.web.middleware import REPORT_POLICY
 from api.web.page_templates import render
 
 router = APIRouter(include_in_schema=False)
@@ -45,8 +45,8 @@ def list_crafts_page(
 @router.get("/crafts/{craft_id}")
 def show_craft_page(request: Request, craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show a craft: its state, what changed, its flights, notes and models."""
-    craft = show_craft(craft_id, parts, owner)
-    flights = parts.crafts.flights(craft_id, owner) or []
+    craft = parts.crafts.find(craft_id, owner)
+    flights = parts.crafts.flights(craft_id, owner)
     others = [each for each in parts.crafts.list(owner, limit=_CHOICES) if each.id != craft.id]
     view: dict[str, Any] = {
         "craft": craft,
@@ -82,9 +82,9 @@ def _model(parts: Parts, craft_id: str) -> dict[str, Any]:
 @router.get("/crafts/{craft_id}/report")
 def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Draw a craft over its flights: the page in the frame of `show_craft_page`."""
-    craft = show_craft(craft_id, parts, owner)
+    craft = parts.crafts.find(craft_id, owner)
     if craft.review is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "This craft has not been looked at yet."))
+        raise ProblemError.missing("This craft has not been looked at yet.")
     notes = [{"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in craft.notes]
     page = parts.desk.ask("craft_page", craft.review, craft.name, notes)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
@@ -97,7 +97,7 @@ def show_folder_flight(flight_id: str, parts: PartsOf, owner: Owner) -> Response
     place = parts.crafts.folder_of(flight_id, owner)
     page = None if place is None else parts.folder.page(place)
     if page is None:
-        raise unknown_craft()
+        raise missing(CraftRecord)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
@@ -106,7 +106,8 @@ def name_craft(
     craft_id: str, parts: PartsOf, owner: Owner, name: Annotated[str, Form(max_length=100)] = ""
 ) -> Response:
     """Name a craft."""
-    return _go(craft_id, done=parts.crafts.rename(craft_id, owner, name))
+    parts.crafts.rename(craft_id, owner, name)
+    return _go(craft_id)
 
 
 @forms.post("/crafts/{craft_id}/notes")
@@ -124,13 +125,15 @@ def add_note(
     except ValueError:
         detail = "Write the day as 2026-03-14, or with a time as 2026-03-14 09:30."
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from None
-    return _go(craft_id, done=parts.crafts.add_note(craft_id, owner, text, at, boundary=boundary) is not None)
+    parts.crafts.add_note(craft_id, owner, text, at, boundary=boundary)
+    return _go(craft_id)
 
 
 @forms.post("/crafts/{craft_id}/notes/{note_id}/delete")
 def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Remove a note."""
-    return _go(craft_id, done=parts.crafts.remove_note(craft_id, note_id, owner))
+    parts.crafts.remove_note(craft_id, note_id, owner)
+    return _go(craft_id)
 
 
 @forms.post("/crafts/{craft_id}/merge")
@@ -138,7 +141,8 @@ def merge(
     craft_id: str, parts: PartsOf, owner: Owner, other: Annotated[str, Form(alias="craft", max_length=64)] = ""
 ) -> Response:
     """Merge another craft into this one."""
-    return _go(craft_id, done=parts.crafts.merge(craft_id, other, owner))
+    parts.crafts.merge(craft_id, other, owner)
+    return _go(craft_id)
 
 
 @forms.post("/crafts/{craft_id}/move")
@@ -151,12 +155,9 @@ def move(
     later: Annotated[bool, Form()] = False,
 ) -> Response:
     """Move flights to another craft, or to a new one."""
-    show_craft(craft_id, parts, owner)
-    target = parts.crafts.move(flights, to or None, owner, later=later)
-    return _go(target or "", done=target is not None)
+    parts.crafts.find(craft_id, owner)
+    return _go(parts.crafts.move(flights, to or None, owner, later=later))
 
 
-def _go(craft_id: str, *, done: bool) -> Response:
-    if not done:
-        raise unknown_craft()
+def _go(craft_id: str) -> Response:
     return RedirectResponse(f"/crafts/{craft_id}", HTTPStatus.SEE_OTHER)

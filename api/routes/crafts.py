@@ -10,10 +10,11 @@ from pydantic import BaseModel, Field
 from api import problems
 from api.crafts.models import FILES, LeastTrust, latest
 from api.crafts.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
-from api.problems import Problem, ProblemError
-from api.routes.paging import After, Limit, page
+from api.problems import ProblemError
+from api.store.owned import missing
+from api.store.records import CraftRecord
 from api.store.resources import Page
-from api.web.dependencies import Owner, PartsOf, from_our_pages
+from api.web.dependencies import After, Limit, Owner, PartsOf, page
 from api.web.results import file_response, local_copy
 
 router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)
@@ -47,70 +48,45 @@ def list_crafts(
 @router.get("/{craft_id}", summary="A craft with what its flights say together")
 def show_craft(craft_id: str, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Show a craft: drift and change points of every parameter and motor, notes, alerts, and its joint models."""
-    craft = parts.crafts.find(craft_id, owner)
-    if craft is None:
-        raise unknown_craft()
-    return craft
+    return parts.crafts.find(craft_id, owner)
 
 
-@router.put("/{craft_id}", summary="Name a craft", dependencies=[from_our_pages])
+@router.put("/{craft_id}", summary="Name a craft")
 def name_craft(craft_id: str, change: CraftChange, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Call a craft by a name."""
-    if not parts.crafts.rename(craft_id, owner, change.name):
-        raise unknown_craft()
+    parts.crafts.rename(craft_id, owner, change.name)
     return show_craft(craft_id, parts, owner)
 
 
 @router.get("/{craft_id}/flights", summary="The flights of a craft, the newest first")
 def list_flights(craft_id: str, parts: PartsOf, owner: Owner) -> list[CraftFlight]:
     """List the flights of a craft, each with the answers of its first screen."""
-    flights = parts.crafts.flights(craft_id, owner)
-    if flights is None:
-        raise unknown_craft()
-    return list(flights)
+    return list(parts.crafts.flights(craft_id, owner))
 
 
-@router.post("/{craft_id}/merge", summary="Let another craft be part of this one", dependencies=[from_our_pages])
+@router.post("/{craft_id}/merge", summary="Let another craft be part of this one")
 def merge_crafts(craft_id: str, merge: Merge, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Bring the flights, notes and alerts of another craft over; flights that look like its come here from now on."""
-    if not parts.crafts.merge(craft_id, merge.craft, owner):
-        raise unknown_craft()
+    parts.crafts.merge(craft_id, merge.craft, owner)
     return show_craft(craft_id, parts, owner)
 
 
-@router.post("/flights/move", summary="Move flights to another craft", dependencies=[from_our_pages])
+@router.post("/flights/move", summary="Move flights to another craft")
 def move_flights(move: Move, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Move flights to another craft or to a new one, which splits theirs."""
-    target = parts.crafts.move(move.flights, move.to, owner, later=move.later)
-    if target is None:
-        raise unknown_craft()
-    return show_craft(target, parts, owner)
+    return show_craft(parts.crafts.move(move.flights, move.to, owner, later=move.later), parts, owner)
 
 
-@router.post(
-    "/{craft_id}/notes",
-    status_code=HTTPStatus.CREATED,
-    summary="Write down what was done to a craft",
-    dependencies=[from_our_pages],
-)
+@router.post("/{craft_id}/notes", status_code=HTTPStatus.CREATED, summary="Write down what was done to a craft")
 def add_note(craft_id: str, note: NewNote, parts: PartsOf, owner: Owner) -> Note:
     """Note maintenance; with `boundary`, flights before it are not pooled with those after it."""
-    made = parts.crafts.add_note(craft_id, owner, note.text, note.at, boundary=note.boundary)
-    if made is None:
-        raise unknown_craft()
-    return made
+    return parts.crafts.add_note(craft_id, owner, note.text, note.at, boundary=note.boundary)
 
 
-@router.delete(
-    "/{craft_id}/notes/{note_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Remove a note",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{craft_id}/notes/{note_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a note")
 def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> None:
     """Remove a note for good."""
-    if not parts.crafts.remove_note(craft_id, note_id, owner):
-        raise unknown_craft()
+    parts.crafts.remove_note(craft_id, note_id, owner)
 
 
 @router.get("/{craft_id}/model", summary="The latest trusted models of a craft")
@@ -134,16 +110,11 @@ def fetch_model(craft_id: str, name: str, parts: PartsOf, owner: Owner, trust: T
     """
     show_craft(craft_id, parts, owner)
     if name not in FILES:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"There is {', '.join(FILES)}."))
+        raise ProblemError.missing(f"There is {', '.join(FILES)}.")
     found = latest(parts.database, craft_id, trust, name)
     path = local_copy(f"{found.results}/{name}", parts)
     if path is None:
-        raise unknown_craft()
+        raise missing(CraftRecord)
     response = file_response(path, name)
     response.headers["Rotorid-Analysis"] = found.analysis
     return response
-
-
-def unknown_craft() -> ProblemError:
-    """Make the answer where there is no such craft, flight or note, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no craft, flight or note of this id."))

@@ -13,10 +13,11 @@ from fastapi.responses import FileResponse
 from api import problems
 from api.machine.answers import LoggedFields, LoggedMessages, Signals
 from api.problems import Problem, ProblemError
-from api.routes.logs import unknown_log
+from api.store.owned import missing
+from api.store.records import LogRecord
 from api.store.resources import Log
 from api.web.dependencies import Owner, Parts, PartsOf
-from api.web.headers import PLOT_POLICY
+from api.web.middleware import PLOT_POLICY
 from api.web.page_templates import render
 from api.web.results import local_copy
 
@@ -88,7 +89,7 @@ def plotly() -> Response:
 
 def _log(log_id: str, parts: Parts, owner: str) -> tuple[Log, Path]:
     log = parts.catalog.find_log(log_id, owner)
-    path = None if log is None else local_copy(f"logs/{log.id}", parts)
-    if log is None or path is None:
-        raise unknown_log()
+    path = local_copy(f"logs/{log.id}", parts)
+    if path is None:
+        raise missing(LogRecord)
     return log, path

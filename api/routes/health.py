@@ -1,7 +1,5 @@
 """Whether the service is alive and able to work, and how much it does."""
 
-from http import HTTPStatus
-
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 from sqlalchemy import text
@@ -27,12 +25,7 @@ def readyz(parts: PartsOf) -> dict[str, str]:
     try:
         parts.objects.prepare()
     except Exception as error:  # every storage fails in its own way
-        problem = Problem.named(
-            "storage-unavailable",
-            "The storage does not answer",
-            HTTPStatus.SERVICE_UNAVAILABLE,
-            f"Nothing can be written to the storage: {error}.",
-        )
+        problem = Problem.of("storage-unavailable", f"Nothing can be written to the storage: {error}.")
         raise ProblemError(problem) from error
     return {"status": "ok"}
 

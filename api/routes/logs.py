@@ -8,13 +8,11 @@ from fastapi.concurrency import run_in_threadpool
 
 from api import problems
 from api.access.identity import bearer
-from api.logs.catalog import Kept
-from api.logs.following import ended
+from api.logs.catalog import Kept, ended
 from api.logs.uploads import FORM, receive_logs
-from api.problems import Problem, ProblemError
-from api.routes.paging import After, Limit, page
+from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages, owner_of
+from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, owner_of, page
 from api.web.results import Include, answer
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
@@ -25,7 +23,6 @@ router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
     status_code=HTTPStatus.CREATED,
     summary="Upload logs, and analyse them in the same call if wanted",
     openapi_extra=FORM,
-    dependencies=[from_our_pages],
 )
 async def upload_log(
     request: Request,
@@ -80,14 +77,12 @@ async def take_upload(request: Request, parts: Parts, owner: str, fields: dict[s
 def _unfinished(analysis: Analysis) -> ProblemError:
     """Make the answer to who waited for an analysis that did not come to its end."""
     if analysis.state is State.CANCELLED:
-        return ProblemError(Problem.named("cancelled", "Cancelled", HTTPStatus.CONFLICT, "The analysis was cancelled."))
+        return ProblemError.of("cancelled", "The analysis was cancelled.")
     detail = (
         "The service is being stopped. The log is kept and its analysis goes on when the service is back: look at "
         f"/api/v1/analyses/{analysis.id}."
     )
-    return ProblemError(
-        Problem.named("stopping", "The service is being stopped", HTTPStatus.SERVICE_UNAVAILABLE, detail)
-    )
+    return ProblemError.of("stopping", detail)
 
 
 @router.get("", summary="Logs, the newest first")
@@ -106,18 +101,10 @@ def list_logs(
 @router.get("/{log_id}", summary="A log's name and size")
 def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
     """Show what is known of an uploaded log."""
-    log = parts.catalog.find_log(log_id, owner)
-    if log is None:
-        raise unknown_log()
-    return log
+    return parts.catalog.find_log(log_id, owner)
 
 
-@router.delete(
-    "/{log_id}",
-    status_code=HTTPStatus.NO_CONTENT,
-    summary="Delete a log and all analyses of it",
-    dependencies=[from_our_pages],
-)
+@router.delete("/{log_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete a log and all analyses of it")
 def delete_log(
     request: Request,
     log_id: str,
@@ -127,18 +114,11 @@ def delete_log(
     ] = None,
 ) -> None:
     """Delete a log for good: its bytes, its analyses and their results."""
-    owner = _deleter(request, parts, log_id, delete_token)
-    if owner is None or not parts.catalog.delete_log(log_id, owner):
-        raise unknown_log()
+    parts.catalog.delete_log(log_id, _deleter(request, parts, log_id, delete_token))
 
 
-def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str | None:
+def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str:
     """Report for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
     if delete_token is not None and bearer(request) is None:
         return parts.catalog.may_delete_log(log_id, delete_token)
     return owner_of(request, parts)
-
-
-def unknown_log() -> ProblemError:
-    """Make the answer where there is no such log, or it is another's."""
-    return ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no log of this id."))

@@ -11,8 +11,7 @@ from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
 from api.problems import ProblemError
-from api.routes.analyses import check, find_analysis, in_words, unknown_analysis
-from api.routes.logs import unknown_log
+from api.routes.analyses import check, in_words
 from api.store.resources import Analysis, AnalysisOrder, Configuration
 from api.web.dependencies import Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
@@ -30,8 +29,7 @@ def cancel(
     analysis_id: str, parts: PartsOf, owner: Owner, following: Annotated[str, Form(alias="next")] = ""
 ) -> Response:
     """Cancel an analysis."""
-    if parts.catalog.cancel(analysis_id, owner) is None:
-        raise unknown_analysis()
+    parts.catalog.cancel(analysis_id, owner)
     return _go(following or f"/analyses/{analysis_id}")
 
 
@@ -44,7 +42,7 @@ def delete(
     logs: Annotated[bool, Form()] = False,
 ) -> Response:
     """Delete an analysis and, if `logs` says so, its logs with all other analyses of them."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     parts.catalog.delete_analysis(analysis.id, owner)
     for log in analysis.logs if logs else []:
         parts.catalog.delete_log(log.id, owner)
@@ -56,17 +54,14 @@ def delete_log(
     log_id: str, parts: PartsOf, owner: Owner, following: Annotated[str, Form(alias="next")] = "/logs"
 ) -> Response:
     """Delete a log with all analyses of it."""
-    if not parts.catalog.delete_log(log_id, owner):
-        raise unknown_log()
+    parts.catalog.delete_log(log_id, owner)
     return _go(following)
 
 
 @router.post("/logs/{log_id}/analyse")
 def analyse_log(log_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Analyse a log that is here already."""
-    if parts.catalog.find_log(log_id, owner) is None:
-        raise unknown_log()
-    ordered = parts.catalog.order([log_id], {}, owner)
+    ordered = parts.catalog.order([parts.catalog.find_log(log_id, owner).id], {}, owner)
     parts.runner.wake()
     return _go(f"/analyses/{ordered.id}")
 
@@ -76,7 +71,7 @@ def share(
     request: Request, analysis_id: str, parts: PartsOf, owner: Owner, days: Annotated[str, Form()] = "30"
 ) -> Response:
     """Make a link that lets others read an analysis, and show it."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     secret, expires = parts.shares.create(analysis.id, float(days) if days in ("7", "30", "365") else None)
     made = {"address": f"{request.base_url}shared/{secret}", "expires": expires}
     return render(request, "share.html", {"analysis": analysis, "made": made, "taken_back": False})
@@ -85,7 +80,7 @@ def share(
 @router.post("/analyses/{analysis_id}/unshare")
 def unshare(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Make all links to an analysis worthless."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     parts.shares.revoke_all(analysis.id)
     return render(request, "share.html", {"analysis": analysis, "made": None, "taken_back": True})
 
@@ -93,7 +88,7 @@ def unshare(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) ->
 @router.get("/analyses/{analysis_id}/again")
 def ask_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Ask for the settings of another analysis of the same logs."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     view = {"analysis": analysis, "values": analysis.configuration, "wrong": "", "flights": _flights(analysis, parts)}
     return render(request, "again.html", view)
 
@@ -101,7 +96,7 @@ def ask_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) 
 @router.post("/analyses/{analysis_id}/again")
 async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Analyse the same logs with other settings; a field left empty has its default."""
-    analysis = await run_in_threadpool(find_analysis, analysis_id, parts.catalog, owner)
+    analysis = await run_in_threadpool(parts.catalog.find_analysis, analysis_id, owner)
     form = await request.form(max_files=0, max_fields=20)
     names = set(Configuration.model_fields) - {"training"}
     values: dict[str, Any] = {

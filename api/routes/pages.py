@@ -1,8 +1,11 @@
 """The pages for people: drop logs, follow their analyses, read the reports; and a reference of the interface."""
 
+import json
+from functools import cache
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
@@ -10,24 +13,20 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
-from api.access.identity import bearer
-from api.access.report_keys import ReportKeys
-from api.logs.result_files import downloads, flight_pages, tables
+from api.access.identity import ReportKeys, bearer
 from api.logs.uploads import check_room
 from api.problems import Problem, ProblemError
-from api.routes.analyses import check, find_analysis, in_words
+from api.routes.analyses import check, in_words
 from api.routes.logs import take_upload
-from api.routes.paging import After
 from api.routes.shares import find_shared
-from api.samples import samples
 from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.headers import REPORT_POLICY
+from api.web.middleware import REPORT_POLICY
 from api.web.page_templates import render
 from api.web.reference import operations_by_kind
-from api.web.results import answer, file_of
+from api.web.results import answer, downloads, file_of, flight_pages, tables
 
 router = APIRouter(include_in_schema=False)
 
@@ -78,7 +77,7 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
     form = await request.form(max_files=0, max_fields=5)
     sample = samples().get(str(form.get("name", "")))
     if sample is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "There is no sample log of this name."))
+        raise ProblemError.missing("There is no sample log of this name.")
     parts.rates.count_upload(request, owner)
 
     def keep() -> Analysis:
@@ -128,10 +127,10 @@ def compare_page(request: Request, parts: PartsOf, owner: Owner, a: str = "", b:
 @router.get("/compare/report")
 def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
     """Compare two analyses: the page in the frame of `compare_page`."""
-    found = [find_analysis(each, parts.catalog, owner) for each in (a, b)]
+    found = [parts.catalog.find_analysis(each, owner) for each in (a, b)]
     reports = [answer(each, parts).report for each in found]
     if None in reports:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, "Only analyses that are done can be compared."))
+        raise ProblemError.missing("Only analyses that are done can be compared.")
     names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in found)
     page = parts.desk.ask("compare", *reports, names)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
@@ -154,7 +153,7 @@ def _listed(
 @router.get("/analyses/{analysis_id}")
 def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     address = frame = f"/api/v1/analyses/{analysis.id}"
     secret = bearer(request)
     if parts.settings.access is Access.TOKENS and secret is not None:
@@ -167,11 +166,10 @@ def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner
 def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
     """Fetch a report into the frame of a signed-in visitor's page, or what that report links to."""
     analysis_id = ReportKeys(parts.database).analysis_of(key)
-    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
-    response = None if analysis is None else file_of(analysis, name, parts)
+    response = None if analysis_id is None else file_of(parts.catalog.find_analysis(analysis_id, None), name, parts)
     if response is None:
         detail = "There is nothing here any more. Open the analysis again from the list."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
+        raise ProblemError.missing(detail)
     return response
 
 
@@ -211,3 +209,29 @@ def reference(request: Request, parts: PartsOf) -> Response:
     kinds = operations_by_kind(request.app.openapi(), str(request.base_url).rstrip("/"), tokens=tokens)
     view = {"kinds": kinds, "tokens": tokens, "limit": parts.settings.upload_limit}
     return render(request, "docs.html", view)
+
+
+_FOLDER = Path(__file__).parents[2] / "sample_logs"
+
+
+class Sample(NamedTuple):
+    """A log that can be opened as if it had been uploaded."""
+
+    name: str
+    what: str
+    path: Path
+
+
+@cache
+def samples(folder: Path = _FOLDER) -> dict[str, Sample]:
+    """List the sample logs by name; none where rotorid was installed without them."""
+    return {path.stem: Sample(path.stem, _what(path), path) for path in sorted(folder.glob("*.bin"))}
+
+
+def _what(path: Path) -> str:
+    """Read from the truth beside a log what was flown."""
+    try:
+        what = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["what"]
+    except (OSError, ValueError, KeyError):
+        return ""
+    return str(what).rpartition("simulated by rotorid, not flown: ")[2]

@@ -12,10 +12,9 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from api import problems
-from api.problems import Problem, ProblemError
-from api.routes.analyses import find_analysis
+from api.problems import ProblemError
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
-from api.web.dependencies import Owner, Parts, PartsOf, from_our_pages
+from api.web.dependencies import Owner, Parts, PartsOf
 from api.web.results import answer, file_of
 from api.work.flown import FILE
 
@@ -38,7 +37,6 @@ class Share(BaseModel):
     "/analyses/{analysis_id}/shares",
     status_code=HTTPStatus.CREATED,
     summary="Make a link that lets others read an analysis",
-    dependencies=[from_our_pages],
 )
 def share_analysis(
     analysis_id: str,
@@ -47,7 +45,7 @@ def share_analysis(
     days: Annotated[float | None, Query(gt=0, le=3650, description="Days until the link expires.")] = None,
 ) -> Share:
     """Make a link; whoever has it can read the report and its files, and nothing else."""
-    analysis = find_analysis(analysis_id, parts.catalog, owner)
+    analysis = parts.catalog.find_analysis(analysis_id, owner)
     secret, expires = parts.shares.create(analysis.id, days)
     return Share(url=f"/shared/{secret}", api=f"/api/v1/shared/{secret}", expires=expires)
 
@@ -56,11 +54,10 @@ def share_analysis(
     "/analyses/{analysis_id}/shares",
     status_code=HTTPStatus.NO_CONTENT,
     summary="Make all links to an analysis worthless",
-    dependencies=[from_our_pages],
 )
 def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
     """Withdraw all links to an analysis."""
-    parts.shares.revoke_all(find_analysis(analysis_id, parts.catalog, owner).id)
+    parts.shares.revoke_all(parts.catalog.find_analysis(analysis_id, owner).id)
 
 
 @router.get("/shared/{secret}", summary="The analysis that a link is to")
@@ -90,7 +87,7 @@ def fetch_shared(secret: str, name: str, parts: PartsOf) -> Response:
     analysis = find_shared(secret, parts)
     response = file_of(analysis, name, parts) if name in shared_files(analysis) else None
     if response is None:
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, f"This analysis has no {name}."))
+        raise ProblemError.missing(f"This analysis has no {name}.")
     if Path(name).suffix not in _TEXT:
         return response
     # A report names the content of its log, by which it could be told among others.
@@ -107,8 +104,6 @@ def shared_files(analysis: Analysis) -> dict[str, int]:
 def find_shared(secret: str, parts: Parts) -> Analysis:
     """Look up what a link is to; a problem when it is to nothing."""
     analysis_id = parts.shares.analysis_of(secret)
-    analysis = None if analysis_id is None else parts.catalog.find_analysis(analysis_id, None)
-    if analysis is None:
-        detail = "There is nothing behind this link; it may have expired or been taken back."
-        raise ProblemError(Problem.of_status(HTTPStatus.NOT_FOUND, detail))
-    return analysis
+    if analysis_id is None:
+        raise ProblemError.missing("There is nothing behind this link; it may have expired or been taken back.")
+    return parts.catalog.find_analysis(analysis_id, None)

@@ -77,13 +77,7 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
 
 
 def restore(settings: Settings, source: Path) -> tuple[int, int]:
-    """Bring a backup back into an empty service; return the number of rows and objects.
-
-    Raises
-    ------
-    BackupError
-        The service is not empty, or the file is no backup.
-    """
+    """Bring a backup back into an empty service; return the number of rows and objects."""
     database, objects = Database(settings.database_url), Objects(settings.storage_url)
     try:
         database.migrate()
@@ -92,7 +86,7 @@ def restore(settings: Settings, source: Path) -> tuple[int, int]:
             if any(session.scalar(select(func.count()).select_from(table)) for table in Record.metadata.sorted_tables):
                 raise BackupError("the service has logs or tokens already; restore into an empty one")
         return _restore(database, objects, settings, source)
-    except (tarfile.TarError, EOFError, KeyError, ValueError) as error:
+    except (tarfile.TarError, EOFError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise BackupError(f"{source.name} is no backup of rotorid, or damaged: {error}") from error
     finally:
         database.close()
@@ -106,14 +100,15 @@ def _restore(database: Database, objects: Objects, settings: Settings, source: P
         if about.get("version") != _VERSION:
             raise BackupError(f"{source.name} was made by another version of rotorid")
         # Objects first: a row never promises what is not there.
+        kept = Path(scratch).resolve() / "objects"
         for member in archive:
-            if not member.name.startswith("objects/") or not member.isfile() or ".." in Path(member.name).parts:
+            if not member.name.startswith("objects/") or not member.isfile():
                 continue
-            content = archive.extractfile(member)
-            place = Path(scratch) / "object"
-            place.write_bytes(b"" if content is None else content.read())
+            # The library's own safe extraction says where a member may come to lie, and that place is its key.
+            archive.extract(safe := tarfile.data_filter(member, scratch).replace(mode=0o600), scratch, filter="data")
+            place = (Path(scratch) / safe.name).resolve()
             sync(place)
-            objects.put(place, member.name.removeprefix("objects/"))
+            objects.put(place, place.relative_to(kept).as_posix())
             count += 1
         with database.write() as session:
             for table in Record.metadata.sorted_tables:

@@ -41,13 +41,7 @@ class NewerDatabaseError(Exception):
 
 
 class Database:
-    """A database of `records`.
-
-    Parameters
-    ----------
-    url : str
-        As SQLAlchemy takes it: ``sqlite:////srv/rotorid/rotorid.db``, ``postgresql+psycopg://user@host/rotorid``.
-    """
+    """A database of `records`."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -60,12 +54,7 @@ class Database:
         self._writing = sessionmaker(self._engine.execution_options(writes=True), expire_on_commit=False)
 
     def migrate(self) -> None:
-        """Bring the tables up to date; several processes may do so at once.
-
-        Raises
-        ------
-        NewerDatabaseError
-        """
+        """Bring the tables up to date; several processes may do so at once."""
         config = Config()
         config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
         with self._engine.execution_options(writes=True).begin() as connection:
@@ -94,8 +83,10 @@ class Database:
     def keep_reserve(self) -> None:
         """Keep a little room beside a SQLite file, so that something can be deleted when the disk is full."""
         if self._reserve is not None and not self._reserve.exists():
-            with suppress(OSError):
+            try:
                 self._reserve.write_bytes(bytes(_RESERVE))
+            except OSError:
+                self.release_reserve()  # a part of it would be taken for the whole
 
     def release_reserve(self) -> bool:
         """Make that room free; False where there is none."""

@@ -7,6 +7,7 @@ object only when it is complete. Names are made of ids and of our own file names
 import errno
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -29,13 +30,7 @@ class Object(NamedTuple):
 
 
 class Objects:
-    """Objects by key, such as ``logs/5f0c...`` or ``analyses/0a1b.../7c2e.../report.html``.
-
-    Parameters
-    ----------
-    url : str
-        A folder, or a URL with a protocol that fsspec knows.
-    """
+    """Objects by key, such as ``logs/5f0c...`` or ``analyses/0a1b.../7c2e.../report.html``."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -49,8 +44,11 @@ class Objects:
         probe = str(self._root / f"{new_id()}{_PARTIAL}")  # others may probe at the same time
         with as_os_error():
             self._files.makedirs(str(self._root), exist_ok=True)
-            self._files.pipe_file(probe, b"probe")
-            self._files.rm_file(probe)
+            try:
+                self._files.pipe_file(probe, b"probe")
+            finally:  # a full disk takes the name and refuses the bytes
+                with suppress(FileNotFoundError):
+                    self._files.rm_file(probe)
 
     def put(self, source: Path, key: str) -> None:
         """Keep a file, which is on a disk and synced, under `key`; in a folder on the same disk it moves."""
@@ -79,17 +77,7 @@ class Objects:
             target.symlink_to((self.folder / key).resolve(strict=True))
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> bytes:
-        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none.
-
-        Parameters
-        ----------
-        key : str
-            Name of the object.
-        start : int
-            First byte.
-        stop : int, optional
-            Byte after the last; None for all.
-        """
+        """Read an object, or the bytes from `start` to before `stop` of it; FileNotFoundError where there is none."""
         with as_os_error():
             content: bytes = self._files.cat_file(str(self._root / key), start=start, end=stop)
         return content

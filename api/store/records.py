@@ -103,6 +103,11 @@ class AnalysisRecord(Record):
         order_by="AnalysedLog.position", cascade="all, delete-orphan", lazy="selectin"
     )
 
+    @property
+    def logs(self) -> list[LogRecord]:
+        """The logs in the order given."""
+        return [member.log for member in self.members]
+
 
 class AnalysedLog(Record):
     """Which logs an analysis is of, in the order given."""

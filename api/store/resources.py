@@ -14,7 +14,7 @@ from pipeline.config import SETTINGS, AnalysisConfig
 class Log(BaseModel):
     """An uploaded file."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, from_attributes=True)
 
     id: str = Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"])
     name: str = Field(description="The file's name as uploaded, for people only.", examples=["00000012.BIN"])
@@ -85,7 +85,7 @@ class Configuration(BaseModel):
 class Analysis(BaseModel):
     """One run of the pipeline on one or several logs."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, from_attributes=True)
 
     id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
     logs: list[Log] = Field(min_length=1)

@@ -2,31 +2,29 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from http import HTTPStatus
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Request
+from fastapi import Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import URL
 
-from api.access.identity import EVERYBODY, Shares, Tokens, bearer, unauthorized
-from api.access.rates import Rates
-from api.crafts.feed import Feeds
+from api.access.identity import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
-from api.crafts.hooks import Hooks
+from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
+from api.crafts.resources import Craft, RaisedAlert
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog
 from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.settings import Access, Settings
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
-from api.store.scratch import Scratch
+from api.store.resources import Analysis, Log, Page
+from api.store.scratch import Incoming, Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner
 
@@ -71,6 +69,8 @@ def owner_of(request: Request, parts: Parts) -> str:
     secret = bearer(request)
     owner = None if secret is None else parts.tokens.owner_of(secret)
     if owner is None:
+        if secret is not None:
+            parts.rates.count_wrong_bearer(request)
         raise unauthorized()
     return owner
 
@@ -91,11 +91,13 @@ async def _refuse_other_sites(request: Request) -> None:
     Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
     any name. Programs send neither.
     """
+    if request.method in ("GET", "HEAD"):  # which change nothing
+        return
     origins = request.headers.getlist("origin")
     foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
     if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
         detail = "This request comes from a page of another site."
-        raise ProblemError(Problem.named("other-site", "Request from another site", HTTPStatus.FORBIDDEN, detail))
+        raise ProblemError.of("other-site", detail)
 
 
 def _is_origin_of(origin: str, url: URL) -> bool:
@@ -112,3 +114,16 @@ def _is_origin_of(origin: str, url: URL) -> bool:
 _PORTS = {"http": 80, "https": 443}
 
 from_our_pages = Depends(_refuse_other_sites)
+
+
+Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
+After = Annotated[str | None, Query(max_length=64, description="Id of the last item of the part before.")]
+
+Item = TypeVar("Item", bound=Log | Analysis | Craft | RaisedAlert)
+
+
+def page(request: Request, items: list[Item], limit: int) -> Page[Item]:
+    """Make a part of a list of its items and, if there are more, the first of the next part."""
+    shown = items[:limit]
+    following = str(request.url.include_query_params(after=shown[-1].id)) if len(items) > limit else None
+    return Page(items=shown, next=following)

@@ -7,13 +7,12 @@ token in a header need no form, for no browser sends that by itself.
 
 import re
 import secrets
-from http import HTTPStatus
 
 from fastapi import Depends, Request
 from fastapi.responses import Response
 from markupsafe import escape
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
 from api.store.ids import new_secret
 from api.web.dependencies import from_our_pages
 
@@ -61,7 +60,7 @@ async def _check(request: Request) -> None:
     known = request.cookies.get(COOKIE, "")
     if not known or not secrets.compare_digest((told or "").encode(), known.encode()):
         detail = "This form was not filled in on a page of this service, or its page is old. Load the page again."
-        raise ProblemError(Problem.named("foreign-form", "Not our form", HTTPStatus.FORBIDDEN, detail))
+        raise ProblemError.of("foreign-form", detail)
 
 
 #: For routes to which forms of our pages are posted.

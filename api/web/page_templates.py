@@ -13,7 +13,7 @@ from fastapi.templating import Jinja2Templates
 from jinja2 import StrictUndefined
 
 from api.access.identity import COOKIE
-from api.store import sizes
+from api.settings import in_words
 from api.store.resources import Analysis, State
 from api.web.form_tokens import fill_in
 
@@ -74,7 +74,7 @@ _templates = Jinja2Templates(directory=_FOLDER / "templates")
 _templates.env.trim_blocks = _templates.env.lstrip_blocks = True
 _templates.env.undefined = StrictUndefined
 _templates.env.filters |= {
-    "size": sizes.in_words,
+    "size": in_words,
     "moment": _moment,
     "duration": _duration,
     "stage": _stage,
@@ -91,21 +91,7 @@ def render(
     status: int = 200,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Fill a template; `signed_in` says whether there is a token that the visitor could forget.
-
-    Parameters
-    ----------
-    request : Request
-        What is answered.
-    template : str
-        File name in `templates/`.
-    context : mapping
-        The template's variables.
-    status : int
-        HTTP status.
-    headers : mapping, optional
-        Further headers of the answer.
-    """
+    """Fill a template; `signed_in` says whether there is a token that the visitor could forget."""
     signed_in = COOKIE in request.cookies
     page = _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
     return fill_in(page, request)

@@ -25,15 +25,6 @@ def respond(request: Request, problem: Problem, headers: Mapping[str, str] | Non
     """Answer with a problem: as JSON, or as a page where a person opened one in a browser.
 
     A browser that lacks a token is led to where it can sign in.
-
-    Parameters
-    ----------
-    request : Request
-        What is answered.
-    problem : Problem
-        What went wrong, with the HTTP status.
-    headers : mapping, optional
-        Further headers of the answer.
     """
     wants_page = not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
     if wants_page and problem.status == HTTPStatus.UNAUTHORIZED:
@@ -66,12 +57,7 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
         InvalidInput(where=f"{item['loc'][0]}: {'.'.join(map(str, item['loc'][1:]))}".rstrip(": "), detail=item["msg"])
         for item in error.errors()
     ]
-    problem = Problem.named(
-        "invalid-request",
-        "Request of the wrong shape",
-        HTTPStatus.UNPROCESSABLE_ENTITY,
-        "; ".join(f"{item.where}: {item.detail}" for item in errors),
-    )
+    problem = Problem.of("invalid-request", "; ".join(f"{item.where}: {item.detail}" for item in errors))
     return respond(request, problem.model_copy(update={"errors": errors}))
 
 
@@ -80,7 +66,7 @@ async def _on_database_error(request: Request, error: Exception) -> Response:
     if "disk is full" in str(error):  # SQLite's words
         return respond(request, _DISK_FULL)
     detail = "The service's database does not answer now; nothing was lost or half done. Try again in a moment."
-    problem = Problem.named("database-unavailable", "Try again in a moment", HTTPStatus.SERVICE_UNAVAILABLE, detail)
+    problem = Problem.of("database-unavailable", detail)
     return respond(request, problem, {"Retry-After": "5"})
 
 
@@ -93,22 +79,17 @@ async def _on_storage_error(request: Request, error: Exception) -> Response:
         f"The service's storage cannot be used now: {error.strerror or error}. Nothing was half done. Try again in a "
         "moment; if it stays so, its operator has to look after it."
     )
-    problem = Problem.named("storage-unavailable", "The storage cannot be used", HTTPStatus.SERVICE_UNAVAILABLE, detail)
+    problem = Problem.of("storage-unavailable", detail)
     return respond(request, problem, {"Retry-After": "60"})
 
 
 async def _on_conflict(request: Request, error: Exception) -> Response:
     _log.warning("%s %r: %s", request.method, request.url.path, error)
     detail = "Somebody else changed or deleted the same thing at this moment. Look at it again."
-    return respond(request, Problem.named("conflict", "Changed by others", HTTPStatus.CONFLICT, detail))
+    return respond(request, Problem.of("conflict", detail))
 
 
-_DISK_FULL = Problem.named(
-    "disk-full",
-    "No room left",
-    HTTPStatus.INSUFFICIENT_STORAGE,
-    "The service has no room left. Its operator has to make room; then try again.",
-)
+_DISK_FULL = Problem.of("disk-full", "The service has no room left. Its operator has to make room; then try again.")
 
 
 def install(app: FastAPI) -> None:

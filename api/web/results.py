@@ -4,16 +4,18 @@ import json
 import mimetypes
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 from urllib.parse import quote
 
 from fastapi import Query
 from fastapi.responses import FileResponse
 
+from api.settings import in_words
 from api.store.ids import new_id
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
 from api.web.dependencies import Parts
-from api.web.headers import REPORT_POLICY
+from api.web.middleware import REPORT_POLICY
+from api.work.flown import FILE
 
 #: Media types by the ending of a name; browsers need to be told that text is UTF-8.
 _MEDIA_TYPES = {
@@ -49,17 +51,7 @@ Include = Annotated[
 
 
 def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Extra)) -> AnalysisAnswer:
-    """Add to an analysis what it found, with as much as `include` asks for, and where its files are.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    parts : Parts
-        The service, which has its files.
-    include : sequence of Extra
-        Which of the longer parts to add.
-    """
+    """Add to an analysis what it found, with as much as `include` asks for, and where its files are."""
     report = _contents(analysis, parts, "report.json")
     return AnalysisAnswer(
         **dict(analysis),
@@ -74,17 +66,7 @@ def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Ex
 
 
 def file_of(analysis: Analysis, name: str, parts: Parts) -> FileResponse | None:
-    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    name : str
-        File name.
-    parts : Parts
-        The service, which has its files.
-    """
+    """Answer with a file of an analysis, or the range of it that was asked for; None when there is none."""
     path = local_copy(parts.catalog.object_of(analysis, name), parts)
     return None if path is None else file_response(path, name)
 
@@ -162,3 +144,80 @@ def _coefficients(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
                     for output, row in functions.items()
                 }
     return found
+
+
+#: What people call our files, in the order in which they are offered.
+_KNOWN = {
+    "report.html": "Report in one file, for mailing and printing",
+    "models.json": "Models",
+    "models.mat": "Models for MATLAB",
+    "rmse.csv": "RMSE table",
+    "coefficients.csv": "Coefficients of the models",
+    "parameters.csv": "Physical parameters by every method",
+    "track.geojson": "Track for maps (GeoJSON)",
+    "track.kml": "Track for Google Earth (KML)",
+    "track.gpx": "Track for GPS programs (GPX)",
+    "report.json": "All numbers of the report",
+    "report.md": "Report in short, as Markdown",
+    "proposed.param": "Proposed gains and filters",
+    "rollback.param": "Gains and filters as flown, to go back to",
+    "sitl_frame.json": "Frame for ArduPilot's simulator",
+    "craft.json": "Rigid body with its covariance, and linear hover model",
+    "craft.mat": "The same for MATLAB",
+}
+
+_FLIGHTS, _TABLES = "flights/", "tables/"
+
+
+class Download(NamedTuple):
+    """A file to download."""
+
+    name: str
+    what: str
+    size: str
+    address: str
+    #: What it is called on the visitor's computer.
+    saved_as: str
+
+
+class FlightPage(NamedTuple):
+    """The report on one flight of several."""
+
+    name: str
+    address: str
+
+
+def downloads(analysis: Analysis, address: str) -> list[Download]:
+    """List the files of an analysis whose resource has this address, those we know by name first.
+
+    Without tables, and without what belongs to single flights and crafts of several.
+    """
+    order = list(_KNOWN)
+    offered = [name for name in analysis.files if "/" not in name and name != FILE]
+    offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
+    return _files(analysis, address, offered)
+
+
+def tables(analysis: Analysis, address: str) -> list[Download]:
+    """List the tables of the logs of an analysis."""
+    return _files(analysis, address, sorted(name for name in analysis.files if name.startswith(_TABLES)))
+
+
+def _files(analysis: Analysis, address: str, names: list[str]) -> list[Download]:
+    return [
+        Download(
+            name,
+            _KNOWN.get(name, ""),
+            in_words(analysis.files[name]),
+            f"{address}/{quote(name)}",
+            f"{analysis.log.name}.{name.replace('/', '.')}",
+        )
+        for name in names
+    ]
+
+
+def flight_pages(analysis: Analysis, address: str) -> list[FlightPage]:
+    """List the pages of the flights that were analysed together; none for a single flight."""
+    ending = "/report.html"
+    names = [name for name in analysis.files if name.startswith(_FLIGHTS) and name.endswith(ending)]
+    return [FlightPage(name.removeprefix(_FLIGHTS).removesuffix(ending), f"{address}/{quote(name)}") for name in names]

@@ -6,12 +6,17 @@ computer, but no password of the server and no log of anybody else.
 
 import ctypes
 import os
+import signal
 import struct
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 #: Beginnings of names of environment variables that an analysis may know; all others may hold a secret.
 _KNOWN = ("PATH", "HOME", "LANG", "LC_", "TZ", "TMPDIR", "XDG_", "PYTHON", "OPENBLAS_", "OMP_", "MKL_", "NUMBA_", "MPL")
+
+#: Linux's request for a signal at the death of the parent, of prctl(2).
+_PR_SET_PDEATHSIG = 1
 
 # System calls and rights of Landlock (linux/landlock.h), the same on all architectures.
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -22,25 +27,19 @@ _READ, _FILE, _FOLDER = 0b100, 0b111, (1 << 14) - 1
 _LEAST = 2
 
 
+def die_with_parent() -> None:
+    """End this process when the one that it was forked from ends, however that one ends."""
+    if sys.platform == "linux":
+        parent = os.getppid()
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if parent == 1 or os.getppid() != parent:  # it had ended before
+            os._exit(1)
+
+
 def confine(closed: Sequence[Path], own: Path, given: Sequence[Path] = ()) -> bool:
     """Close the environment and some folders to this process and those that it starts, for good.
 
     It must have one thread. What /proc tells of other processes is closed too.
-
-    Parameters
-    ----------
-    closed : sequence of Path
-        Folders that may no longer be read, written or listed. What holds them may not be listed or written either, but
-        what lies beside them may.
-    own : Path
-        Folder that stays open, wherever it lies.
-    given : sequence of Path
-        Files, or links to files, that may be read wherever they lie.
-
-    Returns
-    -------
-    bool
-        Whether folders were closed: not where the kernel is no Linux or has no Landlock of version 2 (Linux 5.19).
     """
     libc = ctypes.CDLL(None, use_errno=True)
     _forget(libc)

@@ -23,17 +23,7 @@ _OTHER = ("rate", "training_fraction")
 
 
 def register(session: Session, analysis: AnalysisRecord, flown: Sequence[Flown]) -> None:
-    """Assign the flights of an analysis that is done to their craft.
-
-    Parameters
-    ----------
-    session : Session
-        The transaction that ends the analysis.
-    analysis : AnalysisRecord
-        The analysis.
-    flown : sequence of Flown
-        The flights that it found.
-    """
+    """Assign the flights of an analysis that is done to their craft."""
     odd = any(name in analysis.configuration for name in _OTHER)
     logs = {member.log.sha256: member.log_id for member in analysis.members}
     for each in without_experiments(flown) if odd else flown:
@@ -67,23 +57,7 @@ def keep(
     *,
     replace: bool = True,
 ) -> FlightRecord:
-    """Keep one flight.
-
-    Parameters
-    ----------
-    session : Session
-        Open for writing.
-    owner : str
-        Whose flight it is.
-    source : str
-        Where it was read from: with the flight's number it tells flights of an owner apart.
-    flown : Flown
-        The flight.
-    place : tuple
-        Id of its log, id of its analysis (None where there is none), and the folder of its products.
-    replace : bool
-        Take it in place of what an earlier analysis of the same flight gave.
-    """
+    """Keep one flight."""
     entry, now = flown.entry, datetime.now(UTC)
     same = (FlightRecord.owner == owner, FlightRecord.source == source, FlightRecord.number == entry.number)
     record = session.scalar(select(FlightRecord).where(*same))
@@ -124,17 +98,7 @@ def touch(session: Session, crafts: Iterable[str]) -> None:
 
 
 def forget(session: Session, flights: Sequence[FlightRecord], why: str) -> None:
-    """Remove flights from their craft; joint models that held one of them do not hold any more.
-
-    Parameters
-    ----------
-    session : Session
-        Open for writing.
-    flights : sequence of FlightRecord
-        Flights to remove.
-    why : str
-        What happened to them, to go on "flight a, which ...".
-    """
+    """Remove flights from their craft; joint models that held one of them do not hold any more."""
     crafts = {flight.craft_id for flight in flights}
     for flight in flights:
         lose(session, flight, why)
@@ -144,17 +108,7 @@ def forget(session: Session, flights: Sequence[FlightRecord], why: str) -> None:
 
 
 def lose(session: Session, flight: FlightRecord, why: str) -> None:
-    """Note that joint models of a craft hold a flight that is not its any more.
-
-    Parameters
-    ----------
-    session : Session
-        Open for writing.
-    flight : FlightRecord
-        The flight, still with its old craft.
-    why : str
-        What happened to it, to go on "flight a, which ...".
-    """
+    """Note that joint models of a craft hold a flight that is not its any more."""
     craft = session.get(CraftRecord, flight.craft_id)
     if craft is not None and flight.id in craft.joint_of:
         craft.joint_of = []
@@ -171,15 +125,19 @@ def _craft_of(session: Session, owner: str, entry: FlightEntry) -> str:
     known = session.get(CraftKeyRecord, (owner, key))
     if known is not None:
         return known.craft_id
-    now = datetime.now(UTC)
-    craft = CraftRecord(
-        id=new_id(), owner=owner, kind=entry.craft_name[:200], created=now, changed=now, joint_of=[], name=""
-    )
-    session.add(craft)
-    session.flush()
+    craft = new_craft(session, owner, entry.craft_name)
     session.add(CraftKeyRecord(owner=owner, digest=key, craft_id=craft.id))
     session.flush()
     return craft.id
+
+
+def new_craft(session: Session, owner: str, kind: str) -> CraftRecord:
+    """Make a craft without flights."""
+    now = datetime.now(UTC)
+    craft = CraftRecord(id=new_id(), owner=owner, kind=kind[:200], created=now, changed=now, joint_of=[], name="")
+    session.add(craft)
+    session.flush()
+    return craft
 
 
 def _free_name(session: Session, owner: str, name: str) -> str:

@@ -14,8 +14,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from api.problems import Problem, ProblemError
+from api.problems import ProblemError
+from api.work.confinement import die_with_parent
 from api.work.watch import CONTEXT
+from logparse.containers import MAX_UNPACKED_BYTES, limit_unpacked
 
 _log = logging.getLogger("rotorid.api")
 
@@ -24,30 +26,16 @@ _ANSWERS = 500
 
 
 class Desk:
-    """One process that answers one question after the other; started with the first.
+    """One process that answers one question after the other; started with the first."""
 
-    Parameters
-    ----------
-    memory : int
-        Bytes that the process may take.
-    patience : float
-        Seconds for a question to wait for its turn and be answered; on a fresh machine the first compiles its kernels.
-    """
-
-    def __init__(self, memory: int, patience: float = 90.0) -> None:
-        self._memory = memory
+    def __init__(self, memory: int, patience: float = 90.0, unpacked: int = MAX_UNPACKED_BYTES) -> None:
+        self._limits = (memory, unpacked)
         self.patience = patience
         self._lock = threading.Lock()
         self._process: ProcessPoolExecutor | None = None
 
     def ask(self, question: str, *arguments: object) -> Any:
-        """Ask a function of `api.machine.questions`.
-
-        Raises
-        ------
-        ProblemError
-            There is no answer (`api.machine.questions.QuestionError`), or none in time.
-        """
+        """Ask a function of `api.machine.questions`."""
         process = self._running()
         try:
             answer, problem = process.submit(_answer, question, arguments).result(timeout=self.patience)
@@ -55,11 +43,9 @@ class Desk:
             _log.warning("the question %s found no answer: %s", question, type(error).__name__)
             self._give_up(process)
             detail = "The answer took too long, or needed more memory than this service has for it. Try again."
-            raise ProblemError(
-                Problem.named("no-answer", "No answer in time", HTTPStatus.SERVICE_UNAVAILABLE, detail)
-            ) from error
+            raise ProblemError.of("no-answer", detail) from error
         if problem:
-            raise ProblemError(Problem.named("not-possible", "Not possible", HTTPStatus.UNPROCESSABLE_ENTITY, problem))
+            raise ProblemError.of("not-possible", problem)
         return answer
 
     def open(self) -> None:
@@ -70,7 +56,7 @@ class Desk:
         with self._lock:
             if self._process is None:
                 self._process = ProcessPoolExecutor(
-                    1, CONTEXT, initializer=_limit, initargs=(self._memory,), max_tasks_per_child=_ANSWERS
+                    1, CONTEXT, initializer=_limit, initargs=self._limits, max_tasks_per_child=_ANSWERS
                 )
             return self._process
 
@@ -82,8 +68,7 @@ class Desk:
             if error.problem.status == HTTPStatus.SERVICE_UNAVAILABLE:
                 return
             detail = f"{error.problem.detail.rstrip('.')}."
-            status = HTTPStatus.UNPROCESSABLE_ENTITY
-            raise ProblemError(Problem.named("unusable-log", "Not a flight log", status, detail)) from error
+            raise ProblemError.of("unusable-log", detail) from error
 
     def close(self) -> None:
         """End the process."""
@@ -109,7 +94,9 @@ def _import_questions() -> None:
     import_module("api.machine.questions")
 
 
-def _limit(memory: int) -> None:
+def _limit(memory: int, unpacked: int) -> None:
+    die_with_parent()  # which waits for questions without end, also where nobody is left to ask
+    limit_unpacked(unpacked)
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
 

@@ -2,20 +2,22 @@
 
 A worker claims an analysis for a short time and keeps prolonging that. When it dies, its lease runs out and another
 worker may claim the analysis. A worker that lost its lease, because it was too slow or the analysis was cancelled, can
-change nothing any more: every change names the lease. Whoever begins to work renews the claim under a lease of its own,
-so that a claim handed out twice, as a cluster does when it loses a worker, is worked on once.
+change nothing any more: every change names the lease.
 
 Every change may be asked for again when the connection broke before the answer came.
 """
 
+import logging
+import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
-from http import HTTPStatus
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.engine import CursorResult
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from api.problems import Problem
@@ -49,16 +51,7 @@ _PLAUSIBLE = 3
 
 
 class Queue:
-    """Claims analyses and records how they go.
-
-    Parameters
-    ----------
-    database : Database
-    lease : float
-        Seconds without a sign of life after which a worker is taken for dead.
-    deaths : int
-        How many processes may die of one analysis.
-    """
+    """Claims analyses and records how they go."""
 
     def __init__(self, database: Database, *, lease: float, deaths: int) -> None:
         self._database = database
@@ -98,25 +91,8 @@ class Queue:
                 craft=found.craft_id,
             )
 
-    def begin(self, claim: Claim) -> Claim | None:
-        """Put a claim under a new lease, which only the caller knows; None when the old one is lost."""
-        own = replace(claim, lease=new_id())
-        with self._database.write() as session:
-            held = _change(session, claim, lease=own.lease, lease_until=now(session) + self._lease)
-        return own if held else None
-
     def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
-        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing.
-
-        Parameters
-        ----------
-        claim : Claim
-            The analysis and the lease it is worked on under.
-        stage : str
-            What is being done.
-        progress : float
-            Share of the whole that is done, from 0 to 1.
-        """
+        """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
         with self._database.write() as session:
             until = now(session) + self._lease
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
@@ -124,19 +100,7 @@ class Queue:
     def finish(
         self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
     ) -> bool:
-        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost.
-
-        Parameters
-        ----------
-        claim : Claim
-            The analysis and the lease it was worked on under.
-        files : mapping of str to int
-            Names of the files of results, with their sizes in bytes.
-        found : Found, optional
-            What the list of analyses shows.
-        flown : sequence of Flown
-            The flights.
-        """
+        """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
         short = asdict(found or Found())
         with self._database.write() as session:
             if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **short):
@@ -207,10 +171,8 @@ def cancel(session: Session, analysis: str) -> bool:
 
 def abandoned(attempts: int) -> Problem:
     """Report that an analysis lost its worker as often as it may."""
-    return Problem.named(
+    return Problem.of(
         "analysis-crashed",
-        "The analysis crashed",
-        HTTPStatus.INTERNAL_SERVER_ERROR,
         f"The analysis was begun {attempts} times and each time ended without a word, most likely because it needed "
         "more memory than the computer has. Analyse a shorter log, or run `rotorid analyze` yourself.",
     )
@@ -238,3 +200,64 @@ def _change(session: Session, claim: Claim, **values: Any) -> bool:
         .values(**values)
     )
     return isinstance(changed, CursorResult) and changed.rowcount == 1
+
+
+_log = logging.getLogger("rotorid.api")
+
+#: Part of a lease after which it is prolonged: two signs of life may be lost.
+_PROLONG = 1 / 3
+
+#: Least seconds between two signs of life when there is progress to tell.
+_QUICKEST = 0.2
+
+
+class LostError(Exception):
+    """Somebody else has the analysis now, or nobody wants it any more."""
+
+
+class Heartbeat:
+    """Prolongs a claim until it is left."""
+
+    def __init__(self, queue: Queue, claim: Claim, lease: float) -> None:
+        self._queue = queue
+        self._claim = claim
+        self._interval = lease * _PROLONG
+        self._reached = ("", 0.0)
+        self._news, self._lost, self._left = threading.Event(), threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Stop; the last sign of life may still be on its way, and comes to nothing once the analysis has ended."""
+        self._left.set()
+        self._news.set()
+        self._thread.join()
+
+    def reach(self, stage: str, progress: float) -> None:
+        """Report how far the work is, and let others know soon."""
+        self._reached = (stage, progress)
+        self._news.set()
+
+    def check(self) -> None:
+        """Raise `LostError` when the claim is lost."""
+        if self._lost.is_set():
+            raise LostError
+
+    def _beat(self) -> None:
+        while not self._left.is_set():
+            self._news.wait(self._interval)
+            self._news.clear()
+            if self._left.is_set():
+                return
+            try:
+                if not self._queue.prolong(self._claim, *self._reached):
+                    self._lost.set()
+                    return
+            except SQLAlchemyError as error:
+                # A database that does not answer is no reason to stop before it says that the lease is over.
+                _log.warning("analysis %s: no sign of life can be given: %s", self._claim.analysis, error)
+            self._left.wait(_QUICKEST)

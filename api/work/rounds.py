@@ -12,15 +12,7 @@ _log = logging.getLogger("rotorid.api")
 
 
 class Rounds(ABC):
-    """Goes round until it is closed; a round that fails is logged, and the next one may do better.
-
-    Parameters
-    ----------
-    name : str
-        Of the thread.
-    interval : float
-        Seconds between two rounds.
-    """
+    """Goes round until it is closed; a round that fails is logged, and the next one may do better."""
 
     def __init__(self, name: str, interval: float) -> None:
         self._interval = interval

@@ -1,11 +1,10 @@
 """What happens in the process of one analysis, apart from the server so that a crash takes nothing else down."""
 
-import ctypes
+import errno
 import logging
 import os
 import resource
 import signal
-import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -60,9 +59,6 @@ _OURS = ("flights",)
 
 Progress: TypeAlias = Callable[[str, float], None]
 
-#: Linux's request for a signal at the death of the parent, of prctl(2).
-_PR_SET_PDEATHSIG = 1
-
 
 @dataclass(frozen=True, slots=True)
 class Member:
@@ -113,13 +109,19 @@ class OutOfMemory:
 
 
 @dataclass(frozen=True, slots=True)
+class DiskFull:
+    """There is no room for the results."""
+
+
+@dataclass(frozen=True, slots=True)
 class Crashed:
     """The analysis met a bug of ours."""
 
     traceback: str
 
 
-Report: TypeAlias = Advanced | Finished | Refused | OutOfMemory | Crashed
+Failed: TypeAlias = Refused | OutOfMemory | DiskFull | Crashed
+Report: TypeAlias = Advanced | Finished | Failed
 
 
 def analyze_logs(task: Task, progress: Progress) -> None:
@@ -219,25 +221,10 @@ class Limits:
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
-    """Do a task within its limits and report how it goes, ending with anything but `Advanced`.
-
-    Parameters
-    ----------
-    reports_to : Connection
-        Pipe to the process that watches this one.
-    analyze : callable
-        The analysis, called with the task and a function that takes stage and progress (0 to 1).
-    task : Task
-        The logs and where results go.
-    limits : Limits
-        Time and memory allowed.
-    log_format : LogFormat
-        How log lines are written.
-    """
+    """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
     log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
-    if sys.platform == "linux":  # Should the server be killed, nobody else would end us before the alarm.
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    confinement.die_with_parent()  # should the server be killed, nobody else would end us before the alarm
     os.nice(5)  # Requests come first.
     signal.setitimer(signal.ITIMER_REAL, limits.time + 10.0)
     # Not RLIMIT_AS: mapped files and numba's reservations are address space but not memory.
@@ -263,8 +250,9 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
         _tell(reports_to, Refused(_in_users_words(str(error), task)))
     except MemoryError:
         _tell(reports_to, OutOfMemory())
-    except Exception:
-        _tell(reports_to, Crashed(traceback.format_exc()))
+    except Exception as error:
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        _tell(reports_to, DiskFull() if full else Crashed(traceback.format_exc()))
     else:
         _tell(reports_to, Finished())
 

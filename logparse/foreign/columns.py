@@ -112,6 +112,16 @@ class ColumnMap:
         return (*out, *self.attitude.columns, *self.motors.columns)
 
 
+class _Plain(yaml.SafeLoader):
+    """YAML without aliases: a few lines of them write out to a billion words."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Refuse an alias; read anything else."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not read; write what they stand for")
+        return super().compose_node(parent, index)
+
+
 def read_column_map(source: Mapping[str, Any] | str | Path) -> ColumnMap:
     """Read the description of a table.
 
@@ -128,10 +138,10 @@ def read_column_map(source: Mapping[str, Any] | str | Path) -> ColumnMap:
     if not isinstance(source, Mapping):
         path = Path(source)
         try:
-            content = yaml.safe_load(path.read_text("utf-8"))
+            content = yaml.load(path.read_text("utf-8"), _Plain)
         except FileNotFoundError:
             raise TableError(f"{path}: no such file") from None
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        except Exception as error:  # tags and nesting end in whatever the constructors of YAML happen to raise
             raise TableError(f"{path.name}: not readable as YAML: {error}") from error
         if not isinstance(content, Mapping):
             raise TableError(f"{path.name}: a mapping of what each column is, is expected (docs/tables.md)")

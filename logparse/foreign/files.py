@@ -8,8 +8,10 @@ import gzip
 import io
 import lzma
 import math
+import struct
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -39,6 +41,10 @@ _SAMPLE = 4096
 
 #: Classes of MATLAB's variables that are no arrays of numbers.
 _NO_NUMBERS = ("cell", "struct", "char", "object", "function", "opaque", "sparse")
+
+#: Kinds of elements of a MATLAB file of version 5: packed ones, an array's first, those that arrays of numbers have.
+#: And the classes of arrays of numbers.
+_COMPRESSED, _FLAGS, _HELD, _NUMERIC = 15, 6, {*range(1, 8), 9, 12, 13, 16}, range(6, 16)
 
 #: File names that a table may have.
 SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet", ".mat")
@@ -90,7 +96,7 @@ def _text(path: Path) -> pd.DataFrame:
         with path.open("rb") as plain:
             return _values(plain)
     with opener(path) as packed, tempfile.TemporaryFile() as plain:
-        _, damage = unpack(packed, plain, path.name)
+        _, damage = unpack(packed, plain, path)
         if damage is not None:
             raise damage
         plain.seek(0)
@@ -117,7 +123,7 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 def _check_size(path: Path, size: int) -> None:
     """Refuse a table that is larger in memory than an archive may unpack to."""
-    if size > (most := most_unpacked()):
+    if size > (most := most_unpacked(path.stat().st_size)):
         raise TableError(
             f"{path.name} holds {size / 1e9:.3g} GB of numbers, more than the {most / 1e9:.3g} GB that are read here: "
             "cut the table into shorter flights"
@@ -165,7 +171,7 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
         except (ValueError, SyntaxError, TypeError, OverflowError, MemoryError, RecursionError):
             rows.append(np.empty(0))  # no list of numbers; nested too deep ends in one of the last two
     width = max(len(row) for row in rows)
-    if 8 * width * len(rows) > most_unpacked():
+    if 8 * width * len(rows) > most_unpacked(8 * sum(map(len, rows))):
         raise TableError(f"column {name}: lists of up to {width} numbers in {len(rows)} rows are too much to read")
     matrix = np.full((len(rows), width), np.nan)
     for k, row in enumerate(rows):
@@ -173,8 +179,40 @@ def _parted(name: str, series: Iterable[Any]) -> dict[str, np.ndarray]:
     return {f"{name}[{k}]": matrix[:, k] for k in range(width)}
 
 
+def _check_tags(path: Path) -> None:
+    """Raise ValueError if a MATLAB file of version 5 has elements of kinds that SciPy would crash at."""
+    data = path.read_bytes()
+    order = {b"\0\1IM": "<", b"\1\0MI": ">"}.get(data[124:128])
+    if order is None:
+        return  # of another version
+    most = most_unpacked(len(data))
+    for kind, content in _elements(data[128:], order):
+        if kind == _COMPRESSED:
+            unpacking = zlib.decompressobj()
+            content = unpacking.decompress(content, most)
+            _check_size(path, len(content) + len(unpacking.unconsumed_tail) if unpacking.unconsumed_tail else 0)
+            ((_, content),) = list(_elements(content, order))[:1]
+        kinds, contents = zip(*_elements(content, order), strict=True)
+        numeric = contents[0][0 if order == "<" else 3] in _NUMERIC
+        if kinds[0] != _FLAGS or (numeric and not _HELD.issuperset(kinds)):
+            raise ValueError(f"an array of elements of the kinds {kinds[:9]}")
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of each element of a MATLAB file of version 5; short ones have both in eight bytes."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start = at + 8
+        if kind >> 16:
+            kind, size, start = kind & 0xFFFF, min(kind >> 16, 4), at + 4
+        yield kind, data[start : start + size]
+        at = start + size if kind == _COMPRESSED else at + 8 + (-(-size // 8) * 8 if start == at + 8 else 0)
+
+
 def _matlab(path: Path) -> pd.DataFrame:
     try:
+        _check_tags(path)
         named = {name: shape for name, shape, kind in scipy.io.whosmat(path) if kind not in _NO_NUMBERS}
         _check_size(path, 8 * sum(math.prod(shape) for shape in named.values()))
         content = scipy.io.loadmat(path, squeeze_me=False, variable_names=list(named))

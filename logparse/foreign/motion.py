@@ -86,14 +86,14 @@ def read_motion(
     _require(frame, declared, label)
     if declared.time is not None:
         column = declared.time.columns[0]
+        if declared.names.count(column) > 1:
+            raise TableError(f"{label}: column {column} is the time, and cannot be anything else")
         t = frame[column].to_numpy(np.float64) * declared.time.factor
         rows, findings = steady_rows(t, column, label)
         t, frame = t[rows], frame.iloc[rows]
     else:
         t, findings = np.arange(len(frame)) / (declared.rate or 1.0), []
-    names = [
-        each for each in dict.fromkeys(declared.names) if declared.time is None or each not in declared.time.columns
-    ]
+    names = list(dict.fromkeys(declared.names))[0 if declared.time is None else 1 :]
     values = np.array(frame[names], dtype=np.float64)
     dt = float(np.median(np.diff(t)))
     attitude = [names.index(each) for each in declared.attitude.columns]

@@ -28,11 +28,41 @@ _HEADER_BYTES = 3
 _LEVEL_ZERO = ord("0")
 #: A flight controller is not up longer, us; later time stamps are damaged.
 _LONGEST_UPTIME = 400 * 86_400_000_000
+#: Fields of all subscriptions of a log together (a real one of 87 topics has 1,910), and formats within formats.
+_MOST_FIELDS, _DEEPEST = 40_000, 8
 
 
 def looks_like(head: bytes) -> bool:
     """Whether a file that begins so is a PX4 log."""
     return head.startswith(ULog.HEADER_BYTES)
+
+
+class _Log(ULog):  # type: ignore[misc]
+    """A log whose subscriptions have no more fields than any autopilot publishes.
+
+    pyulog makes an object and a column of each. A format that damage has given an array of 60,000, or that holds
+    itself, would take gigabytes before the first row is read.
+    """
+
+    _fields = 0
+
+    def _MessageAddLogged(self, data: bytes, header: object, message_formats: Mapping[str, Any]) -> object:  # noqa: N802
+        """Make a subscription, as pyulog does, if there is room for its fields."""
+        self._fields += _count_fields(ULog.parse_string(data[3:]), message_formats)
+        if self._fields > _MOST_FIELDS:
+            raise ValueError("more fields than a log has")
+        return ULog._MessageAddLogged(data, header, message_formats)
+
+
+def _count_fields(name: str, formats: Mapping[str, Any], depth: int = 0) -> int:
+    """Count the fields of a topic, formats within it included; above `_MOST_FIELDS` no further."""
+    count = 0
+    for kind, size, _ in formats[name].fields:
+        nested = 1 if kind in ULog._UNPACK_TYPES else 1 + _count_fields(kind, formats, depth + 1)
+        count += max(size, 1) * nested
+        if count > _MOST_FIELDS or depth > _DEEPEST:
+            return _MOST_FIELDS + 1
+    return count
 
 
 class _Handle(io.BytesIO):
@@ -85,7 +115,7 @@ class UlogSource:
         try:
             # pyulog reports damage by printing.
             with contextlib.redirect_stdout(said):
-                self._log = ULog(_Handle(sound))
+                self._log = _Log(_Handle(sound))
         except MemoryError:
             raise
         except Exception as error:  # damage makes pyulog raise whatever its parsing stumbles over

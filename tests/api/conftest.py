@@ -1,20 +1,23 @@
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
-import uvicorn
 from fastapi import FastAPI
 
 from api import Settings, create_app
 from api.server import Server
 from api.web import form_tokens
-from api.web.connections import PatientProtocol
+from api.work.worker import Analyze
 from tests.api import standins
 from tests.api.programs import PATIENCE
+
+#: Uploads bytes as a file and has them analysed.
+Upload = Callable[..., httpx.Response]
 
 #: What an answer holds only where it is asked for.
 EVERYTHING = ["report", "models", "findings"]
@@ -33,9 +36,7 @@ def _analyses_start_at_once(forks: None) -> None:
 @contextmanager
 def running(app: FastAPI) -> Iterator[httpx.Client]:
     """Serve an application on a free port, over real sockets, and give a client for it."""
-    server = Server(
-        uvicorn.Config(app, log_config=None, http=PatientProtocol, timeout_graceful_shutdown=5), app.state.parts.runner
-    )
+    server = Server(app, app.state.parts.settings)
     listener = socket.create_server(("127.0.0.1", 0))
     # Connections inherit it. A listener that uvicorn makes has it from asyncio; without, each answer waits for 40 ms.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -53,6 +54,13 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
             thread.join()
 
 
+def served(
+    settings: Settings | None = None, analyze: Analyze = standins.analyze, **named: Any
+) -> AbstractContextManager[httpx.Client]:
+    """Serve with a pipeline that is a stand-in, under settings that are given or named."""
+    return running(create_app(settings or Settings(**named), analyze, preload=()))
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the data folder of the module's service."""
@@ -63,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
     settings = Settings(data=folder, upload_limit=4_000_000, workers=2, memory_limit=600_000_000)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 
@@ -71,7 +79,7 @@ def service(folder: Path) -> Iterator[httpx.Client]:
 def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
     """Run a service that gives uploads half a second."""
     settings = Settings(data=tmp_path, upload_stall=0.5, workers=1)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 

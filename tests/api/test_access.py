@@ -1,7 +1,7 @@
 """With tokens everybody has only what is theirs, on every route; links, limits and who may delete."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -18,12 +18,10 @@ from api.routes import page_forms, pages
 from api.settings import Access
 from api.store.records import ShareRecord, TokenRecord
 from api.web.dependencies import Parts
-from api.web.local_only import LOOPBACK
+from api.web.middleware import LOOPBACK
 from rotorid.cli.main import app as command_line
 from tests.api import standins
-from tests.api.conftest import running
-
-Upload = Callable[..., httpx.Response]
+from tests.api.conftest import running, served
 
 BROWSER = {"Accept": "text/html"}
 
@@ -207,7 +205,7 @@ def test_an_owner_has_so_many_bytes_and_orders_and_no_more(tmp_path: Path) -> No
 
 def test_a_service_that_knows_its_names_answers_under_no_other(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, workers=1, access=Access.OPEN, hosts="drone.lab, other.lab")
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         for path in ("/", "/api/v1/logs", "/healthz", "/static/style.css", "/shared/x", "/nothing"):
             for host, known in (("drone.lab:8000", True), ("OTHER.lab", True), ("localhost", True), ("evil.x", False)):
                 answer = client.get(path, headers={"Host": host})

@@ -4,7 +4,6 @@ import gzip
 import json
 import multiprocessing
 import re
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,10 +14,8 @@ from api import Settings, create_app
 from api.settings import LogFormat
 from api.work.worker import Limits, Task, run
 from tests.api import standins
-from tests.api.conftest import EVERYTHING, running
+from tests.api.conftest import EVERYTHING, Upload, served
 from tests.api.programs import wait_until
-
-Upload = Callable[..., httpx.Response]
 
 
 def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: Upload) -> None:
@@ -139,7 +136,7 @@ def test_the_service_answers_while_the_workers_are_busy(service: httpx.Client, t
 
 def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Path, upload: Upload) -> None:
     settings, go_on = Settings(data=tmp_path / "data", workers=1), tmp_path / "go on"
-    with ThreadPoolExecutor() as clients, running(create_app(settings, standins.analyze, preload=())) as client:
+    with ThreadPoolExecutor() as clients, served(settings) as client:
         log = client.post("/api/v1/logs", files={"file": ("a.bin", f"until |{go_on}|".encode())}).json()["id"]
         address = client.post("/api/v1/analyses", json={"log": log}).headers["Location"]
         wait_until(lambda: stage_of(client, address) == "transfer functions")
@@ -148,7 +145,7 @@ def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Pat
     assert waiting.result().status_code == 503
     assert "goes on when the service is back" in waiting.result().json()["detail"]
     go_on.touch()
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         wait_until(lambda: len(client.get("/api/v1/analyses", params={"state": "done"}).json()["items"]) == 2)
         assert client.get(address, params={"include": "report"}).json()["report"]["name"] == "a.bin"
         assert client.get(address).json()["attempts"] == 1

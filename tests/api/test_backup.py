@@ -11,11 +11,11 @@ from sqlalchemy import create_engine
 from typer.testing import CliRunner
 
 import api
-from api import Settings, create_app
+from api import Settings
 from api.store.database import Database
 from rotorid.cli.main import app as command_line
-from tests.api import flights, postgresql, standins
-from tests.api.conftest import running
+from tests.api import flights, postgresql
+from tests.api.conftest import served
 from tests.api.visits import fly, only_craft, settled
 
 
@@ -28,7 +28,7 @@ def run(data: Path, *arguments: str, **settings: str) -> tuple[int, str]:
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_everything_comes_back_from_one_file(tmp_path: Path, kind: str) -> None:
     file = tmp_path / "saved.tar"
-    with running(create_app(Settings(data=tmp_path / "old", workers=1), flights.analyze, preload=())) as client:
+    with served(data=tmp_path / "old", workers=1, analyze=flights.analyze) as client:
         for day in range(2):
             fly(client, f"flight{day}.bin", flights.log(day))
         craft = settled(client, only_craft(client)["id"])
@@ -45,7 +45,7 @@ def test_everything_comes_back_from_one_file(tmp_path: Path, kind: str) -> None:
         code, said = run(tmp_path / "new", "restore", str(file), **settings)
         assert code == 0, said
         chosen = Settings(data=tmp_path / "new", workers=1, database=settings.get("ROTORID_DATABASE", ""))
-        with running(create_app(chosen, flights.analyze, preload=())) as client:
+        with served(chosen, analyze=flights.analyze) as client:
             assert _seen(client, craft["id"]) == before
             fly(client, "flight2.bin", flights.log(2))  # and it goes on
             assert only_craft(client)["flights"] == 3
@@ -94,7 +94,7 @@ def test_a_database_of_the_first_version_is_brought_up_to_date_with_its_data(tmp
     old.close()
     (tmp_path / "objects" / "logs").mkdir(parents=True)
     (tmp_path / "objects" / "logs" / log).write_bytes(flights.log(0))
-    with running(create_app(Settings(data=tmp_path, workers=1), flights.analyze, preload=())) as client:
+    with served(data=tmp_path, workers=1, analyze=flights.analyze) as client:
         found = client.get(f"/api/v1/analyses/{analysis}").json()
         assert (found["configuration"], found["state"], found["log"]["name"]) == ({"poles": 4}, "cancelled", "old.bin")
         assert client.get("/api/v1/crafts").json()["items"] == []
@@ -106,7 +106,7 @@ def test_a_database_of_the_first_version_is_brought_up_to_date_with_its_data(tmp
 
 
 def test_failures_and_the_queue_are_measured(tmp_path: Path) -> None:
-    with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())) as client:
+    with served(data=tmp_path, workers=1) as client:
         for content in (b"refused 1", b"refused 2", b"bug"):
             client.post("/api/v1/logs", params={"analyze": True}, files={"file": ("a.bin", content)})
         text = client.get("/metrics").text

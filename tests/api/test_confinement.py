@@ -9,7 +9,7 @@ import pytest
 
 from api.settings import LogFormat, Settings
 from api.work.confinement import landlock_version
-from api.work.watch import Workplace
+from api.work.watch import limits_of
 from api.work.worker import Finished, Limits, Progress, Task, run
 
 
@@ -52,7 +52,7 @@ def test_an_analysis_reaches_nothing_of_the_service(tmp_path: Path, monkeypatch:
     (own / "results").mkdir()
     (own / "log").symlink_to(data / "objects/logs/2")
     (tmp_path / "link").symlink_to(data)
-    closed = Workplace.of(Settings(data=data), pry, (), None).limits.closed
+    closed = limits_of(Settings(data=data)).closed
     receiver, sender = multiprocessing.Pipe(duplex=False)
     task = Task([(own / "log", "log")], {}, own / "results")
     process = multiprocessing.get_context("spawn").Process(

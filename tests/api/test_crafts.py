@@ -11,14 +11,14 @@ import pytest
 from api import Settings, create_app
 from api.settings import Access
 from tests.api import flights
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 from tests.api.visits import fly, only_craft, settled, wait
 
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[httpx.Client]:
     settings = Settings(data=tmp_path, workers=2)
-    with running(create_app(settings, flights.analyze, preload=())) as client:
+    with served(settings, analyze=flights.analyze) as client:
         yield client
 
 
@@ -266,7 +266,7 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
 
     analyze(2)
     settings = Settings(data=tmp_path / "data", workers=1, out=out)
-    with running(create_app(settings, flights.analyze, preload=())) as client:
+    with served(settings, analyze=flights.analyze) as client:
         wait(lambda: client.get("/api/v1/crafts").json()["items"])
         craft = settled(client, only_craft(client)["id"])
         assert craft["review"]["flights"] == ["flight0", "flight1"]

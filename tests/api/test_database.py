@@ -13,17 +13,16 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import create_engine, select, update
 
-from api import Settings, create_app
 from api.logs.catalog import Catalog, FullError
 from api.problems import Problem
 from api.store.database import Database
-from api.store.incoming import Incoming
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
+from api.store.scratch import Incoming
 from api.work.queue import Claim, Queue
-from tests.api import postgresql, standins
-from tests.api.conftest import running
+from tests.api import postgresql
+from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 
 PROBLEM = Problem(title="No", status=422, detail="No.")
@@ -148,12 +147,8 @@ def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep
 def test_a_lost_lease_changes_nothing(database: Database, catalog: Catalog, keep: Callable[..., str]) -> None:
     analysis = catalog.order([keep(b"log")], {}, "ann").id
     queue = Queue(database, lease=60.0, deaths=3)
-    handed_out = queue.claim()
-    assert handed_out is not None
-    slow = queue.begin(handed_out)
+    slow = queue.claim()
     assert slow is not None
-    assert queue.begin(handed_out) is None  # a cluster that hands it out again
-    assert not queue.prolong(handed_out)
     _let_expire(database, slow)
     quick = queue.claim()
     assert quick is not None
@@ -243,8 +238,8 @@ def test_ordering_and_deleting_at_once_leaves_no_analysis_without_its_log(
             return False
         return True
 
-    def delete(log: str) -> bool:
-        return catalog.delete_log(log, "ann")
+    def delete(log: str) -> None:
+        catalog.delete_log(log, "ann")
 
     with ThreadPoolExecutor(8) as pool:
         jobs = [pool.submit(work, log) for log in logs for work in (order, order, delete, order)]
@@ -259,7 +254,7 @@ def test_the_whole_way_of_a_log(
     url: str, database: Database, tmp_path: Path, upload: Callable[..., httpx.Response]
 ) -> None:
     database.close()  # which has left no rows
-    with running(create_app(Settings(data=tmp_path, database=url, workers=1), standins.analyze, preload=())) as client:
+    with served(data=tmp_path, database=url, workers=1) as client:
         done = upload(client, b"good log", "Höhe 🚁.bin")
         assert (done.status_code, done.json()["report"]["name"]) == (201, "Höhe 🚁.bin")
         assert upload(client, b"refused").status_code == 422

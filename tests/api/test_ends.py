@@ -1,6 +1,6 @@
 """Every analysis ends once, for itself: poisonous logs, cancelling and deleting on the way, two servers, one queue."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,10 +10,8 @@ from sqlalchemy.exc import OperationalError
 
 from api import Settings, create_app
 from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import Upload, running, served
 from tests.api.programs import wait_until
-
-Upload = Callable[..., httpx.Response]
 
 
 def started(client: httpx.Client, content: bytes) -> tuple[str, str]:
@@ -31,7 +29,7 @@ def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> Non
     """Good logs beside them are done; the poison is tried as often as it may, and no more."""
     settings = Settings(data=tmp_path, workers=2, deaths=3, memory_limit=600_000_000)
     contents = (b"crash", b"good 1", b"good 2", b"greedy", b"killed", b"good 3")
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         addresses = {content: started(client, content)[1] for content in contents}
         wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), pause=0.1)
         answers = {content: client.get(at).json() for content, at in addresses.items()}
@@ -51,7 +49,7 @@ def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> Non
 def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: Path, upload: Upload) -> None:
     """Both hang: on a busy computer a time so short may end a good log as well."""
     settings = Settings(data=tmp_path, workers=1, time_limit=1.0)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         _, first = started(client, b"hang")
         response = upload(client, b"hang second")
         assert response.status_code == 422
@@ -65,7 +63,7 @@ def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: 
 @pytest.fixture
 def patient_service(tmp_path: Path) -> Iterator[httpx.Client]:
     settings = Settings(data=tmp_path, workers=1, lease=1.0)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 
@@ -120,7 +118,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
     """They even share their data folder, and neither clears away what the other one is receiving."""
     settings = Settings(data=tmp_path, workers=2)
     with ExitStack() as stack:
-        clients = [stack.enter_context(running(create_app(settings, standins.analyze, preload=()))) for _ in range(2)]
+        clients = [stack.enter_context(served(settings)) for _ in range(2)]
         addresses = [started(clients[number % 2], b"brief %d" % number)[1] for number in range(16)]
         wait_until(lambda: all(clients[0].get(at).json()["ended"] for at in addresses), pause=0.1)
         answers = [clients[number % 2].get(at).json() for number, at in enumerate(addresses)]
@@ -128,7 +126,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
         folders = list((tmp_path / "scratch").iterdir())
         assert len(folders) == 2
         # A third that comes and goes leaves both alone.
-        with running(create_app(settings, standins.analyze, preload=())):
+        with served(settings):
             assert len(list((tmp_path / "scratch").iterdir())) == 3
         assert sorted((tmp_path / "scratch").iterdir()) == sorted(folders)
 

@@ -41,7 +41,7 @@ def test_junk_is_refused_when_it_is_uploaded(service: httpx.Client, content: byt
     before = len(service.get("/api/v1/logs").json()["items"])
     answer = service.post("/api/v1/logs", files={"file": ("holiday.bin", content)})
     assert answer.status_code == 422
-    assert answer.json()["title"] == "Not a flight log"
+    assert answer.json()["title"] == "The log cannot be analysed"
     assert says in answer.json()["detail"]
     assert "holiday.bin" in answer.json()["detail"]
     assert len(service.get("/api/v1/logs").json()["items"]) == before

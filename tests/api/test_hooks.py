@@ -19,7 +19,7 @@ from api.crafts import hooks
 from api.crafts.hooks import ForbiddenAddressError, check_address, resolve, send
 from api.settings import Webhooks
 from tests.api import flights
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 from tests.api.visits import fly, only_craft, settled
 
 
@@ -182,10 +182,10 @@ def test_an_address_that_takes_nothing_is_tried_once_in_a_while_for_all_its_aler
 
 
 def test_an_inner_address_is_refused_by_the_service(tmp_path: Path) -> None:
-    with running(create_app(Settings(data=tmp_path, workers=1), flights.analyze, preload=())) as client:
+    with served(data=tmp_path, workers=1, analyze=flights.analyze) as client:
         answer = client.post("/api/v1/hooks", json={"url": "https://169.254.169.254/"})
         assert (answer.status_code, answer.json()["type"]) == (422, "urn:rotorid:problem:forbidden-address")
     off = Settings(data=tmp_path, workers=1, webhooks=Webhooks.OFF)
-    with running(create_app(off, flights.analyze, preload=())) as client:
+    with served(off, analyze=flights.analyze) as client:
         answer: httpx.Response = client.post("/api/v1/hooks", json={"url": "https://ops.example.org/"})
         assert answer.status_code == 422

@@ -15,13 +15,10 @@ from typing import BinaryIO
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from logparse import LogError, read_log
-from tests.api import standins
-from tests.api.conftest import running, unfinished
+from tests.api.conftest import Upload, served, unfinished
 from tests.api.programs import PATIENCE, wait_until
-
-Upload = Callable[..., httpx.Response]
 
 HEAD = b"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
 PART = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.bin"\r\n\r\n'
@@ -51,7 +48,7 @@ def read_answer(answer: BinaryIO) -> bytes:
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service that takes any number of uploads."""
     settings = Settings(data=folder, upload_limit=4_000_000, upload_rate="", workers=2)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 
@@ -212,7 +209,7 @@ def test_a_bomb_is_refused_before_it_fills_the_disk(
 def impatient_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
     monkeypatch.setattr("api.web.connections.PATIENCE", 1.0)
     settings = Settings(data=tmp_path, upload_stall=1.0, workers=1)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         yield client
 
 

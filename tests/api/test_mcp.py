@@ -19,7 +19,7 @@ from api.work.flown import Flown
 from core.serialization import as_json, plain
 from pipeline.results.answer import AnswerLine, Tone
 from tests.api import flights, standins
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 from tests.api.programs import PROJECT
 from tests.pipeline.builders import flown
 
@@ -122,7 +122,7 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
 
 def test_the_same_questions_over_http(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, workers=1)
-    with running(create_app(settings, flights.analyze, preload=())) as client:
+    with served(settings, analyze=flights.analyze) as client:
         for day in range(2):
             client.post(
                 "/api/v1/logs", params={"analyze": True}, files={"file": (f"flight{day}.bin", flights.log(day))}

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,18 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from api import Settings, create_app
+from api import Settings
 from tests.api import flights
-from tests.api.conftest import running
+from tests.api.conftest import Upload, served
 from tests.api.programs import PATIENCE
 from tests.api.visits import fly
-
-Upload = Callable[..., httpx.Response]
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """Run a service in which there is a craft with a flight, whose analysis is done and shared."""
     chosen = Settings(data=tmp_path_factory.mktemp("data"), upload_rate="", workers=1)
-    with running(create_app(chosen, flights.analyze, preload=())) as client:
+    with served(chosen, analyze=flights.analyze) as client:
         yield client
 
 

@@ -8,12 +8,11 @@ import re
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import httpx
 import pytest
 from sqlalchemy import text
 
@@ -22,10 +21,8 @@ from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
 from api.store.database import Database
 from tests.api import standins
-from tests.api.conftest import running, unfinished
+from tests.api.conftest import Upload, running, served, unfinished
 from tests.api.programs import PATIENCE, PROJECT, wait_until
-
-Upload = Callable[..., httpx.Response]
 
 MANUAL = PROJECT / "docs" / "service.md"
 
@@ -137,7 +134,7 @@ def test_results_that_do_not_fit_end_an_analysis_with_that_reason(
 
 
 def test_a_folder_that_became_read_only_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())) as client:
+    with served(data=tmp_path, workers=1) as client:
 
         def read_only(*_: object, **__: object) -> None:
             raise OSError(errno.EROFS, "Read-only file system")
@@ -170,7 +167,7 @@ def test_what_a_dead_server_left_behind_is_cleared_away(tmp_path: Path) -> None:
     left = tmp_path / "scratch" / "dead"
     left.mkdir(parents=True)
     (left / "upload").write_bytes(b"half")
-    with running(create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())):
+    with served(data=tmp_path, workers=1):
         wait_until(lambda: not left.exists())
     assert not list((tmp_path / "scratch").iterdir())
 

@@ -1,4 +1,4 @@
-"""A page of another site can change nothing through a visitor's browser, under whatever name the service is reached.
+"""A page of another site can change nothing through a visitor's browser, and forms work for who loaded their page only.
 
 The browsers here are their requests: Sec-Fetch-Site goes to https and loopback only, Origin goes along everywhere.
 """
@@ -13,24 +13,106 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
 from api import Settings, create_app
-from api.routes import page_forms, pages, sign_in
+from api.routes import craft_pages, page_forms, pages, sign_in
 from api.settings import Access
+from api.web.form_tokens import COOKIE, FIELD, HEADER
 from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
 def app(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1)
+    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1")
     return create_app(settings, standins.analyze, preload=())
 
 
 @pytest.fixture(scope="module")
 def service(app: FastAPI) -> Iterator[httpx.Client]:
-    secret = app.state.parts.tokens.create("ann")
     with running(app) as client:
-        client.cookies.set("rotorid_token", secret)
+        del client.headers[HEADER]
+        client.cookies.clear()
+        client.cookies.set("rotorid_token", app.state.parts.tokens.create("ann"))
         yield client
+
+
+HOSTS = ("127.0.0.1:8000", "localhost", "drone.lab", "drone.lab:8443", "[fd00::1]:8000")
+CASES = (
+    ("own", "own", True),
+    (None, "own", True),  # an old browser, which tells no origin
+    ("own", None, False),
+    ("own", "guessed", False),
+    ("own", "", False),
+    (None, None, False),
+    ("other port", "own", False),
+    ("other scheme", "own", False),
+    ("null", "own", False),
+    ("http://evil.example", "own", False),
+)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "host", "origin", "token", "taken"),
+    [  # each case under both schemes, each host under both schemes in taken and refused cases
+        (scheme, HOSTS[(k + 2 * (scheme == "https")) % len(HOSTS)], *case)
+        for scheme in ("http", "https")
+        for k, case in enumerate(CASES)
+    ]
+    + [(scheme, host, "own", "own", True) for scheme in ("http", "https") for host in HOSTS[1:]],
+)
+def test_a_form_is_taken_from_its_own_page_only(
+    service: httpx.Client, scheme: str, host: str, origin: str | None, token: str | None, *, taken: bool
+) -> None:
+    headers = {"Host": host, "X-Forwarded-Proto": scheme, "Cookie": service.headers.get("Cookie", "")}
+    name = host.rpartition(":")[0] if re.search(r":\d+$", host) else host
+    other = {"http": "https", "https": "http"}[scheme]
+    headers |= {
+        None: {},
+        "own": {"Origin": f"{scheme}://{host}"},
+        "other port": {"Origin": f"{scheme}://{name}:3000"},
+        "other scheme": {"Origin": f"{other}://{host}"},
+    }.get(origin, {"Origin": str(origin)})
+    kept = service.cookies.get("rotorid_token")
+    jar = f"rotorid_token={kept}; {COOKIE}={'s' * 43}"
+    fields = {} if token is None else {FIELD: {"own": "s" * 43, "guessed": "g" * 43, "": ""}[token]}
+    mine = service.post(
+        "/api/v1/logs", files={"file": ("mine.bin", b"kept")}, headers={"Cookie": f"rotorid_token={kept}"}
+    ).json()["id"]
+    answer = service.post(f"/logs/{mine}/delete", data=fields, headers=headers | {"Cookie": jar})
+    assert answer.status_code == (303 if taken else 403), answer.text
+    assert (service.get(f"/api/v1/logs/{mine}").status_code == 404) is taken
+
+
+def test_no_form_is_taken_without_its_token(app: FastAPI, service: httpx.Client) -> None:
+    routes = [
+        route.path
+        for router in (pages.router, page_forms.router, sign_in.router, craft_pages.forms)
+        for route in router.routes
+        if isinstance(route, APIRoute) and "POST" in route.methods
+    ]
+    assert len(routes) >= 15
+    for path in routes:
+        address = re.sub(r"{\w+(:path)?}", "0" * 32, path)
+        for files in (None, {"file": ("a.bin", b"theirs")}):
+            answer = service.post(address, files=files, data={"text": "x", "flights": "x"})
+            assert (answer.status_code, answer.json()["type"].rpartition(":")[2]) == (403, "foreign-form"), path
+
+
+def test_every_form_of_our_pages_carries_it(service: httpx.Client) -> None:
+    assert service.post("/api/v1/logs", files={"file": ("a.bin", b"slow log")}).status_code == 201
+    for path in ("/", "/logs", "/analyses", "/crafts", "/sign-in"):
+        page = service.get(path)
+        secret = service.cookies.get(COOKIE)
+        forms = re.findall(r'<form\b[^>]*method="post"[^>]*>(?:<input[^>]*>)?', page.text)
+        assert all(f'value="{secret}"' in form or f"{FIELD}={secret}" in form for form in forms), path
+    assert service.get("/").text.count(FIELD) >= 1
+
+
+def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None:
+    with served(data=tmp_path, workers=1, proxies="127.0.0.1") as client:
+        client.cookies.clear()
+        cookie = client.get("/", headers={"X-Forwarded-Proto": "https"}).headers["Set-Cookie"]
+    assert cookie.startswith(f"{COOKIE}=")
+    assert {"HttpOnly", "SameSite=strict", "Secure"} <= set(cookie.split("; "))
 
 
 @pytest.mark.parametrize(

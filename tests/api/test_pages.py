@@ -1,16 +1,13 @@
 """The pages say what there is to say without scripts, and escape what they were given."""
 
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
 import httpx
 import pytest
 
-from api.samples import samples
+from api.routes.pages import samples
 from api.settings import Settings
-
-Upload = Callable[..., httpx.Response]
 
 
 class Outline(HTMLParser):

@@ -9,12 +9,11 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from api.access.identity import Tokens
-from api.access.report_keys import ReportKeys
+from api.access.identity import ReportKeys, Tokens
 from api.settings import Access
 from api.web.page_templates import local_path
 from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import running, served
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 
@@ -37,7 +36,7 @@ class Guarded(NamedTuple):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    settings = Settings(data=tmp_path_factory.mktemp("guarded"), workers=1, access=Access.TOKENS)
+    settings = Settings(data=tmp_path_factory.mktemp("guarded"), workers=1, access=Access.TOKENS, proxies="127.0.0.1")
     app = create_app(settings, standins.analyze, preload=())
     parts = app.state.parts
     with running(app) as client:
@@ -85,7 +84,7 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(guarded: Guarded) -> No
 
 def test_wrong_tokens_are_taken_only_so_often(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, workers=1, access=Access.TOKENS)
-    with running(create_app(settings, standins.analyze, preload=())) as client:
+    with served(settings) as client:
         answers = [client.post("/sign-in", data={"token": f"guess {number}"}) for number in range(12)]
         assert [answer.status_code for answer in answers] == [401] * 10 + [429] * 2
         assert 1 <= int(answers[-1].headers["Retry-After"]) <= 60

@@ -1,0 +1,187 @@
+"""What attackers and full disks found: archives, orphans, proxies, tokens, leases, bytes that are half written."""
+
+import errno
+import io
+import json
+import os
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+
+import httpx
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from api import Settings, create_app
+from api.access.identity import BEARERS
+from api.logs.catalog import Catalog
+from api.settings import Access
+from api.store import backup
+from api.store.database import Database
+from api.store.objects import Objects
+from api.store.scratch import Incoming
+from api.work.queue import Queue
+from tests.api import standins
+from tests.api.conftest import Upload, running, served
+from tests.api.programs import Service, children, wait_until
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "objects/{out}/stolen",
+        "objects//{out}/stolen",
+        "objects/../../../../../../{out}/stolen",
+        "objects/../tables/stolen",
+        "{out}/stolen",
+    ],
+)
+def test_a_crafted_backup_writes_nothing_outside_the_storage(name: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    source, settings = tmp_path / "crafted.tar", Settings(data=tmp_path / "data")
+    settings.data.mkdir()
+    with tarfile.open(source, "w") as archive:
+        for member, content in (("manifest.json", json.dumps({"version": 1, "rows": 0}).encode()), (name, b"x")):
+            facts = tarfile.TarInfo(member.format(out=out))
+            facts.size = len(content)
+            archive.addfile(facts, io.BytesIO(content))
+    with suppress(backup.BackupError):
+        backup.restore(settings, source)
+    storage = settings.data / "objects"
+    assert [path for path in tmp_path.rglob("stolen") if not path.is_relative_to(storage)] == []
+
+
+def test_processes_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
+    with closing(Service(tmp_path)) as service:
+        files = {"file": ("a.bin", f"until |{tmp_path / 'never'}|".encode())}
+        log = service.client.post("/api/v1/logs", files=files).json()["id"]
+        service.client.post("/api/v1/analyses", json={"logs": [log]})
+        assert service.client.get(f"/api/v1/logs/{log}/messages").status_code == 422  # by the process that answers
+        wait_until(lambda: bool(service.workers()))
+        left = descendants(service.process.pid)
+        assert len(left) == 4  # with the one that they are forked from, and Python's own
+        service.kill()
+        wait_until(lambda: not any(is_alive(pid) for pid in left))
+
+
+def descendants(pid: int) -> list[int]:
+    """List what a process started, and what that started."""
+    return [each for child in children(pid) for each in (child, *descendants(child))]
+
+
+def is_alive(pid: int) -> bool:
+    """Return whether a process runs: not one that only waits to be buried."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[tuple[httpx.Client, str]]:
+    """Run a service that asks for tokens, and yield it with one."""
+    app = create_app(Settings(data=tmp_path, access=Access.TOKENS, workers=1), standins.analyze, preload=())
+    with running(app) as client:
+        yield client, app.state.parts.tokens.create("ann")
+
+
+def test_who_is_no_proxy_cannot_say_for_whom_it_asks(guarded: tuple[httpx.Client, str]) -> None:
+    client, _ = guarded
+    answers = [
+        client.post("/sign-in", data={"token": "wrong"}, headers={"X-Forwarded-For": f"192.0.2.{k}"}).status_code
+        for k in range(30)
+    ]
+    assert answers == [401] * 10 + [429] * 20
+
+
+def test_a_proxy_that_the_settings_name_is_believed(tmp_path: Path) -> None:
+    settings = Settings(data=tmp_path, access=Access.TOKENS, workers=1, proxies="127.0.0.1")
+    with served(settings) as client:
+        for k in range(12):
+            headers = {"X-Forwarded-For": f"192.0.2.{k}"}
+            assert client.post("/sign-in", data={"token": "wrong"}, headers=headers).status_code == 401
+
+
+def test_wrong_bearer_tokens_meet_a_limit_and_right_ones_do_not(guarded: tuple[httpx.Client, str]) -> None:
+    client, token = guarded
+    answers = [client.get("/api/v1/logs", headers={"Authorization": f"Bearer guess{k}"}) for k in range(65)]
+    most = BEARERS.amount
+    assert [each.status_code for each in answers] == [401] * most + [429] * (65 - most)
+    assert int(answers[-1].headers["Retry-After"]) > 0
+    assert client.get("/api/v1/logs", headers={"Authorization": f"Bearer {token}"}).status_code == 200
+
+
+def test_a_probe_that_a_full_disk_refuses_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = Objects(str(tmp_path))
+
+    def full(path: str, _: bytes) -> None:
+        Path(path).touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(objects._files, "pipe_file", full)
+    with pytest.raises(OSError, match="No space"):
+        objects.prepare()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_order_on_a_disk_that_fills_up_ends(tmp_path: Path, upload: Upload, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No room for the folder of the analysis, nor for the row that says so but in the reserve."""
+    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
+    reserve, fail = tmp_path / "rotorid.db.reserve", Queue.fail
+
+    def no_folder(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fail_with_room(queue: Queue, *arguments: object) -> bool:
+        if reserve.exists():
+            raise OperationalError("UPDATE analyses", {}, Exception("database or disk is full"))
+        return fail(queue, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", no_folder)
+    monkeypatch.setattr(Queue, "fail", fail_with_room)
+    with running(app) as client:
+        ended = upload(client, b"good log")
+        assert (ended.status_code, ended.json()["type"]) == (507, "urn:rotorid:problem:results-not-kept")
+        wait_until(reserve.exists)
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    """Yield a new database."""
+    with closing(Database(f"sqlite:///{tmp_path / 'rotorid.db'}")) as opened:
+        opened.migrate()
+        yield opened
+
+
+def test_an_analysis_whose_worker_lives_is_not_claimed(database: Database, tmp_path: Path) -> None:
+    catalog, incoming = Catalog(database, Objects(str(tmp_path / "objects"))), Incoming(tmp_path)
+    with incoming.receive() as upload:
+        upload.write(b"log")
+        catalog.order([catalog.keep_log(upload, "a.bin", "ann").log.id], {}, "ann")
+    queue = Queue(database, lease=60.0, deaths=3)
+    claim = queue.claim()
+    assert claim is not None
+    assert queue.claim() is None
+    assert queue.prolong(claim)
+    assert queue.claim() is None
+
+
+def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut between the two may lose the row, and never the bytes of a row that is there."""
+    catalog, incoming, steps = Catalog(database, Objects(str(tmp_path / "objects"))), Incoming(tmp_path), []
+    write = Database.write
+    monkeypatch.setattr(os, "fsync", lambda _: steps.append("sync"))
+    monkeypatch.setattr(Database, "write", lambda self: steps.append("row") or write(self))
+    with incoming.receive() as upload:
+        replace = Path.replace
+        monkeypatch.setattr(Path, "replace", lambda *paths: steps.append("place") or replace(*paths))
+        upload.write(b"log")
+        catalog.keep_log(upload, "a.bin", "ann")
+    assert steps[:2] == ["sync", "place"]
+    assert set(steps[2:-1]) == {"sync"}  # of the folders
+    assert steps[-1] == "row"

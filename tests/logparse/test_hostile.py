@@ -1,0 +1,111 @@
+"""Files whose counts and lengths were changed end in a sentence, soon and in little memory."""
+
+import gzip
+import io
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logparse import LogError, read_log
+from logparse.expressions import evaluate
+from logparse.foreign.columns import read_column_map
+from logparse.foreign.files import TableError
+from logparse.signals import SignalError
+from tests.fuzz import structures
+from tests.fuzz.px4_seed import px4_log
+
+#: Mutations of each kind here; `python -m tests.fuzz.structures 10000` does more.
+COUNT = 25
+
+
+@pytest.mark.parametrize("kind", structures.KINDS)
+@pytest.mark.filterwarnings("error")
+def test_changed_counts_and_lengths_end_in_an_error_for_people(kind: str, tmp_path: Path) -> None:
+    structures.read(kind, structures.seed(kind), tmp_path)
+    for k in range(COUNT):
+        structures.read(kind, structures.mutate(kind, np.random.default_rng((k, len(kind)))), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        b"float[60000] q;",  # a count that was 4
+        b"vehicle_attitude[9] again;",  # a format within itself
+        b"sensor_combined[60000] a;",  # thousands of another
+        b"nothing[60000] a;nothing[60000] b;",  # without a field, but as long to go through
+    ],
+)
+def test_fields_of_a_px4_log_are_no_more_than_a_log_has(fields: bytes, tmp_path: Path) -> None:
+    """A few bytes of a format of 60 kB took 60 s and 3.5 GB before a row was read."""
+    whole, path = px4_log(5), tmp_path / "flight.ulg"
+    old = b"vehicle_attitude:uint64_t timestamp;float[4] q;"
+    new = b"vehicle_attitude:uint64_t timestamp;" + fields
+    at = whole.index(old) - 3
+    empty = b"nothing:"
+    whole = (
+        whole[:at] + struct.pack("<HB", len(empty), ord("F")) + empty
+        + struct.pack("<HB", len(new), ord("F")) + new + whole[at + 3 + len(old) :]
+    )  # fmt: skip
+    path.write_bytes(whole)
+    log = read_log(path)
+    assert "vehicle_attitude" not in log.messages
+    assert len(log.messages["sensor_combined"]) == 5
+
+
+@pytest.mark.parametrize("packed", ["gz", "zip"])
+def test_an_archive_unpacks_to_no_more_than_its_size_allows(packed: str, tmp_path: Path) -> None:
+    path, content = tmp_path / f"flight.ulg.{packed}", px4_log(2) + bytes(130_000_000)
+    if packed == "gz":
+        path.write_bytes(gzip.compress(content, 1))
+    else:
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            archive.writestr("flight.ulg", content)
+        path.write_bytes(file.getvalue())
+    with pytest.raises(LogError, match="unpacks to more than"):
+        read_log(path)
+
+
+def test_a_parameter_whose_name_is_a_number_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "odd.log"
+    path.write_text(
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 3, 50, PARM, QNf, TimeUS,Name,Value\n"
+        "PARM, 1000000, MOT_SPIN_MIN, 0.15\nPARM, 2000000, , inf\nPARM, 3000000, nan, 1e30\nPARM, 4000000, 17, inf\n"
+    )
+    assert read_log(path).parameters["MOT_SPIN_MIN"] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(
+    "value", ["!!int abc", "!!timestamp 1-1-1", "[" * 3000, "&a [*a, *a]", "!!float x", "2024-13-45"]
+)
+def test_yaml_that_its_own_reader_stumbles_over_is_refused(value: str, tmp_path: Path) -> None:
+    path = tmp_path / "columns.yaml"
+    path.write_text(f"time: {value}\n")
+    with pytest.raises(TableError):
+        read_column_map(path)
+
+
+def test_a_table_whose_time_is_also_a_position_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_bytes(structures.seed("csv"))
+    columns = tmp_path / "columns.yaml"
+    columns.write_bytes(structures.seed("yaml").replace(b"[x, y, z]", b"[t, y, z]"))
+    with pytest.raises(TableError, match="column t is the time"):
+        structures.read_motion(path, columns)
+
+
+@pytest.mark.parametrize(
+    "text", ["ATT.Roll ** 1e999", "ATT.Roll ** (0/0)", f"ATT.Roll ** 0x{'f' * 60}", f"ATT.Roll * 0x{'f' * 290}"]
+)
+def test_numbers_without_end_are_no_part_of_an_expression(text: str, sample: Path) -> None:
+    with pytest.raises(SignalError):
+        evaluate(read_log(sample), text)
+
+
+@pytest.fixture
+def sample() -> Path:
+    """Return a log with ATT."""
+    return Path(__file__).parents[2] / "sample_logs" / "octa02_alain_breeze.bin"
