@@ -69,8 +69,6 @@ def found_flights(path: Path) -> list[Found]:
     """Return the account of every flight of a log."""
     accounts: list[Found] = []
     for log in logparse.read_flights(path):
-        if log.vehicle.other_craft:
-            return accounts
         if log.flight is not None:
             accounts.append(Found(path.name, tell(log, Span(log.flight.start, log.flight.stop))))
     return accounts
