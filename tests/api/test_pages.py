@@ -8,6 +8,7 @@ import pytest
 
 from api.routes.pages import samples
 from api.settings import Settings
+from tests.api.conftest import Upload
 
 
 class Outline(HTMLParser):
