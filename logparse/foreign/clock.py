@@ -216,8 +216,7 @@ def _spikes(column: Floats) -> npt.NDArray[np.bool_]:
     steps = np.abs(np.diff(column))
     usual = float(np.percentile(steps, 90))
     if usual <= 0.0:
-        with np.errstate(over="ignore"):  # of damaged numbers near the largest
-            usual = float(np.std(column)) * 1e-3
+        usual = float(np.std(column)) * 1e-3
     if usual <= 0.0:
         return bad
     width = 2 * _LONGEST_SPIKE + 1

@@ -204,7 +204,7 @@ def _choice(key: str, value: str, known: Sequence[str]) -> str:
 def _positive(key: str, value: Any) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TableError(f"columns: {key} must be a number, not {value!r}") from None
     if not (math.isfinite(number) and number > 0.0):
         raise TableError(f"columns: {key} must be a positive number, not {value!r}")
@@ -325,7 +325,7 @@ def _place(at: int, value: Any, body: str) -> Motor:
     """Motor from forward, sideways (left in FLU, right in FRD) and spin."""
     try:
         forward, aside, spin = float(value[0]), float(value[1]), str(value[2]).lower()
-    except (TypeError, ValueError, IndexError, KeyError):
+    except (TypeError, ValueError, OverflowError, IndexError, KeyError):
         raise TableError(
             f"columns: motors: place {at + 1} must be [forward, {'left' if body == 'FLU' else 'right'}, cw or ccw], "
             f"not {value!r}"

@@ -79,13 +79,13 @@ def read_columns(path: Path) -> pd.DataFrame:
         return _matlab(path)
     try:
         frame = _parquet(path) if name.endswith(".parquet") else _text(path)
+        if frame.empty:
+            raise TableError(f"{path.name}: the table has no rows")
+        return flatten(frame)
     except RotoridError:
         raise
     except Exception as error:  # damage ends in whatever the libraries and their decompressors happen to raise
         raise TableError(f"{path.name}: not a readable table: {error}") from error
-    if frame.empty:
-        raise TableError(f"{path.name}: the table has no rows")
-    return flatten(frame)
 
 
 def _text(path: Path) -> pd.DataFrame:
@@ -133,7 +133,8 @@ def _check_size(path: Path, size: int) -> None:
 def flatten(frame: pd.DataFrame) -> pd.DataFrame:
     """Part columns of lists, or of lists in strings, into columns of numbers; other text becomes NaN."""
     out: dict[str, np.ndarray] = {}
-    frame = frame.set_axis([str(column).strip() for column in frame.columns], axis=1)
+    # Rows longer than the header make an index of hundreds of levels, which every look at a column would copy.
+    frame = frame.reset_index(drop=True).set_axis([str(column).strip() for column in frame.columns], axis=1)
     if not frame.columns.is_unique:
         twice = ", ".join(dict.fromkeys(frame.columns[frame.columns.duplicated()]))
         raise TableError(f"column {twice} stands in the table more than once; give each its own name")

@@ -26,6 +26,9 @@ from logparse.foreign.shifts import check_clock, check_shifts
 
 Floats = npt.NDArray[np.float64]
 
+#: A number that is larger than its square can be is damage, and counts as missing.
+_LARGEST = 1e150
+
 #: How far quaternions are off unit length beyond rounding, and what is worth a remark.
 _ROUNDED, _NORM = 0.003, 0.02
 
@@ -95,6 +98,7 @@ def read_motion(
         t, findings = np.arange(len(frame)) / (declared.rate or 1.0), []
     names = list(dict.fromkeys(declared.names))[0 if declared.time is None else 1 :]
     values = np.array(frame[names], dtype=np.float64)
+    values[np.abs(values) > _LARGEST] = np.nan
     dt = float(np.median(np.diff(t)))
     attitude = [names.index(each) for each in declared.attitude.columns]
     values[:, attitude] = _without_turns(values[:, attitude], declared)

@@ -30,6 +30,15 @@ def test_changed_counts_and_lengths_end_in_an_error_for_people(kind: str, tmp_pa
 
 
 @pytest.mark.parametrize(
+    ("kind", "number"), [("csv", 10040), ("csv", 13900), ("yaml", 10449), ("mat", 146), ("mat", 1054), ("mat", 2432)]
+)
+@pytest.mark.filterwarnings("error")
+def test_mutations_that_once_broke(kind: str, number: int, tmp_path: Path) -> None:
+    """Whole numbers of 400 digits, rows longer than their header (24 s), kinds of elements that SciPy crashed at."""
+    structures.read(kind, structures.mutate(kind, np.random.default_rng((number, len(kind)))), tmp_path)
+
+
+@pytest.mark.parametrize(
     "fields",
     [
         b"float[60000] q;",  # a count that was 4
