@@ -120,9 +120,9 @@ def _number(line: AnswerLine) -> str:
 
 
 def facts(numbers: FlightReport) -> str:
-    """One line under the title: file, format, size, craft, when."""
+    """One line under the title: craft and when."""
     log = numbers.log
-    parts = [FORMATS.get(log.format, log.format), size(log.bytes), craft(numbers.vehicle)]
+    parts = [craft(numbers.vehicle)]
     if log.flight_count > 1:
         parts.insert(0, f"flight {log.flight_number} of {log.flight_count}")
     if log.start_utc:
