@@ -51,37 +51,35 @@ def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
     data: list[Trace] = []
     span = present(result.flight)
-    if not isinstance(result.trajectory, Failure) and not result.position_known:
-        return None
+    gps = _gps_offsets(result)
     if not isinstance(result.trajectory, Failure):
+        if not result.position_known:
+            return None
         states = _within(result.trajectory.states, span)
         if states.empty:
             return None
         north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
-        gps = _gps_offsets(result)
-        if gps is not None:
-            data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        data += [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")]
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
         data.append(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
-        data.append(_heights(states))
-        for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "x": rounded(east[[at]], 2),
-                    "y": rounded(north[[at]], 2),
-                    "name": label,
-                    "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
-                    "hoverinfo": "name",
-                }
-            )
-        data += _happened(result, states)
+        data += [_heights(states), *_happened(result, states)]
+    elif gps is not None:
+        north, east = gps
+        data.append(line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float)))
     else:
-        gps = _gps_offsets(result)
-        if gps is None:
-            return None
-        data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        return None
+    for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": rounded(east[[at]], 2),
+                "y": rounded(north[[at]], 2),
+                "name": label,
+                "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
+                "hoverinfo": "name",
+            }
+        )
     layout = layout_of(
         xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": padded(data, "x")},
         yaxis={

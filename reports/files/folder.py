@@ -69,6 +69,14 @@ def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> P
     return _write(result, Path(folder), shared=True)
 
 
+def write_account(result: FlightResult, folder: Path) -> Path:
+    """Write the page of a flight of which no more than its account is known yet; return the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "report.html"
+    write_page(path, lambda: flight_page(result, flight_report(result)))
+    return path
+
+
 def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     report: FlightReport | CraftReport

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from core.findings import Severity
 from core.table import Table
 from logparse import Finding
-from pipeline.flight.answer.ahead import HOLDS
 from pipeline.results.advice import Advice
 from pipeline.results.answer import Answer, AnswerLine
 from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
-from pipeline.results.model_report import ModelReport
 from pipeline.results.report import FlightReport
 from reports.figures.figure import Figure
 from reports.figures.flight import flight_figures
@@ -28,14 +26,13 @@ from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
 from reports.views.first_screen import first_figures
 from reports.views.model_board import Board, model_board
+from reports.views.model_uses import MOST_ADVICE, failing, holding
 from reports.views.models import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
 from reports.views.parameters import ShownCoherence, ShownParameters, coherence, parameters
 from reports.views.rotation import Turning, loop_table, loop_warnings, rotation_view
 
 #: The page on models, beside report.html.
 MODELS_PAGE = "models.html"
-#: Advice that stands on the page; the rest is folded.
-_MOST_ADVICE = 3
 
 Details = Sequence[tuple[str, Sequence[tuple[str, str]]]]
 
@@ -114,11 +111,11 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         signal_figures=signals,
         loops=None if rotation is None or not _margins_known(numbers.answer) else loop_table(rotation),
         loop_warnings=() if rotation is None else loop_warnings(rotation),
-        holding=[(summary.sentence(each.title)[:-1], each.uses.sentence) for each in numbers.models if _holds(each)],
-        others=[(summary.sentence(each.title)[:-1], _why_not(each)) for each in numbers.models if not _holds(each)],
+        holding=holding(numbers.models),
+        others=failing(numbers.models),
         findings=[each for each in numbers.findings if each.severity is not Severity.INFO],
-        advice=numbers.advice[:_MOST_ADVICE],
-        more_advice=numbers.advice[_MOST_ADVICE:],
+        advice=numbers.advice[:MOST_ADVICE],
+        more_advice=numbers.advice[MOST_ADVICE:],
         missing=views.missing_stages(numbers),
         details=log_details(numbers),
     )
@@ -161,15 +158,3 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
 def _margins_known(answer: Answer | None) -> bool:
     """Return whether the first screen has a margin: what its sigma covers is not known."""
     return answer is not None and any(each.purpose == "Loops" and each.unit == "°" for each in answer.lines)
-
-
-def _holds(model: ModelReport) -> bool:
-    """Return whether a model predicts this flight for as long as a person needs to react."""
-    return model.model is not None and (model.uses.prediction.horizon_s or 0.0) >= HOLDS
-
-
-def _why_not(model: ModelReport) -> str:
-    if model.model is None:
-        return summary.sentence(model.missing)
-    horizon = model.uses.prediction.horizon_s
-    return f"Predicts {horizon:g} s ahead only." if horizon else "Does not predict this flight."

@@ -26,6 +26,8 @@ _HEIGHT = 270
 _SIDE_HEIGHT = 330
 #: Width of a letter above a plot, as a part of the plot's width.
 _LETTER = 0.012
+#: Plots below each other for which there is room.
+_PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
     Picture.MOTORS: "Motor outputs; limits dashed.",
     Picture.ATTITUDE: "Attitude asked and flown.",
@@ -58,7 +60,7 @@ def _matters(result: FlightResult) -> Figure | None:
     drawn = {
         Picture.MOTORS: lambda: _motors(result, around),
         Picture.ALTITUDE: lambda: altitude(result),
-    }.get(picture, lambda: signal_figure(result, str(picture)))()
+    }.get(picture, lambda: signal_figure(result, str(picture), _PANELS.get(picture, 1)))()
     if drawn is None:
         return None
     layout = dict(drawn.layout)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from reports.views.health import timeline
 
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import HealthReport
 from reports.figures.models import off_by_default
-from reports.views.health import timeline
 from reports.views.model_board import model_board, step_response, step_sigma
 from sysid import TransferFunction
 from tests.reports.conftest import made_flight
