@@ -64,6 +64,7 @@ class Inspection:
     tables: tuple[TableSummary, ...]  #: Canonical tables that the log has.
     messages: tuple[MessageSummary, ...]  #: All messages, most frequent first.
     findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `completeness.check`, worst first.
+    happened: tuple[str, ...] = ()  #: In each flight, a sentence; of those who have looked.
 
 
 def inspect(log: "FlightLog") -> Inspection:

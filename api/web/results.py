@@ -149,6 +149,7 @@ def _coefficients(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
 #: What people call our files, in the order in which they are offered.
 _KNOWN = {
     "report.html": "Report in one file, for mailing and printing",
+    "models.html": "All models and parameters, and how they were judged",
     "models.json": "Models",
     "models.mat": "Models for MATLAB",
     "rmse.csv": "RMSE table",

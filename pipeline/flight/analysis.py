@@ -50,6 +50,9 @@ SHORTEST_EXPERIMENT = 20.0
 #: Stages that take time beside the others where a log is analysed alone.
 ASIDE = ("rotation", "loops")
 
+#: In the place of what is not identified yet.
+_FOLLOWS = Failure("models", "being identified")
+
 #: What motor outputs tell: their trims, and whether they are in order and none is weak.
 _Motors = tuple[SteadyTrims | None, tuple[Finding, ...]]
 
@@ -91,6 +94,7 @@ def analyze_flights(
     *,
     name: str | None = None,
     alone: bool = False,
+    told: Callable[[FlightResult], None] | None = None,
 ) -> Iterator[FlightResult]:
     """Analyse every flight of a log, one after the other.
 
@@ -104,6 +108,8 @@ def analyze_flights(
         What the log is called; of several flights each is called ``NAME#NUMBER``, see `pipeline.names.flight_name`.
     alone : bool
         Whether this process does nothing else, so that a copy of it may use a second processor.
+    told : callable, optional
+        Called with each flight as soon as what happened is known, before anything is identified.
 
     Yields
     ------
@@ -125,7 +131,7 @@ def analyze_flights(
     for number, log in enumerate(logs, start=1):
         progress(NEXT_FLIGHT, 1.0 / len(logs))
         called = flight_name(name, number, len(logs))
-        result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone)
+        result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone, told=told)
         log.tables.release()
         yield replace(result, number=number, of=len(logs))
 
@@ -139,6 +145,7 @@ def _analyze(
     trajectories: dict[Boot, estimation.Trajectory | Failure],
     *,
     alone: bool = False,
+    told: Callable[[FlightResult], None] | None = None,
 ) -> FlightResult:
     """Analyse the flight that a log shows; `trajectories` are those of its power-ups, as far as they are known."""
     stages = Stages(progress, config.time_limit)
@@ -157,6 +164,27 @@ def _analyze(
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
     )
+    begun = FlightResult(
+        name=name,
+        log=_facts(log, sha256),
+        config=config,
+        flight=flight,
+        motors=tables.motors,
+        modes=tables.modes,
+        gps=tables.gps,
+        baro=tables.baro,
+        tables=tables,
+        trajectory=_FOLLOWS,
+        thrust=_FOLLOWS,
+        parameters=_FOLLOWS,
+        coverage=_FOLLOWS,
+        rotation=_FOLLOWS,
+        loops=_FOLLOWS,
+        account=account,
+        signals=signals,
+    )
+    if told is not None:
+        told(replace(begun, answer=compose_answer(begun)))
     sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
     part = sound if isinstance(sound, Failure) else stages.run("account", lambda _: busiest(log, sound))
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
@@ -185,17 +213,9 @@ def _analyze(
     trims, of_motors = (None, ()) if isinstance(done.motors, Failure) else done.motors
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
-    told = len(stages.findings)
-    result = FlightResult(
-        name=name,
-        log=_facts(log, sha256),
-        config=config,
-        flight=flight,
-        motors=tables.motors,
-        modes=tables.modes,
-        gps=tables.gps,
-        baro=tables.baro,
-        tables=tables,
+    known = len(stages.findings)
+    result = replace(
+        begun,
         trajectory=trajectory,
         experiments=fitted.experiments,
         models=fitted.models,
@@ -203,8 +223,6 @@ def _analyze(
         parameters=fitted.parameters,
         coverage=coverage,
         trims=trims,
-        account=account,
-        signals=signals,
         rotation=done.rotation,
         loops=done.loops,
         findings=(
@@ -220,7 +238,7 @@ def _analyze(
         timings=stages.timings,
     )
     advice = present(stages.run("advice", lambda _: for_flight(result)))
-    result = replace(result, advice=advice or (), findings=once((*result.findings, *stages.findings[told:])))
+    result = replace(result, advice=advice or (), findings=once((*result.findings, *stages.findings[known:])))
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
 
 

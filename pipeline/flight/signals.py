@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
 from logparse.craft.pwm_range import pwm_range
+from logparse.heights import ground_level, heights
 from logparse.numeric import NumericMessages
 from pipeline.flight.account.readings import Readings
+from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import vibration
 from pipeline.flight.spectrum import vibration_spectrum
 from pipeline.results.signals import FlightSignals, Panel, Signal
@@ -36,6 +38,7 @@ def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
     tables, messages = log.tables, NumericMessages(log.messages)
     levels = pwm_range(log.parameters)
     return FlightSignals(
+        height=_panel("height", "m", _heights(tables, flight)),
         attitude=_asked_and_flown(
             tables, flight, ("setpoints", "attitude"), {name: (name, name) for name in ("roll", "pitch", "yaw")}, "rad"
         ),
@@ -62,6 +65,13 @@ def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
         spectrum=vibration_spectrum(tables, flight, log.parameters),
         motor_limits={"MOT_SPIN_MIN": levels.pwm(levels.spin_min), "MOT_SPIN_MAX": levels.pwm(levels.spin_max)},
     )
+
+
+def _heights(tables: Tables, flight: Span) -> Iterator[Signal | None]:
+    """Yield height above the ground that the flight left, by every sensor."""
+    shown = Span(flight.start - 2.0, flight.stop + 5.0)
+    for source, known in heights(tables):
+        yield _line(SOURCES[source], known - ground_level(known, flight), shown)
 
 
 def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:

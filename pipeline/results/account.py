@@ -128,6 +128,16 @@ class Account:
         return self.story[0] if self.story else None
 
     @property
+    def in_short(self) -> str:
+        """What happened in a few words, as a table of flights has room for."""
+        if self.flight is None:
+            return "no flight"
+        if not self.story:
+            return "nothing"
+        names = [str(each.evidence.get("what") or each.id.replace("-", " ")) for each in self.story]
+        return ", ".join(dict.fromkeys((names[0], names[-1])))
+
+    @property
     def gravest(self) -> Finding | None:
         """What mattered most; None where nothing happened."""
         first = self.happenings[0] if self.happenings else None

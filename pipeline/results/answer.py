@@ -18,7 +18,7 @@ class Tone(StrEnum):
 
 
 class Picture(StrEnum):
-    """The signal that shows what happened, or how the best model predicts."""
+    """The signal that shows what happened, or of tables how the best model predicts."""
 
     MOTORS = "motors"
     ATTITUDE = "attitude"
@@ -48,8 +48,7 @@ class AnswerLine:
 class Answer:
     """The first screen of one flight."""
 
-    lines: tuple[AnswerLine, ...]  #: Flown, healthy, loops, predict ahead, parameters, simulate.
+    lines: tuple[AnswerLine, ...]  #: What happened, state, loops, parameters, models.
     picture: Picture  #: The plot to show beside them.
     around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
     next: str = ""  #: What to do next, in a sentence or two.
-    model: str = ""  #: Key of the model whose prediction it shows; empty where it shows none.

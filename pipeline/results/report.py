@@ -59,7 +59,7 @@ class ModeSpan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlownReport:
-    """The analysed airborne interval: its modes, how high, how far and how fast it went."""
+    """The analysed airborne interval: its modes, how high, how far and how fast over the ground it went, as read."""
 
     start_s: float
     stop_s: float
@@ -196,6 +196,7 @@ class FlightInShort:
     models: tuple[ModelInShort, ...]
     thrust: ThrustInShort | None
     coverage: CoverageInShort | None
+    happened: str = ""  #: In a few words.
     answer: Answer | None
     findings: tuple[FindingInShort, ...]
     missing: Mapping[str, str]

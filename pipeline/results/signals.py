@@ -72,6 +72,7 @@ class Spectrum:
 class FlightSignals:
     """What a flight is judged by, as lines: each group is one plot, empty where it was not logged."""
 
+    height: tuple[Panel, ...] = ()  #: Above the ground that the flight left, by every sensor; the credible first.
     attitude: tuple[Panel, ...] = ()
     rates: tuple[Panel, ...] = ()
     vibration: tuple[Panel, ...] = ()

@@ -41,7 +41,7 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     shown: list[Figure] = []
     folded: list[Figure] = []
     marks = [_mark(note) for note in notes] if _dated(drift) else []
-    motors = _motors(drift, f"{prefix}shares", marks)
+    motors = motors_over_flights(drift, f"{prefix}shares", marks)
     if motors is not None:
         shown.append(motors)
     shown += response_overlays(drift.responses, prefix)
@@ -49,7 +49,7 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     worth.sort(key=lambda each: each.change is None)
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]
-        (shown if first == 0 else folded).append(_parameters(some, drift, f"{prefix}course-{first}", marks))
+        (shown if first == 0 else folded).append(parameters_over_flights(some, drift, f"{prefix}course-{first}", marks))
     return shown, folded
 
 
@@ -116,7 +116,8 @@ def _band(each: History, degrees: float, suffix: str) -> Trace:
     }
 
 
-def _parameters(parameters: Sequence[History], drift: Drift, name: str, marks: Sequence[Trace]) -> Figure:
+def parameters_over_flights(parameters: Sequence[History], drift: Drift, name: str, marks: Sequence[Trace]) -> Figure:
+    """Draw parameters over the flights, a small plot for each, with the trend or step that is seen."""
     data: list[Trace] = []
     axes: Drawn = {}
     labels = []
@@ -210,7 +211,8 @@ def _course(parameter: History, at: Sequence[Any], degrees: float, suffix: str) 
     ]
 
 
-def _motors(drift: Drift, name: str, marks: Sequence[Trace]) -> Figure | None:
+def motors_over_flights(drift: Drift, name: str, marks: Sequence[Trace]) -> Figure | None:
+    """Draw what each motor is commanded in hover, flight by flight; None where no flight tells."""
     motors = drift.motors
     if motors is None or not motors.points:
         return None

@@ -1,8 +1,7 @@
-"""The plots of one flight: where it went, how high, what the motors were told, and how its own models did."""
+"""The plots of one flight: where it went, how high, and what the motors were told."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,19 +30,20 @@ from reports.figures.figure import (
     rounded,
     time_axis,
 )
-from reports.figures.prediction import prediction
 from reports.numbers.flight import mode_spans
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT
 
+#: Colours of the sources of height.
+_HEIGHTS = {"barometer": "@baro", "autopilot": "@own", "GPS": "@gps"}
 #: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
 _TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
 
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 
 
-def flight_figures(result: FlightResult, hidden: Collection[str] = ()) -> list[Figure]:
-    """Draw what was flown and how the models did, `hidden` ones off; a plot whose data is missing is left out."""
-    candidates = (track(result), altitude(result), motors(result), prediction(result, hidden))
+def flight_figures(result: FlightResult) -> list[Figure]:
+    """Draw what was flown; a plot whose data is missing is left out."""
+    candidates = (track(result), altitude(result), motors(result))
     return [figure for figure in candidates if figure is not None]
 
 
@@ -51,37 +51,35 @@ def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
     data: list[Trace] = []
     span = present(result.flight)
-    if not isinstance(result.trajectory, Failure) and not result.position_known:
-        return None
+    gps = _gps_offsets(result)
     if not isinstance(result.trajectory, Failure):
+        if not result.position_known:
+            return None
         states = _within(result.trajectory.states, span)
         if states.empty:
             return None
         north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
-        gps = _gps_offsets(result)
-        if gps is not None:
-            data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        data += [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")]
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
         data.append(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
-        data.append(_heights(states))
-        for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "x": rounded(east[[at]], 2),
-                    "y": rounded(north[[at]], 2),
-                    "name": label,
-                    "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
-                    "hoverinfo": "name",
-                }
-            )
-        data += _happened(result, states)
+        data += [_heights(states), *_happened(result, states)]
+    elif gps is not None:
+        north, east = gps
+        data.append(line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float)))
     else:
-        gps = _gps_offsets(result)
-        if gps is None:
-            return None
-        data.append(dots(gps[1], gps[0], "GPS", "@gps"))
+        return None
+    for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": rounded(east[[at]], 2),
+                "y": rounded(north[[at]], 2),
+                "name": label,
+                "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
+                "hoverinfo": "name",
+            }
+        )
     layout = layout_of(
         xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": padded(data, "x")},
         yaxis={
@@ -95,8 +93,7 @@ def track(result: FlightResult) -> Figure | None:
     )
     return Figure(
         "track",
-        "The flight from above, both axes to the same scale, metres from the origin of the local frame; colour is "
-        "height above the start.",
+        "The flight from above, both axes to the same scale; colour is height above the start.",
         data,
         layout,
         430,
@@ -180,32 +177,27 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
 
 
 def altitude(result: FlightResult) -> Figure | None:
-    """Draw height above the start of the flight as estimated and as the sensors saw it."""
+    """Draw height above the ground that the flight left, by every sensor, and as estimated."""
     data: list[Trace] = []
     span = margin(present(result.flight))
-    for table, column, name, color in (
-        (result.baro, "alt", "barometer", "@baro"),
-        (result.gps, "alt", "GPS", "@gps"),
-    ):
-        if table is not None and column in table:
-            values = _within(table[column], span).dropna()
-            if len(values) > 1:
-                data.append(line(values.index, values - _start(values, present(result.flight)), name, color, width=1.2))
+    signals = present(result.signals)
+    for panel in () if signals is None else signals.height:
+        for signal in panel.signals:
+            data.append(line(signal.t, signal.y, signal.name, _HEIGHTS.get(signal.name, "@quiet"), width=1.4))
+    reach = padded(data[:1], "y") if data else None
     if not isinstance(result.trajectory, Failure):
         up = -_within(result.trajectory.states["p_d"], span)
         if len(up) > 1:
-            data.append(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink"))
+            data.append(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink", width=1.4))
     if not data:
         return None
-    layout = layout_of(
-        xaxis=time_axis(span),
-        yaxis={"title": {"text": "height (m)"}},
-        **_modes(result),
-    )
-    caption = (
-        "Height above the start of the flight. The estimate should run between barometer and GPS. "
-        "Bands are flight modes."
-    )
+    axis: Drawn = {"title": {"text": "height (m)"}}
+    if reach is not None:
+        # A receiver or an estimate that runs away must not flatten what the barometer shows.
+        beyond = 0.5 * (reach[1] - reach[0])
+        axis["range"] = [reach[0] - beyond, reach[1] + beyond]
+    layout = layout_of(xaxis=time_axis(span), yaxis=axis, **mode_bands(result))
+    caption = "Height above the ground that the flight left. Bands are flight modes."
     return Figure("altitude", caption, data, layout, 300)
 
 
@@ -257,7 +249,7 @@ def motors(result: FlightResult) -> Figure | None:
             }
         )
     axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
-    modes = _modes(result)
+    modes = mode_bands(result)
     modes["annotations"] += labels
     signals = present(result.signals)
     limits = [] if signals is None else signals.motor_limits.values()
@@ -268,14 +260,11 @@ def motors(result: FlightResult) -> Figure | None:
         if low - pad < value < high + pad
     ]
     layout = layout_of(**axes, **modes)
-    caption = (
-        "PWM command of every motor (µs), one row for each motor number, all to the same scale, limits dashed. "
-        "Motors of a healthy craft in hover stay close to each other and away from their limits."
-    )
+    caption = "PWM command of every motor (µs), all to the same scale, limits dashed."
     return Figure("motors", caption, data, layout, 70 + 58 * count)
 
 
-def _modes(result: FlightResult) -> Drawn:
+def mode_bands(result: FlightResult) -> Drawn:
     """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):

@@ -89,16 +89,11 @@ def _sagging(sag: Parameter | None) -> str:
     return f"Battery and wiring have {ohms}: every 10 A more cost {number(10.0 * sag.value, 2)} V."
 
 
-def attitude_figure(result: FlightResult) -> Figure | None:
-    """Draw attitude asked for and flown; None where it was not logged."""
-    return signal_figure(result, "attitude")
-
-
-def signal_figure(result: FlightResult, name: str) -> Figure | None:
-    """Draw one group of lines, such as ``"vibration"``; None where it was not logged."""
+def signal_figure(result: FlightResult, name: str, most: int) -> Figure | None:
+    """Draw `most` plots of one group of lines, such as ``"vibration"``; None where it was not logged."""
     if isinstance(result.signals, Failure) or isinstance(result.flight, Failure):
         return None
-    panels: Sequence[Panel] = getattr(result.signals, name)
+    panels: Sequence[Panel] = getattr(result.signals, name)[:most]
     return _stacked(name, panels, result.flight, _marks(result)) if panels else None
 
 

@@ -6,6 +6,7 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Protocol
 
@@ -22,7 +23,7 @@ from reports.files.fleet_markdown import fleet_markdown
 from reports.files.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
 from reports.numbers.fleet import common_findings, in_short
 from reports.pages import html
-from reports.pages.fleet import Craft, fleet_page
+from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
 
 
 class Products(Protocol):
@@ -40,10 +41,10 @@ class Products(Protocol):
 def write_fleet(fleet: FleetResult) -> None:
     """Compose the report on all flights in the store of a fleet.
 
-    ``report.html`` (complete in itself but for the pages of flights, which it links), ``report.json`` (crafts in full,
-    flights in short), ``report.md``; ``rmse.csv``, ``coefficients.csv`` and ``parameters.csv`` of all; ``models.json``
-    and ``models.mat`` with the models of crafts and of those flights that belong to none; ``plotly.min.js`` for the
-    pages of flights.
+    ``report.html`` (complete in itself but for the pages of flights and crafts, which it links), ``craft1.html`` and
+    so on with the models of each craft, ``report.json`` (crafts in full, flights in short), ``report.md``;
+    ``rmse.csv``, ``coefficients.csv`` and ``parameters.csv`` of all; ``models.json`` and ``models.mat`` with the
+    models of crafts and of those flights that belong to none; ``plotly.min.js`` for the other pages.
     """
     compose(
         fleet.store,
@@ -109,6 +110,10 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
     store.write("report.md", fleet_markdown(numbers).encode())
     if flights:
         store.write(SHARED_SCRIPT, html.plotly_script())
+    script_file = SHARED_SCRIPT if flights else ""
+    for place, craft in enumerate(found, start=1):
+        page = page_or_excuse(partial(craft_models_page, craft, numbers, place, script_file), craft_file(place))
+        store.write(craft_file(place), page.encode())
     store.write("report.html", page_or_excuse(lambda: fleet_page(numbers, found), "report.html").encode())
     return numbers
 

@@ -45,7 +45,11 @@ def fleet_markdown(numbers: FleetReport) -> str:
 
 def _answer(numbers: FleetReport) -> Iterator[str]:
     for shown in fleet_answer(numbers):
-        parts = [part for part in (f"**{shown.line.word}**", shown.number, shown.line.text) if part]
+        parts = [
+            part
+            for part in (f"**{shown.line.word}**" if shown.line.word else "", shown.number, shown.line.text)
+            if part
+        ]
         yield escaped(f"{shown.line.purpose}: {' '.join(parts)}") + "  "
     yield ""
 
@@ -78,18 +82,9 @@ def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:
 
 
 def _flights(numbers: FleetReport) -> Iterator[str]:
-    rows = [
-        Row(
-            row.name,
-            [
-                row.airborne,
-                *([cell.strip() for cell in row.cells] or ["–"] * 3),
-                f"{_MARKS[row.trust]} {row.model or row.reason}",
-            ],
-        )
-        for row in fleet_views.flight_rows(numbers, fleet_views.links(numbers.flights))[: 4 * _MOST]
-    ]
-    yield Table("flight", ["airborne", "RMSE x (m)", "y (m)", "z (m)", "best model"], rows).markdown()
+    shown = fleet_views.flight_rows(numbers, fleet_views.links(numbers.flights))[: 4 * _MOST]
+    rows = [Row(row.name, [row.airborne, row.height, row.said.happened.text, row.said.ahead.text]) for row in shown]
+    yield Table("flight", ["airborne", "height (m)", "what happened", "predicts"], rows).markdown()
 
 
 def _more(found: Sequence[object], what: str) -> list[str]:

@@ -24,6 +24,7 @@ from reports.files.parameters import write_parameters
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
+from reports.pages.flight import MODELS_PAGE, flight_page, models_page
 from reports.views.model_board import Board, model_board
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
@@ -42,8 +43,8 @@ def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
 
     ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes it), ``models.mat``
     and ``coefficients.csv``, ``parameters.csv``; of a flight whose position is known ``track.geojson``, ``track.kml``
-    and ``track.gpx``, and the page ``report.html``, complete in itself; of a craft ``figures.json``, the
-    plots that the page on all flights shows of it.
+    and ``track.gpx``, and the pages ``report.html`` and ``models.html``, complete in themselves; of a craft
+    ``figures.json``, the plots that the page on all flights shows of it.
 
     Parameters
     ----------
@@ -68,6 +69,14 @@ def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> P
     return _write(result, Path(folder), shared=True)
 
 
+def write_account(result: FlightResult, folder: Path) -> Path:
+    """Write the page of a flight of which no more than its account is known yet; return the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "report.html"
+    write_page(path, lambda: flight_page(result, flight_report(result)))
+    return path
+
+
 def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     report: FlightReport | CraftReport
@@ -75,7 +84,8 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
         path = folder / "report.html"
         report = own = flight_report(result)
         back, script_file = (f"{_BACK}report.html", _BACK + SHARED_SCRIPT) if shared else (None, "")
-        write_page(path, lambda: html.flight_page(result, own, back, script_file))
+        write_page(path, lambda: flight_page(result, own, back, script_file))
+        write_page(folder / MODELS_PAGE, lambda: models_page(result, own, script_file))
         write_track(result, folder)
     else:
         path = folder / "report.json"

@@ -14,8 +14,9 @@ from pipeline.results.report import CommonFinding, FlightInShort, FlightReport
 def in_short(flight: FlightReport, folder: str) -> FlightInShort:
     """Keep of a flight's report what tables over all flights show; its folder, such as ``flights/a``, has the rest."""
     vehicle = replace(flight.vehicle, motors=())
+    happened = "" if flight.account is None else flight.account.in_short
     short = lessened(replace(flight, vehicle=vehicle), FlightInShort)
-    return replace(short, folder=folder, motor_count=len(flight.vehicle.motors))
+    return replace(short, folder=folder, motor_count=len(flight.vehicle.motors), happened=happened)
 
 
 def common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:

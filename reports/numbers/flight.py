@@ -9,7 +9,6 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import msgspec
-import numpy as np
 
 from core.findings import WORST_FIRST
 from core.serialization import cleaned
@@ -257,19 +256,20 @@ def _log(result: FlightResult) -> LogReport:
 
 
 def _flown(result: FlightResult) -> FlownReport | None:
-    span = result.flight
+    span, account = result.flight, present(result.account)
     if isinstance(span, Failure):
         return None
-    facts = FlownReport(start_s=span.start, stop_s=span.stop, duration_s=span.duration, modes=tuple(mode_spans(result)))
-    states = None if isinstance(result.trajectory, Failure) else result.trajectory.states.loc[span.start : span.stop]
-    if states is None or not len(states):
-        return facts
-    facts = replace(facts, height_m=float(states["p_d"].iloc[0] - states["p_d"].min()))
-    if not result.position_known:
-        return facts
-    north, east = (states[name] - states[name].iloc[0] for name in ("p_n", "p_e"))
-    speed = np.linalg.norm(states[["v_n", "v_e", "v_d"]].to_numpy(), axis=1)
-    return replace(facts, distance_m=float(np.hypot(north, east).max()), speed_max_m_s=float(speed.max()))
+    read = [None] * 3 if account is None else [account.height, account.distance, account.ground_speed]
+    height, distance, speed = (None if each is None else each.value for each in read)
+    return FlownReport(
+        start_s=span.start,
+        stop_s=span.stop,
+        duration_s=span.duration,
+        modes=tuple(mode_spans(result)),
+        height_m=height,
+        distance_m=distance,
+        speed_max_m_s=speed,
+    )
 
 
 def mode_spans(result: FlightResult) -> list[ModeSpan]:

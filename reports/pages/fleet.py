@@ -1,4 +1,4 @@
-"""The page on all flights: the answer first, then every craft, then flights and logs."""
+"""The page on all flights, the answer first, and a page on the models of each craft."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from core.table import Table
+from logparse import Finding
+from pipeline.results.advice import Advice
+from pipeline.results.answer import AnswerLine
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.coverage import coverage_figures
-from reports.figures.drift import drift_figures
+from reports.figures.drift import drift_figures, motors_over_flights, parameters_over_flights
 from reports.figures.figure import Figure
+from reports.figures.flights import flights_over_time
 from reports.figures.models import horizon_figure
 from reports.pages import html
 from reports.views import fleet as fleet_views
@@ -20,23 +24,22 @@ from reports.views.craft import (
     Choice,
     CraftSection,
     average_table,
-    residual_table,
     validation_table,
     vehicle_facts,
 )
 from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
 from reports.views.fleet import FlightRow, ShownFinding
-from reports.views.fleet_answer import fleet_answer, furthest
+from reports.views.fleet_answer import Insight, fleet_answer, insight
 from reports.views.model_board import Board
+from reports.views.model_uses import MOST_ADVICE, holding
 from reports.views.models import identified, judgements, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 from reports.views.summary import ShownAnswer
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 60
-_FIRST_HEIGHT = 430
-_AHEAD = "Error of predictions on flights held out; grey: without a model."
+_FIRST_HEIGHT = 330
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +52,29 @@ class Craft:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ShownCraft:
+    """What fleet.html shows of a craft; its own page has the rest."""
+
+    id: str
+    name: str
+    page: str
+    sentences: Sequence[str]
+    holding: Sequence[tuple[str, str]]  #: Models that predict, and for what they are of use.
+    drift_findings: Sequence[Finding]
+    courses: Sequence[Figure]  #: Parameters over the flights.
+    advice: Sequence[Advice]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FleetPage:
     """What fleet.html shows."""
 
-    numbers: FleetReport
     title: str
     facts: str
-    crafts: Sequence[CraftSection]
-    answer: Sequence[ShownAnswer]  #: The first screen, a line for each purpose.
-    first_figures: Sequence[Figure]  #: What matters most, of the craft whose models predict furthest.
+    headline: AnswerLine  #: The best insight.
+    answer: Sequence[ShownAnswer]  #: The lines below it.
+    first_figures: Sequence[Figure]
+    crafts: Sequence[ShownCraft]
     health: Table | None
     flights: Sequence[FlightRow]
     unfolded: bool  #: Whether the table of flights is short enough to stand open.
@@ -69,37 +86,40 @@ class FleetPage:
     config: Sequence[tuple[str, str]]
 
 
-def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
-    """Render the page.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftPage:
+    """What craft_models.html shows: everything about the models of a craft."""
 
-    Parameters
-    ----------
-    numbers : FleetReport
-    crafts : sequence of Craft
-        In the order of the report.
-    """
+    craft: CraftSection
+
+
+def craft_file(place: int) -> str:
+    """Return the file of the page of a craft, counted from 1, beside the page on all flights."""
+    return f"craft{place}.html"
+
+
+def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_file: str) -> str:
+    """Render the page with everything about the models of a craft."""
+    section, figures = _section(craft, place, fleet_views.links(numbers.flights))
+    return html.render("craft_models.html", figures, CraftPage(craft=section), script_file)
+
+
+def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
+    """Render the page on all flights; `crafts` are in the order of the report."""
     pages = fleet_views.links(numbers.flights)
-    figures: list[Figure] = []
-    sections = []
-    for place, each in enumerate(crafts, start=1):
-        section, drawn = _section(each, place, pages)
-        figures += drawn
-        sections.append(section)
-    told = furthest(numbers)
-    named = sections[:1] if told is None else [each for each in sections if each.name == told[0].name][:1]
-    of = f" {named[0].name}." if named and len(sections) > 1 else ""
-    first = [
-        replace(each.ahead, id="first-ahead", height=_FIRST_HEIGHT, caption=_AHEAD + of) for each in named if each.ahead
-    ]
-    figures = [*first, *figures]
+    answer = fleet_answer(numbers)
+    told = insight(numbers)
+    first = _insight_figure(told) or flights_over_time(numbers.flights)
+    firsts = [] if first is None else [first]
+    shown = [_shown(each, place) for place, each in enumerate(crafts, start=1)]
     serious, notes = fleet_views.common_findings(numbers)
     page = FleetPage(
-        numbers=numbers,
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
-        crafts=sections,
-        answer=fleet_answer(numbers),
-        first_figures=first,
+        headline=answer[0].line,
+        answer=answer[1:],
+        first_figures=firsts,
+        crafts=shown,
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,
@@ -112,7 +132,40 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         ],
         config=settings(numbers.config),
     )
+    figures = [*firsts, *(figure for each in shown for figure in each.courses)]
     return html.render("fleet.html", figures, page)
+
+
+def _insight_figure(told: Insight | None) -> Figure | None:
+    """Draw what the first line is about, flight by flight."""
+    if told is None or told.craft.drift is None:
+        return None
+    drift = told.craft.drift
+    if told.history is None:
+        figure = motors_over_flights(drift, "first-motors", [])
+    else:
+        figure = parameters_over_flights([told.history], drift, "first-course", [])
+    return None if figure is None else replace(figure, caption="Flight by flight.", height=_FIRST_HEIGHT)
+
+
+def _shown(craft: Craft, place: int) -> ShownCraft:
+    report = craft.report
+    courses, _ = drift_figures(report.drift, f"{place}-")
+    findings = () if report.drift is None else report.drift.findings
+    told = [summary.sentence(finding.reason) for finding in findings]
+    return ShownCraft(
+        id=f"craft-{place}",
+        name=report.name,
+        page=craft_file(place),
+        sentences=[
+            *summary.joint_sentences(report)[:1],
+            *(sentence for sentence in drift_sentences(report.drift) if sentence not in told),
+        ],
+        holding=holding(report.models),
+        drift_findings=findings,
+        courses=courses,
+        advice=report.advice[:MOST_ADVICE],
+    )
 
 
 def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftSection, list[Figure]]:
@@ -142,7 +195,6 @@ def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftS
         ahead=ahead,
         horizons=views.horizons(report.models),
         judgements=judgements(report.models),
-        residuals=residual_table(report.models),
         coherence=coherence(report.models),
         validation=validation_table(report, pages),
         prediction=_choice(f"{prefix}prediction", flown, report, pages),

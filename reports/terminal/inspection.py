@@ -7,21 +7,24 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from core.quantity import duration, number
-from core.table import Cell, Row, Table
+from core.table import TONES, Cell, Row, Table
 from logparse import Finding
 from logparse.inspection import Inspection, MessageSummary, TableSummary
+from pipeline.results.account import Account
 from reports.views import log_words
 
 _TONES = {"error": "bad", "warning": "care", "info": "unknown"}
 _WORDS = {"error": "error", "warning": "warning", "info": "note"}
 
 
-def overview(log: Inspection) -> RenderableType:
-    """Lay out an inspection of a log.
-
-    Findings come first, worst on top: they are what a person must act on.
-    """
-    parts: list[RenderableType] = [_facts(log)]
+def overview(log: Inspection, accounts: Sequence[Account] = ()) -> RenderableType:
+    """Lay out an inspection of a log: what happened first, then findings, worst on top, which a person must act on."""
+    several = len(accounts) > 1
+    parts: list[RenderableType] = []
+    for place, each in enumerate(accounts, start=1):
+        tone = "unknown" if each.flight is None else _TONES[each.severity] if each.gravest else "good"
+        parts.append(Text((f"Flight {place}: " if several else "") + each.headline, style=TONES[tone]))
+    parts += [Text(), _facts(log)] if accounts else [_facts(log)]
     parts += [Text(), Text("Findings", style="bold"), _findings(log.findings)]
     parts += [Text(), Text("Tables", style="bold"), _tables(log.tables)]
     parts += [Text(), Text("Messages", style="bold"), _messages(log.messages)]

@@ -2,21 +2,20 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import shorten
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from core.quantity import column, joined, number, uncertain
+from core.quantity import number
 from core.table import TONES, Cell, Row, Table
 from pipeline.results.answer import Answer
-from pipeline.results.model_report import ByOutput, ModelInShort, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
-from pipeline.results.rotation_report import RotationReport
-from pipeline.results.verdict import Verdict
-from reports.numbers.rows import average
 from reports.views import summary
+from reports.views.fleet_answer import fleet_answer
+from reports.views.model_uses import holding
+from reports.views.summary import ShownAnswer
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.
 _LONGEST_CELL, _LONGEST_HEALTH = 24, 34
@@ -26,8 +25,6 @@ _HEADS = (
     "measured it, else how fast (Hz) or closely (° RMS) the attitude follows. thrust: one motor's at full command, "
     "over the mass unless that is given."
 )
-#: What trust in a model is as a tone.
-_TRUST: Mapping[str, str] = {"yes": "good", "limited": "care", "no": "bad", "unknown": "unknown"}
 
 
 def overview(numbers: FlightReport | FleetReport, width: int = 120) -> RenderableType:
@@ -43,45 +40,40 @@ def overview(numbers: FlightReport | FleetReport, width: int = 120) -> Renderabl
 
 
 def _one_flight(numbers: FlightReport) -> Group:
-    parts: list[RenderableType] = [Text(numbers.name, style="bold"), *answer_rows(numbers.answer)]
+    lines = summary.answer_lines(numbers.answer)
+    parts: list[RenderableType] = [Text(numbers.name, style="bold")]
+    if lines:
+        parts += [Text(lines[0].line.text, style=TONES[lines[0].line.tone]), Text(), *answer_rows(lines[1:])]
     if numbers.answer is not None and numbers.answer.next:
-        parts += [Text(f"Next: {numbers.answer.next}"), Text()]
-    if line := rotation_line(numbers.rotation):
-        parts += [Text(line), Text()]
-    models = _models(numbers.models)
-    if not models and (reason := summary.first_reason(numbers)):
-        parts.append(Text(f"No model: {reason}", style="dim"))
-    return Group(*parts, *models, _sentence(numbers.verdict))
+        parts.append(Text(f"Next: {numbers.answer.next}"))
+    return Group(*parts)
 
 
 def _many_flights(numbers: FleetReport, width: int) -> Group:
     parts: list[RenderableType] = []
     if numbers.flights:
+        parts += [Text(fleet_answer(numbers)[0].line.text, style="bold"), Text()]
         parts += [_flights(numbers.flights, narrow=width < 100), Text(_HEADS, style="dim")]
         parts += [Text(reason, style="dim") for reason in _reasons(numbers.flights)]
     for group in numbers.groups:
-        parts += [Text(), Text(" ".join(summary.joint_sentences(group))), *_models(group.models)]
-        parts.append(_sentence(group.verdict))
+        parts += [Text(), Text(" ".join(summary.joint_sentences(group)[:1]))]
+        parts += [Text(f"{title}: {uses}") for title, uses in holding(group.models)]
     unused = summary.left_out(numbers)
     if unused:
         parts.append(Text("\n" + "\n".join(unused), style="dim"))
     return Group(*parts)
 
 
-def answer_rows(answer: Answer | None) -> list[RenderableType]:
-    """Tabulate the answer for each purpose, as the first screen of the report does."""
-    lines = summary.answer_lines(answer)
+def answer_rows(lines: Sequence[ShownAnswer]) -> list[RenderableType]:
+    """Tabulate lines of an answer, as the first screen of the report does."""
     if not lines:
         return []
-    rows = [
-        Row(each.line.purpose, [Cell(each.line.word, each.line.tone), f"{each.number} {each.line.text}".strip()])
-        for each in lines
-    ]
-    return [Table("", ["", ""], rows, texts=[0, 1]).terminal(), Text()]
+    rows = [Row(Cell(each.line.purpose, each.line.tone), [_said(each)]) for each in lines]
+    return [Table("", [""], rows, texts=[0]).terminal(), Text()]
 
 
-def _sentence(verdict: Verdict) -> Text:
-    return Text(verdict.sentence, style=TONES[_TRUST[verdict.trust]])
+def _said(shown: ShownAnswer) -> str:
+    return " ".join(part for part in (shown.line.word, shown.number, shown.line.text) if part)
 
 
 def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
@@ -89,13 +81,13 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
     longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
     rows = []
     for flight in flights:
-        said = summary.brief(flight.answer)
+        said = summary.brief(flight)
         cells: list[str | Cell] = [] if narrow else [summary.frame(flight.vehicle)]
         cells.append(f"{flight.flight.duration_s:.0f} s" if flight.flight else "–")
-        cells += [Cell(_cut(each.text, longest), each.tone) for each in (said.healthy, said.loops, said.ahead)]
+        cells += [Cell(_cut(each.text, longest), each.tone) for each in (said.happened, said.loops, said.ahead)]
         cells.append(_thrust(flight.answer))
         rows.append(Row(_shortened(flight.name, 18 if narrow else 24), cells))
-    heads = ["flown", "healthy", "loops", "predicts", "thrust"]
+    heads = ["flown", "happened", "loops", "predicts", "thrust"]
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
 
 
@@ -107,29 +99,6 @@ def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
         f"No model: {reason} ({without[each[0]].name}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
         for reason, each in reasons.items()
     ]
-
-
-def _models(models: Sequence[ModelReport]) -> list[RenderableType]:
-    """Set models side by side with their errors on held-out flight, averaged, and the guess that they must beat."""
-    judged = [result for result in models if result.held_out]
-    if not judged:
-        return []
-    outputs = list(judged[0].rmse_average_m)
-    errors: list[ByOutput] = [result.rmse_average_m for result in judged]
-    errors.append(average([row.rmse_mean_m for row in judged[0].held_out]))
-    columns = [column([row[output] for row in errors]) for output in outputs]
-    rows = [
-        Row(result.title, [*(cells[place] for cells in columns), summary.predicts(result), _word(result)])
-        for place, result in enumerate(judged)
-    ]
-    rows.append(Row("always predicting the mean", [*(cells[-1] for cells in columns), "", ""], kind="baseline"))
-    heads = [*(f"{output} (m)" for output in outputs), "predicts", "free run"]
-    return [Table("model, on flight time held out", heads, rows, texts=[len(outputs) + 1]).terminal()]
-
-
-def _word(result: ModelInShort) -> Cell:
-    trust = result.verdict.trust
-    return Cell(summary.TRUST_WORDS[trust], _TRUST[trust])
 
 
 def _cut(text: str, most: int) -> str:
@@ -170,21 +139,3 @@ def no_model(numbers: FlightReport | FleetReport) -> str:
     if not flights or any(each.thrust is not None or any(result.kind for result in each.models) for each in every):
         return ""
     return f"no model could be identified: {summary.first_reason(flights[0])}"
-
-
-def rotation_line(rotation: RotationReport | None) -> str:
-    """Sum up in a line what a flight tells of how its craft turns; empty where nothing."""
-    if rotation is None:
-        return ""
-    known = [axis.axis for axis in rotation.axes if axis.determined]
-    parts = ["determined in " + joined(known)] if known else []
-    for axis in rotation.axes:
-        if axis.loop is not None:
-            margins = axis.loop.computed
-            told = [
-                f"{title} {uncertain(each.value, each.sigma, each.unit)}"
-                for title, each in (("gain margin", margins.gain_db), ("phase margin", margins.phase_deg))
-                if each.value is not None
-            ]
-            parts.append(f"{axis.axis} loop {axis.loop.state}" + (f" ({', '.join(told)})" if told else ""))
-    return f"How it turns: {'; '.join(parts)}." if parts else ""

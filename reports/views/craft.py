@@ -1,4 +1,4 @@
-"""What the page on all flights shows of one craft: tables in the paper's form, and tests of residuals."""
+"""What the page of one craft shows: errors of its joint models, averaged and flight by flight."""
 
 from __future__ import annotations
 
@@ -13,16 +13,12 @@ from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport
 from pipeline.results.verdict import Verdict
 from reports.figures.figure import Figure
-from reports.numbers.rows import PAPER_AVERAGE, average
+from reports.numbers.rows import average
 from reports.views import summary
 from reports.views.model_board import Board
 from reports.views.models import Judgement, ShownModel, ShownThrust
 from reports.views.parameters import ShownCoherence, ShownParameters
 from reports.views.tables import ShownVerdict, rmse_heads, rmse_lines
-
-#: The kind of model that the paper's table is about, and what its line is called.
-PAPER_KIND = "motors"
-PAPER_LINE = "Elhesasy 2024, average of nine flights of its own craft"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +40,6 @@ class CraftSection:
     board: Board | None  #: Residuals and responses of the joint models.
     horizons: Table | None
     judgements: Sequence[Judgement]
-    residuals: Table | None
     coherence: ShownCoherence | None
     validation: Table | None  #: Errors flight by flight.
     prediction: Choice | None  #: Plots of flights to choose from.
@@ -77,7 +72,7 @@ class Choice:
 
 
 def average_table(craft: CraftReport) -> Table | None:
-    """Set the models side by side with their average errors over the flights held out: the last line of Table 4."""
+    """Set the models side by side with their average errors over the flights held out."""
     judged = [result for result in craft.models if result.rmse_average_m]
     if not judged:
         return None
@@ -86,8 +81,6 @@ def average_table(craft: CraftReport) -> Table | None:
     lines: list[tuple[str, str, ByOutput]] = [("", result.title, result.rmse_average_m) for result in judged]
     lines.append(("baseline", "Always predicting the mean", average([row.rmse_mean_m for row in held])))
     lines.append(("baseline", "Standing still", average([row.rmse_constant_position_m for row in held])))
-    if outputs == list(PAPER_AVERAGE):
-        lines.append(("baseline", PAPER_LINE, PAPER_AVERAGE))
     cells = rmse_lines(row for _, _, row in lines)
     return Table(
         label="Model",
@@ -100,7 +93,7 @@ def average_table(craft: CraftReport) -> Table | None:
 
 
 def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | None:
-    """Lay the joint models' errors out as Table 4 of Elhesasy 2024: a line per held-out flight, and their average."""
+    """Lay the joint models' errors out: a line per held-out flight, and their average."""
     judged = [result for result in craft.models if result.rmse]
     if not judged:
         return None
@@ -118,9 +111,6 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
             lines.append((Row("Average", kind="average"), [result.rmse_average_m for result in judged]))
             means: list[ByOutput] = [average([row.rmse_mean_m for row in result.held_out]) for result in judged]
             lines.append((Row("Always predicting the mean", kind="baseline"), means))
-            if outputs == list(PAPER_AVERAGE):
-                papers: list[ByOutput] = [PAPER_AVERAGE if result.key == PAPER_KIND else {} for result in judged]
-                lines.append((Row(PAPER_LINE, kind="baseline"), papers))
     columns = [
         column([cells[place].get(output) for _, cells in lines]) for place in range(len(judged)) for output in outputs
     ]
@@ -138,38 +128,6 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
 
 def _errors(result: ModelReport, flight: str) -> ByOutput:
     return next((row.rmse_m for row in result.rmse if row.flight == flight), {})
-
-
-def residual_table(models: Sequence[ModelReport]) -> Table | None:
-    """Tabulate whether errors one sample ahead are white, and independent of the inputs before them."""
-    rows: list[Row] = []
-    for result in models:
-        tests = {} if result.validation is None else result.validation.residuals
-        if tests:
-            rows.append(Row(summary.sentence(result.title)[:-1], kind="part"))
-        for output, test in tests.items():
-            correlations = [value for value in test.autocorrelation if value is not None]
-            cells = [
-                f"{number(test.whiteness)} ({number(test.whiteness_limit)})",
-                f"{number(max(correlations, key=abs, default=None), 2)} (±{number(test.band, 1)})",
-                "yes" if test.white else "no",
-                _some(test.dependent) or "none",
-            ]
-            rows.append(Row(output, cells))
-    if not rows:
-        return None
-    return Table(
-        label="Output",
-        heads=["portmanteau (limit)", "autocorrelation (band)", "white", "inputs that foretell"],
-        rows=rows,
-        caption="Tested are the errors of predictions one sample ahead on flight time not used in the fit: the "
-        "portmanteau statistic and the largest autocorrelation, each with the limit that a right model passes 99 times "
-        "in a hundred, and whether earlier inputs foretell the errors.",
-    )
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{', '.join(names[:2])} and {len(names) - 2} more"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:

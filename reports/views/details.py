@@ -14,9 +14,14 @@ Row = tuple[str, str]
 _DEG = 180.0 / math.pi
 
 
-def details(numbers: FlightReport) -> list[tuple[str, list[Row]]]:
-    """Gather the sections that are folded away at the end of a page: title and rows."""
-    sections = [("The log", _log_details(numbers.log)), ("The craft", _vehicle_details(numbers.vehicle))]
+def log_details(numbers: FlightReport) -> list[tuple[str, list[Row]]]:
+    """Return what is folded away at the end of the page of a flight: title and rows."""
+    return [("The log", _log_details(numbers.log)), ("The craft", _vehicle_details(numbers.vehicle))]
+
+
+def estimate_details(numbers: FlightReport) -> list[tuple[str, list[Row]]]:
+    """Return how the results came about: title and rows."""
+    sections = []
     if numbers.trajectory is not None:
         sections.append(("How the trajectory was estimated", _trajectory_details(numbers.trajectory)))
     sections.append(("Settings", settings(numbers.config)))

@@ -9,12 +9,9 @@ from urllib.parse import quote
 from core.quantity import counted, duration, number
 from core.table import Row, Table
 from logparse import Severity
-from pipeline.results.model_report import ModelInShort
 from pipeline.results.report import FleetReport, FlightInShort
-from pipeline.results.verdict import Trust
 from reports.views import summary
 from reports.views.summary import BriefAnswer
-from reports.views.tables import rmse_lines
 
 
 def links(flights: Sequence[FlightInShort]) -> dict[str, str]:
@@ -63,7 +60,7 @@ def _logs(numbers: FleetReport) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRow:
-    """A flight with what was flown, its health, and what the best of its own models achieves."""
+    """A flight with what was flown, what happened, and what it tells of the craft."""
 
     name: str
     link: str
@@ -72,40 +69,23 @@ class FlightRow:
     airborne: str
     height: str
     speed: str
-    wind: str
     said: BriefAnswer
     thrust: str  #: Per motor, over the mass in m/s², in N where that was given.
-    model: str
-    trust: str
-    word: str
-    cells: Sequence[str]  #: Errors by output.
-    reason: str  #: Why there are none.
 
 
 def flight_rows(numbers: FleetReport, pages: Mapping[str, str]) -> list[FlightRow]:
-    """List every flight with what was flown, its health, and what the best of its own models achieves."""
-    flights = numbers.flights
+    """List every flight with what was flown, what happened, and what it tells of the craft."""
     parts = {
         name: word
         for craft in numbers.groups
         for names, word in ((craft.training, "fitted jointly"), (craft.held_out, "judges the joint fit"))
         for name in names
     }
-    chosen = [summary.best(flight.models) for flight in flights]
-    held = [None if result is None else result.held_out[0] for result in chosen]
-    cells = iter(rmse_lines(row.rmse_m for row in held if row is not None))
-    return [
-        _flight_row(flight, pages[flight.name], parts.get(flight.name, ""), result, () if row is None else next(cells))
-        for flight, result, row in zip(flights, chosen, held, strict=True)
-    ]
+    return [_flight_row(flight, pages[flight.name], parts.get(flight.name, "")) for flight in numbers.flights]
 
 
-def _flight_row(
-    flight: FlightInShort, page: str, part: str, result: ModelInShort | None, cells: Sequence[str]
-) -> FlightRow:
-    flown = flight.flight
-    trust = Trust.UNKNOWN if result is None else result.verdict.trust
-    wind = None if flight.coverage is None else flight.coverage.wind
+def _flight_row(flight: FlightInShort, page: str, part: str) -> FlightRow:
+    flown, thrust = flight.flight, summary.thrust_of(flight.answer)
     return FlightRow(
         name=flight.name,
         link=page,
@@ -114,20 +94,9 @@ def _flight_row(
         airborne="–" if flown is None else duration(flown.duration_s),
         height="–" if flown is None else _digits(flown.height_m),
         speed="–" if flown is None else _digits(flown.speed_max_m_s),
-        wind="–" if wind is None else _digits(wind.speed),
-        said=summary.brief(flight.answer),
-        thrust=_thrust(flight),
-        model="" if result is None else result.title,
-        trust=trust,
-        word=summary.TRUST_WORDS[trust],
-        cells=cells,
-        reason="" if result is not None else summary.first_reason(flight),
+        said=summary.brief(flight),
+        thrust="–" if thrust is None else f"{number(thrust[0], 2)} {thrust[2]}",
     )
-
-
-def _thrust(flight: FlightInShort) -> str:
-    known = summary.thrust_of(flight.answer)
-    return "–" if known is None else f"{number(known[0], 2)} {known[2]}"
 
 
 def _digits(value: float | None) -> str:

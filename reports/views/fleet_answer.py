@@ -1,11 +1,15 @@
-"""The first screen of a folder: the answers of its flights, counted, with the worst or the best one named."""
+"""The first screen of a folder: its best insight, then the answers of its flights, counted, with the worst named."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
 
 from core.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.drift import History, Step
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
 from pipeline.results.verdict import PredictionUse
@@ -16,16 +20,66 @@ from reports.views.summary import ShownAnswer, thrust_known, thrust_of
 _USEFUL = 1.0
 
 
-def fleet_answer(numbers: FleetReport) -> list[ShownAnswer]:
-    """Sum all flights up, a line for each purpose.
+@dataclass(frozen=True, slots=True)
+class Insight:
+    """What changed over the flights of a craft, in a sentence."""
 
-    Parameters
-    ----------
-    numbers : FleetReport
-    """
+    text: str
+    craft: CraftReport
+    history: History | None = None  #: None where it is about its motors.
+
+
+def insight(numbers: FleetReport) -> Insight | None:
+    """Return the change over flights that is least likely chance; a weakening motor before all; None without one."""
+    found: list[tuple[float, Insight]] = []
+    for craft in numbers.groups:
+        if craft.drift is None:
+            continue
+        motors = craft.drift.motors
+        if motors is not None and motors.weakening:
+            found.append((0.0, Insight(summary.sentence(motors.sentence), craft)))
+        for each in craft.drift.parameters:
+            change = each.change
+            if change is not None:
+                found.append((change.p, Insight(_changed(each), craft, each)))
+    return min(found, key=lambda each: each[0], default=(1.0, None))[1]
+
+
+def _changed(history: History) -> str:
+    """Write a step, or a trend from the first flight to the last, in percent of what was before."""
+    change, points = history.change, history.flights
+    if isinstance(change, Step):
+        before = [each.value for each in points if each.number < change.number]
+        whole, sigma = change.change, change.sigma
+        first, last = (next(each for each in points if each.flight == name) for name in (change.before, change.after))
+    else:
+        assert change is not None
+        first, last = points[0], points[-1]
+        flights = last.number - first.number
+        before, whole, sigma = [first.value], flights * change.per_flight, flights * change.per_flight_sigma
+    name = f"{history.parameter[:1].upper()}{history.parameter[1:]}"
+    base = abs(sum(before) / len(before)) if before else 0.0
+    verb = "fell" if whole < 0.0 else "rose"
+    by = uncertain(abs(whole), sigma) if not base else uncertain(100.0 * abs(whole) / base, 100.0 * sigma / base, "%")
+    days = [_day(each.start_utc) for each in (first, last)]
+    told = all(days) and days[0] != days[1]
+    between = f"{days[0]} and {days[1]}" if told else f"{first.flight} and {last.flight}"
+    return f"{name} {verb} by {by} between {between}."
+
+
+def _day(start: str | None) -> str:
+    return "" if start is None else f"{(day := datetime.fromisoformat(start)).day} {day:%B %Y}"
+
+
+def fleet_answer(numbers: FleetReport) -> list[ShownAnswer]:
+    """Sum all flights up, the best insight first, then a line for each purpose."""
     if not numbers.flights:
-        return [_line("Flown", "no", Tone.UNKNOWN, "", "No log gave a flight.")]
-    return [_flown(numbers), _healthy(numbers.flights), _loops(numbers.flights), _ahead(numbers), _parameters(numbers)]
+        return [_line("Happened", "no", Tone.UNKNOWN, "", "No log gave a flight.")]
+    changed, health = insight(numbers), _health(numbers.flights)
+    first = health if changed is None else _line("Changed", "changed", Tone.CARE, "", changed.text)
+    rest = [] if changed is None else [health]
+    lines = [_flown(numbers), _loops(numbers.flights), _parameters(numbers), _ahead(numbers)]
+    return [first, *rest, *(each for each in lines if each is not None)]
 
 
 def _line(purpose: str, word: str, tone: Tone, shown: str, text: str) -> ShownAnswer:
@@ -33,18 +87,13 @@ def _line(purpose: str, word: str, tone: Tone, shown: str, text: str) -> ShownAn
 
 
 def _flown(numbers: FleetReport) -> ShownAnswer:
-    airborne = sum(flight.flight.duration_s for flight in numbers.flights if flight.flight)
-    joint = sum(len(craft.training) + len(craft.held_out) for craft in numbers.groups)
-    known = [flight.flight for flight in numbers.flights if flight.flight]
-    heights = [shown.line for _, shown in _said(numbers.flights, "Flown") if shown.line.value is not None]
-    high = max(heights, key=lambda each: each.value or 0.0, default=None)
-    fast = max((each.speed_max_m_s for each in known if each.speed_max_m_s is not None), default=None)
-    reach = [f"{uncertain(high.value, high.sigma, high.unit)} high"] if high is not None else []
-    reach += [f"{number(fast, 2)} m/s"] if fast is not None else []
-    text = f"up to {' and '.join(reach)}" if reach else ""
-    text += ", " if joint and reach else ""
-    text += f"{joint} identified together" if joint else ""
-    return _line("Flown", duration(airborne), Tone.GOOD, counted(len(numbers.flights), "flight"), text)
+    flown = [flight.flight for flight in numbers.flights if flight.flight]
+    high = max((each.height_m for each in flown if each.height_m is not None), default=None)
+    fast = max((each.speed_max_m_s for each in flown if each.speed_max_m_s is not None), default=None)
+    reach = [] if high is None else [f"{number(high, 2)} m high"]
+    reach += [] if fast is None else [f"{number(fast, 2)} m/s"]
+    text = duration(sum(each.duration_s for each in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
+    return _line("Flown", "", Tone.GOOD, f"{counted(len(numbers.flights), 'flight')},", text)
 
 
 def _said(flights: Sequence[FlightInShort], purpose: str) -> list[tuple[str, ShownAnswer]]:
@@ -53,38 +102,33 @@ def _said(flights: Sequence[FlightInShort], purpose: str) -> list[tuple[str, Sho
     return [(name, shown) for name, shown in found if shown is not None]
 
 
-def _healthy(flights: Sequence[FlightInShort]) -> ShownAnswer:
-    said = _said(flights, "Happened")
-    bad, care, good = (
-        [(name, shown) for name, shown in said if shown.line.tone is tone] for tone in (Tone.BAD, Tone.CARE, Tone.GOOD)
-    )
-    total = len(flights)
-    if not bad and not care:
-        word, tone = ("yes", Tone.GOOD) if len(good) == total else ("not known of all", Tone.UNKNOWN)
-        return _line("Happened", word, tone, f"{len(good)} of {total}", "flights without an event")
-    worst = bad or care
-    name, shown = worst[0]
-    what = summary.brief_health(shown).text
-    kind = "in danger" if bad else "to look into"
-    more = f"; {len(care)} more to look into" if bad and care else ""
-    word, tone = ("no", Tone.BAD) if bad else ("check", Tone.CARE)
-    return _line("Happened", word, tone, f"{len(worst)} of {total}", f"{kind}, such as {name}: {what}{more}")
+def _health(flights: Sequence[FlightInShort]) -> ShownAnswer:
+    """Answer with how many flights were in danger, and the worst."""
+    said = [(flight, summary.answers(flight.answer).get("Happened")) for flight in flights]
+    tones = [(flight, shown.line.tone) for flight, shown in said if shown is not None]
+    for tone, what in ((Tone.BAD, "ended badly or were in danger"), (Tone.CARE, "are to look into")):
+        worst = [flight for flight, its in tones if its is tone]
+        if worst:
+            many = f"{len(worst)} of {counted(len(flights), 'flight')} {what}"
+            return _line("Happened", "", tone, "", f"{many}, such as {worst[0].name}: {worst[0].happened}.")
+    known = [flight for flight, its in tones if its is Tone.GOOD]
+    if not known:
+        return _line("Happened", "", Tone.UNKNOWN, "", "What happened is not known of any flight.")
+    return _line("Happened", "", Tone.GOOD, "", f"Nothing happened in {counted(len(known), 'flight')}.")
 
 
-def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer:
-    """Answer with the least margin that was measured, else with the slowest attitude."""
+def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer | None:
+    """Answer with an oscillation, else the least margin, else the slowest attitude; None where nothing is known."""
     said = [(name, shown) for name, shown in _said(flights, "Loops") if shown.line.value is not None]
-    measured = [each for each in said if each[1].line.unit == "°" and each[1].line.tone is not Tone.UNKNOWN]
     swinging = [each for each in said if each[1].line.tone is Tone.BAD and each[1].line.unit == "Hz"]
-    for found in (swinging, measured, [each for each in said if each[1].line.unit == "rad/s"], said):
+    measured = [each for each in said if each[1].line.unit == "°"]
+    for found in (swinging, measured, said):
         if found:
-            # Of margins and bandwidths the least is worst, of errors the largest.
-            sign = -1.0 if found is said else 1.0
-            name, shown = min(found, key=lambda each: sign * (each[1].line.value or 0.0))
+            name, shown = min(found, key=lambda each: each[1].line.value or 0.0)
             what = shown.line.text.split(",")[0].split(";")[0]
-            count = f"the worst of {counted(len(found), 'flight')} ({name})" if len(found) > 1 else f"({name})"
+            count = f"the least of {counted(len(found), 'flight')} ({name})" if len(found) > 1 else f"({name})"
             return _line("Loops", shown.line.word, shown.line.tone, shown.number, f"{what}, {count}")
-    return _line("Loops", "not known", Tone.UNKNOWN, "", "no flight shows how the attitude follows")
+    return None
 
 
 def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
@@ -96,29 +140,31 @@ def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
 def _ahead(numbers: FleetReport) -> ShownAnswer:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = furthest(numbers)
-    if joint is not None:
+    if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= _USEFUL:
         craft, model = joint
-        use = model.uses.prediction
         of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
-        longest, reach = use.horizon_s or 0.0, _reach(use)
         text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
+        reach = _reach(model.uses.prediction)
     else:
-        own = [(name, shown) for name, shown in _said(numbers.flights, "Predict ahead") if shown.line.value is not None]
+        own = [
+            (name, shown)
+            for name, shown in _said(numbers.flights, "Predict ahead")
+            if (shown.line.value or 0.0) >= _USEFUL
+        ]
         if not own:
             reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])
-            return _line("Predict ahead", "no model", Tone.UNKNOWN, "", next(iter(reasons)))
+            return _line("Predict ahead", "no model holds", Tone.UNKNOWN, "", next(iter(reasons)))
         name, shown = max(own, key=lambda each: each[1].line.value or 0.0)
-        longest, reach = shown.line.value or 0.0, shown.number
+        reach = shown.number
         text = f"by the model of {name}; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
-    word, tone = ("yes", Tone.GOOD) if longest >= _USEFUL else ("briefly", Tone.CARE)
-    return _line("Predict ahead", word, tone, reach, text)
+    return _line("Predict ahead", "yes", Tone.GOOD, reach, text)
 
 
 def _reach(use: PredictionUse) -> str:
     return f"{use.horizon_s:g} s" if use.reach_s is None else uncertain(use.reach_s, use.reach_sigma_s, "s")
 
 
-def _parameters(numbers: FleetReport) -> ShownAnswer:
+def _parameters(numbers: FleetReport) -> ShownAnswer | None:
     for craft in numbers.groups:
         joint = thrust_known(craft.thrust, craft.parameters or ())
         if joint is not None:
@@ -126,30 +172,10 @@ def _parameters(numbers: FleetReport) -> ShownAnswer:
             return _line("Parameters", "partly", Tone.CARE, uncertain(*joint), f"{what} per motor ({craft.name})")
     every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
     if not every:
-        return _outputs(numbers.flights)
+        return None
     unit = every[0][2]
-    known = [(value, sigma) for value, sigma, its_unit in every if its_unit == unit]
-    span = [uncertain(*each, unit) for each in (min(known, key=_value), max(known, key=_value))]
-    shown = " to ".join(dict.fromkeys(span))
+    known = [(value, sigma or math.nan) for value, sigma, its_unit in every if its_unit == unit]
+    shown = " to ".join(dict.fromkeys(uncertain(*each, unit) for each in (min(known), max(known))))
     what = "thrust" if unit == "N" else "thrust/mass"
     text = f"{what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, shown, text)
-
-
-def _value(known: tuple[float, float | None]) -> float:
-    return known[0]
-
-
-def _outputs(flights: Sequence[FlightInShort]) -> ShownAnswer:
-    """Answer with what the motors were told in the air, where nothing tells what they gave."""
-    means = [
-        (shown.line.value, shown.line.sigma)
-        for _, shown in _said(flights, "Parameters")
-        if shown.line.value is not None and shown.line.unit == "µs"
-    ]
-    if not means:
-        return _line("Parameters", "not known", Tone.UNKNOWN, "", "no flight gives the thrust of a motor")
-    span = [uncertain(*each, "") for each in (min(means), max(means))]
-    shown = f"{' to '.join(dict.fromkeys(span))} µs"
-    text = f"mean motor output, in {len(means)} of {counted(len(flights), 'flight')}; no thrust"
-    return _line("Parameters", "hardly", Tone.UNKNOWN, shown, text)

@@ -69,10 +69,15 @@ def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
         table=parameter_table(found.every) if found.determined else None,
         figures=rotation_figures(found.every),
         loops=loop_table(found),
-        warnings=[each for each in found.findings if each.id in ("loop-unstable", "margins-thin")],
+        warnings=loop_warnings(found),
         doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
         reasons=_grouped(found, "loop_reason", file),
     )
+
+
+def loop_warnings(found: RotationResult) -> list[Finding]:
+    """Return what endangers a craft by its loops."""
+    return [each for each in found.findings if each.id in ("loop-unstable", "margins-thin")]
 
 
 def sentences(axis: AxisRotation) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from core.quantity import duration, joined, number, size, uncertain
+from core.quantity import joined, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.model_report import ModelInShort, ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
@@ -72,17 +72,17 @@ class Brief:
 class BriefAnswer:
     """The answers of a flight in a table of flights."""
 
-    healthy: Brief  #: Whether it was, and if not, what happened.
+    happened: Brief
     loops: Brief  #: The least phase margin with its word where it was measured, else how well the attitude followed.
     ahead: Brief  #: How far ahead a model predicts.
 
 
-def brief(answer: Answer | None) -> BriefAnswer:
+def brief(flight: FlightInShort) -> BriefAnswer:
     """Return the answers of a flight in as few words as a table of flights has room for."""
-    said = answers(answer)
-    healthy, loops, ahead = (said.get(purpose) for purpose in ("Happened", "Loops", "Predict ahead"))
+    said = answers(flight.answer)
+    happened, loops, ahead = (said.get(purpose) for purpose in ("Happened", "Loops", "Predict ahead"))
     return BriefAnswer(
-        healthy=Brief() if healthy is None else brief_health(healthy),
+        happened=Brief() if happened is None else Brief(flight.happened or "not known", happened.line.tone),
         loops=Brief() if loops is None or not loops.number else _followed(loops),
         ahead=Brief() if ahead is None or ahead.line.value is None else Brief(ahead.number, ahead.line.tone),
     )
@@ -94,13 +94,6 @@ def thrust_of(answer: Answer | None) -> tuple[float, float | None, str] | None:
     if line is None or line.value is None or line.unit not in ("N", "m/s²") or not line.text.startswith("thrust"):
         return None
     return line.value, line.sigma, line.unit
-
-
-def brief_health(shown: ShownAnswer) -> Brief:
-    """Return what happened in as few words as a table has room for."""
-    line = shown.line
-    named = line.tone in (Tone.BAD, Tone.CARE)
-    return Brief(f"{shown.number} {line.text}".split(";")[0].strip() if named else line.word, line.tone)
 
 
 def _followed(shown: ShownAnswer) -> Brief:
@@ -120,9 +113,9 @@ def _number(line: AnswerLine) -> str:
 
 
 def facts(numbers: FlightReport) -> str:
-    """One line under the title: file, format, size, craft, when."""
+    """One line under the title: craft and when."""
     log = numbers.log
-    parts = [FORMATS.get(log.format, log.format), size(log.bytes), craft(numbers.vehicle)]
+    parts = [craft(numbers.vehicle)]
     if log.flight_count > 1:
         parts.insert(0, f"flight {log.flight_number} of {log.flight_count}")
     if log.start_utc:
@@ -130,35 +123,7 @@ def facts(numbers: FlightReport) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def sentences(numbers: FlightReport) -> list[str]:
-    """Report what the log is and what was identified; the verdict follows these."""
-    return [part for part in (_what_it_is(numbers), _what_was_identified(numbers)) if part]
-
-
-def _what_it_is(numbers: FlightReport) -> str:
-    log, flight, vehicle = numbers.log, numbers.flight, numbers.vehicle
-    motors = len(vehicle.motors)
-    kind = FORMATS.get(log.format, "log")
-    name = f"of a craft with {motors} motors" if motors else "of a craft whose motors it does not describe"
-    text = f"A {kind} {name}, {duration(log.duration_s)} long."
-    if flight is None:
-        return text + " It holds no flight."
-    flown = f" The craft was in the air for {duration(flight.duration_s)}"
-    if flight.height_m is not None:
-        flown += f", up to {number(flight.height_m, 2)} m above its start"
-    if flight.distance_m is not None:
-        flown += f" and {number(flight.distance_m, 2)} m away from it"
-    others = f"; this is flight {log.flight_number} of {log.flight_count}" if log.flight_count > 1 else ""
-    return text + flown + others + "."
-
-
-def _what_was_identified(numbers: FlightReport) -> str:
-    fitted = next((row for row in numbers.rmse if row.part == "training"), None)
-    text = _identified(numbers)
-    return f"{text[:-1]}, fitted to the first {duration(fitted.duration_s)} of the flight." if fitted else text
-
-
-def _identified(numbers: FlightReport | CraftReport) -> str:
+def _identified(numbers: CraftReport) -> str:
     parts = [described(result) for result in numbers.models if result.model is not None]
     text = f"Identified: {joined(parts)}." if parts else ""
     coefficient = thrust_coefficient(numbers.thrust, numbers.parameters or ())

@@ -151,11 +151,3 @@ def horizons(models: Sequence[ModelReport]) -> Table | None:
         caption="RMSE in metres of predictions so many seconds ahead, restarted from the measured motion at every "
         "sample, on flight time that the models have not seen; inputs are taken as known.",
     )
-
-
-def withdrawn(numbers: FlightReport) -> str:
-    """Return the first sentence of why there is no trajectory; empty where there is one."""
-    reason = numbers.missing.get("trajectory", "")
-    first, _, _ = reason.partition(". ")
-    clause, _, _ = first.partition("; ")
-    return summary.sentence(clause) if clause else ""

@@ -20,7 +20,9 @@ from rotorid.workers import PRELOAD
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from logparse import FlightLog
     from pipeline.results.fleet import LogFailure
+    from pipeline.results.flight import FlightResult
     from pipeline.results.report import FleetReport, FlightReport
     from pipeline.storage.sources import Found, Source
 
@@ -151,6 +153,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     from pipeline.flight.table_analysis import analyze_tables
     from reports.pages.tables import tables_page
     from reports.terminal.summary import answer_rows
+    from reports.views.summary import answer_lines
 
     files: list[Path] = []
     for path in map(Path, _existing(paths)):
@@ -165,7 +168,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     if as_json:
         sys.stdout.write(text)
         return
-    for row in answer_rows(result.answer):
+    for row in answer_rows(answer_lines(result.answer)):
         console().print(row)
     for finding in result.findings:
         console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
@@ -242,8 +245,11 @@ def _one_flight(
         advance("read", 0.0)
         logs = read_flights(file)
         if len(logs) > 1:
+            if not as_json:
+                _announce_all(logs)
             return
-        (result,) = pipeline.analyze_flights(logs, config, advance, alone=True)
+        told = None if as_json else partial(_announce, out=out)
+        (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, told=told)
         advance("report", 0.0)
         try:
             report = reports.write(result, out)
@@ -262,6 +268,25 @@ def _one_flight(
     numbers = read_report(out)
     _show(numbers, str(report), as_json)
     _end(numbers, ())
+
+
+def _announce(result: "FlightResult", out: Path) -> None:
+    """Print what happened, and write a page with it, before anything is identified."""
+    from pipeline.results.failure import present
+    from reports.files.folder import write_account
+
+    answer = present(result.answer)
+    if answer is not None:
+        console().print(answer.lines[0].text, markup=False, soft_wrap=True)
+    console().print(f"{write_account(result, out)}; models follow.", style="dim", markup=False, soft_wrap=True)
+
+
+def _announce_all(logs: "Sequence[FlightLog]") -> None:
+    """Print what happened in each flight of a log."""
+    from pipeline.flight.account import tell_each
+
+    for number, (_, account) in enumerate(tell_each(logs), start=1):
+        console().print(f"Flight {number}: {account.headline}", markup=False, soft_wrap=True)
 
 
 def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":

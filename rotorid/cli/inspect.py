@@ -1,5 +1,6 @@
 """``rotorid inspect``: what is in a log."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ def inspect(
     boot: Boot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write everything as JSON to stdout.")] = False,
 ) -> None:
-    """Show what is in a log: craft, flights, tables with their rates and gaps, and what to log better next time.
+    """Show what happened in a log and what is in it: craft, flights, tables with their rates and gaps.
 
     Example: rotorid inspect flight.bin
     """
@@ -30,11 +31,15 @@ def inspect(
         import logparse
         from core.serialization import as_json as to_text
         from logparse.inspection import inspect as look_into
+        from pipeline.flight.account import tell_each
 
-        found = look_into(logparse.read_log(file, power_up(boot)) if flight is None else open_log(log))
+        asked = logparse.read_log(file, power_up(boot)) if flight is None else open_log(log)
+        found = look_into(asked)
+        several = flight is None and boot is None and (len(asked.flights) > 1 or len(asked.boots) > 1)
+        told = [account for _, account in tell_each(logparse.read_flights(file) if several else [asked])]
     if as_json:
-        typer.echo(to_text(found), nl=False)
+        typer.echo(to_text(replace(found, happened=tuple(each.headline for each in told))), nl=False)
         return
     from reports.terminal import inspection
 
-    console().print(inspection.overview(found))
+    console().print(inspection.overview(found, told))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from core.findings import Finding
 from logparse import FlightLog, Tables
@@ -44,6 +44,14 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
     noted = gravest_first(list(reported_happenings(readings)))
     return Account(flight=None, happenings=noted, headline=_on_the_ground(noted), unknown=_unknown(log.tables))
+
+
+def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]]:
+    """Yield each flight of a file with its account."""
+    for log in logs:
+        flight = None if log.flight is None else Span(log.flight.start, log.flight.stop)
+        yield flight, tell(log, flight)
+        log.tables.release()
 
 
 def account_of(readings: Readings) -> Account:

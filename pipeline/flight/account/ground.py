@@ -81,7 +81,7 @@ def ground_happenings(
     if over or (touch.force > SHOCK and (out_of_control or sank or off is not None or touch.sink > _FAST)):
         yield finding(
             "crash",
-            f"The craft hit the ground{_how(touch)}{' and came to rest on its side or back' if over else ''}.",
+            f"The craft hit the ground{_how(touch)}{' and tipped over' if over else ''}.",
             t=touch.t,
             force_m_s2=touch.force,
             sink_m_s=touch.sink,

@@ -56,7 +56,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
         climb = -float(down[(t >= first) & (t <= last)].min())
         yield finding(
             "throttle-runaway",
-            f"The autopilot held full throttle while the craft climbed at {climb:.0f} m/s: its own height fell "
+            f"The autopilot held full throttle while the craft climbed at {climb:.0f} m/s, for its own height fell "
             f"{disagreement:.0f} m behind the barometer's.",
             t=first,
             end=last,

@@ -25,7 +25,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "FAILSAFE_DEADRECKON": ("dead reckoning failsafe", "Look at satellites and interference around this time."),
     "CRASH_CHECK": ("crash check", "Inspect the craft before the next flight."),
     "THRUST_LOSS_CHECK": ("thrust loss check", "Look for a failed motor or propeller, or too much weight."),
-    "EKF_CHECK": ("EKF check: bad variance", "Look at vibration, compass and GPS around this time."),
+    "EKF_CHECK": ("a bad variance of its EKF", "Look at vibration, compass and GPS around this time."),
     "GPS": ("GPS glitch check", "Look at satellites and interference around this time."),
     "COMPASS": ("compass error", "Look at interference of motors and wiring with the compass."),
     "BARO": ("barometer glitch", "Shield the barometer from light and prop wash."),
@@ -81,7 +81,7 @@ def _told(subsystem: str, several: list[_Report], *, flying: bool) -> Finding:
         severity = Severity.ERROR if failsafe or subsystem == "THRUST_LOSS_CHECK" else Severity.WARNING
     return finding(
         "failsafe" if failsafe else "autopilot-error",
-        f"The autopilot reported: {words}{again}.",
+        f"The autopilot reported {words}{again}.",
         severity=severity,
         advice=advice if flying else "",
         t=first,
@@ -89,6 +89,7 @@ def _told(subsystem: str, several: list[_Report], *, flying: bool) -> Finding:
         subsystem=subsystem,
         estimate=subsystem in _ESTIMATES,
         times=len(several),
+        what=words,
     )
 
 

@@ -21,7 +21,8 @@ _SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
 #: Share of the range of an output below its upper limit that counts as being at it.
 _AT_LIMIT = 0.99
 _EARTH = 6.371e6
-_SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
+#: What sources of height are called.
+SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
 
 
 def height(readings: Readings) -> Reading | None:
@@ -32,7 +33,7 @@ def height(readings: Readings) -> Reading | None:
         inside = smoothed(known.loc[flight.start : flight.stop])
         if len(inside) > 2:
             top = int(np.argmax(inside.to_numpy()))
-            gains[_SOURCES[source]] = float(inside.iloc[top]) - ground_level(known, flight), float(inside.index[top])
+            gains[SOURCES[source]] = float(inside.iloc[top]) - ground_level(known, flight), float(inside.index[top])
     if not gains:
         return None
     source = next(iter(gains))

@@ -24,7 +24,10 @@ def short_clock(t: float, flight: Span | None) -> str:
 
 
 def clause(sentence: str) -> str:
-    """Turn a sentence into a clause: a small first letter, unless a name or a number begins it, and no full stop."""
-    text = sentence.strip().rstrip(".")
+    """Turn a sentence into a clause: a small first letter, unless a name or a number begins it, and no full stop.
+
+    The evidence, which stands behind a colon, is left to the table below.
+    """
+    text = sentence.strip().partition(": ")[0].rstrip(".")
     first = text.split(" ", 1)[0]
     return text if first.isupper() and len(first) > 1 else text[:1].lower() + text[1:]

@@ -1,16 +1,19 @@
-"""How far ahead the best model predicts."""
+"""How far ahead the best model predicts; of models that do not hold, one line."""
 
 from __future__ import annotations
 
 import math
 
-from core.quantity import number
+from core.quantity import counted, number
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.verdict import PredictionUse
+
+#: What predicts shorter [s] than a person needs to react is of use to a filter only.
+HOLDS = 1.0
 
 
 def ahead(result: FlightResult) -> AnswerLine:
@@ -19,33 +22,31 @@ def ahead(result: FlightResult) -> AnswerLine:
     if not fitted:
         needed = (result.flight, result.trajectory, result.experiment, *(each.model for each in result.models))
         reason = next((each.reason for each in needed if isinstance(each, Failure)), "no model")
-        return AnswerLine(purpose="Predict ahead", word="no model", tone=Tone.UNKNOWN, text=brief(reason))
+        return _none("no model", brief(reason))
     uses = {each.key: uses_of(present(each.validation), present(each.model)).prediction for each in fitted}
     names = {each.key: each.title.partition(" →")[0] for each in fitted}
     able = {key: use for key, use in uses.items() if use.horizon_s is not None}
-    if not able:
-        judged = any(use.judged for use in uses.values())
-        several = f"{len(fitted)} models were tried; none predicts" if len(fitted) > 1 else "the model does not predict"
-        text = (
-            f"{several} this flight better than half of what constant velocity errs"
-            if judged
-            else brief(next((each.missing for each in fitted if each.missing), "too little flight was held out"))
-        )
-        word, tone = ("none holds", Tone.UNKNOWN) if judged else ("not judged", Tone.UNKNOWN)
-        return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text)
-    best = max(able, key=lambda key: able[key].horizon_s or 0.0)
-    reach, sigma = able[best].reach_s, able[best].reach_sigma_s
-    text = f"by {names[best]}, {_error(able[best])}"
-    second = sorted((key for key in able if key != best), key=lambda key: able[key].horizon_s or 0.0)[-1:]
-    text += "".join(f"; {names[key]} {able[key].horizon_s:g} s" for key in second)
-    longest = able[best].horizon_s
-    # What predicts shorter than a person needs to react is of use to a filter only.
-    word, tone = ("yes", Tone.GOOD) if longest is not None and longest >= 1.0 else ("briefly", Tone.CARE)
-    if changed := changed_load(result):
+    best = max(able, key=lambda key: able[key].horizon_s or 0.0, default="")
+    if not best or (able[best].horizon_s or 0.0) < HOLDS:
+        tried = f"{counted(len(fitted), 'model')} tried"
+        if not any(use.judged for use in uses.values()):
+            missing = next((each.missing for each in fitted if each.missing), "too little flight was held out")
+            return _none("not judged", f"{tried}: {brief(missing)}")
+        return _none("none holds", tried)
+    use, changed = able[best], changed_load(result)
+    text = f"by {names[best]}, {_error(use)}"
+    word, tone = ("yes", Tone.GOOD)
+    if changed:
         # Models were fitted to two loads, and this held after the change only.
         word, tone, text = "with care", Tone.CARE, f"{text}; {changed}"
-    value = longest if reach is None else reach
-    return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=sigma, unit="s")
+    value = use.horizon_s if use.reach_s is None else use.reach_s
+    return AnswerLine(
+        purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=use.reach_sigma_s, unit="s"
+    )
+
+
+def _none(word: str, text: str) -> AnswerLine:
+    return AnswerLine(purpose="Predict ahead", word=word, tone=Tone.UNKNOWN, text=text)
 
 
 def _error(use: PredictionUse) -> str:

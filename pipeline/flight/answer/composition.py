@@ -9,16 +9,15 @@ from pipeline.flight.answer.craft_state import happened, state_lines
 from pipeline.flight.answer.loops import loops
 from pipeline.flight.answer.next_step import next_step
 from pipeline.flight.answer.parameters import parameters
-from pipeline.flight.answer.picture import picture_of, shown_model
-from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
+from pipeline.flight.answer.picture import picture_of
+from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 
 
 def compose_answer(result: FlightResult) -> Answer:
     """Sum a flight up for its first screen; `result` is complete but for its answer."""
-    model = shown_model(result)
-    picture, around = picture_of(result, model)
+    picture, around = picture_of(result)
     account = result.account
     if isinstance(account, Failure):
         lines = [AnswerLine(purpose="Happened", word="", tone=Tone.UNKNOWN, text=f"Not known: {account.reason}")]
@@ -28,7 +27,6 @@ def compose_answer(result: FlightResult) -> Answer:
         lines=(*lines, *_identified(result)),
         picture=picture,
         around=around,
-        model=model if picture is Picture.PREDICTION else "",
         next=next_step(result),
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from core.findings import Severity
 from core.quantity import duration, number
-from pipeline.results.account import Account, BatteryReading, Reading
+from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, VibrationReading
 from pipeline.results.answer import AnswerLine, Tone
 
 _TONES = {Severity.INFO: Tone.GOOD, Severity.WARNING: Tone.CARE, Severity.ERROR: Tone.BAD}
@@ -25,85 +25,87 @@ def happened(account: Account) -> AnswerLine:
         tone = _TONES[min((each.severity for each in story), key=list(_TONES)[::-1].index)]
     elif others:
         tone = Tone.CARE
-    remark = f" To know: {others[0].reason}" if others and not story else ""
-    return AnswerLine(purpose="Happened", word="", tone=tone, text=account.headline + remark)
+    # What was read off the battery and of vibration stands in lines of their own.
+    told = next((each for each in others if each.id not in ("vibration", "battery-low")), None)
+    remark = f" To know: {told.reason}" if told is not None and not story else ""
+    return AnswerLine(purpose="Happened", word=account.in_short, tone=tone, text=account.headline + remark)
 
 
 def state_lines(account: Account) -> Iterator[AnswerLine]:
     """Yield how it flew, battery, vibration, GPS, thrust and motors, each where the log tells it."""
     if account.flight is None:
         return
-    yield _flown(account)
+    flown = _flown(account)
+    if flown is not None:
+        yield flown
     if account.battery is not None:
         yield _battery(account.battery)
-    if (shaken := account.vibration) is not None:
-        along = f" along {shaken.axis}" if shaken.axis else ""
-        clips = f", {shaken.clips} clips" if shaken.clips else ""
-        tone = Tone.BAD if shaken.worst > shaken.harmful else Tone.CARE if shaken.worst > shaken.advised else Tone.GOOD
-        text = (
-            f"{number(shaken.worst, 2)} m/s² at worst{along}, at {shaken.t:.0f} s (limit {shaken.advised:.0f}){clips}"
-        )
-        yield AnswerLine(purpose="Vibration", word="", tone=tone, text=text)
+    if account.vibration is not None:
+        yield _vibration(account.vibration)
     if account.gps is not None:
-        least = account.gps.satellites_least
-        tone = Tone.GOOD if account.gps.fix_share > 0.99 else Tone.CARE
-        text = f"fix for {100.0 * account.gps.fix_share:.0f} % of the flight"
-        text += "" if least is None else f", at least {least} satellites"
-        yield AnswerLine(purpose="GPS", word="", tone=tone, text=text)
+        yield _gps(account.gps)
     if account.hover is not None:
-        ratio = account.hover.thrust_to_weight
-        text = f"hovers at {100.0 * account.hover.start:.0f} % throttle, at the end {100.0 * account.hover.end:.0f} %"
-        text += "" if ratio is None else f"; full thrust {number(ratio, 2)} times the weight"
-        yield AnswerLine(
-            purpose="Thrust",
-            word="",
-            tone=Tone.CARE if ratio is not None and ratio < _ADVISED else Tone.GOOD,
-            text=text,
-        )
+        yield _thrust(account.hover)
     if account.motors is not None:
-        motors = account.motors
-        uneven = motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN
-        text = f"motor {motors.hardest} works hardest, {100.0 * motors.spread:.0f} % above the least"
-        text = text if motors.spread > _ALIKE else "all work alike"
-        text += f"; one at its limit for {100.0 * motors.at_limit:.0f} %" if motors.at_limit > 0.005 else ""
-        yield AnswerLine(purpose="Motors", word="", tone=Tone.CARE if uneven else Tone.GOOD, text=text)
+        yield _motors(account.motors)
 
 
-def _flown(account: Account) -> AnswerLine:
+def _line(purpose: str, text: str, *, care: bool, bad: bool = False) -> AnswerLine:
+    return AnswerLine(purpose=purpose, word="", tone=Tone.BAD if bad else Tone.CARE if care else Tone.GOOD, text=text)
+
+
+def _flown(account: Account) -> AnswerLine | None:
+    """Return how long, high, far and fast; None where the first line has said it and all sources agree."""
     assert account.flight is not None
-    parts = [duration(account.flight.duration)]
-    parts += [
-        f"{number(reading.value, 2)} {reading.unit} {words}"
-        for reading, words in (
-            (account.height, "high"),
-            (account.distance, "away"),
-            (account.ground_speed, "over the ground"),
-        )
-        if reading is not None
-    ]
     height = account.height
-    disputed = height is not None and any(_apart(height, other) for other in height.others.values())
+    disputed = height is not None and any(
+        abs(other - height.value) > max(2.0, 0.3 * height.value) for other in height.others.values()
+    )
+    if not account.story and not disputed:
+        return None
+    shown = "" if height is None else f"{number(height.value, 2)} m high"
     if height is not None and disputed:
         others = ", ".join(f"{name} {number(value, 2)}" for name, value in height.others.items())
-        parts[1] += f" by {height.source} ({others})"
-    return AnswerLine(
-        purpose="Flown",
-        word="",
-        tone=Tone.CARE if disputed else Tone.GOOD,
-        text=", ".join(parts),
-        value=None,
-    )
-
-
-def _apart(height: Reading, other: float) -> bool:
-    """Return whether another source contradicts a height: by more than 10 % and 1 m, twice over."""
-    return abs(other - height.value) > max(2.0, 0.3 * height.value)
+        shown += f" by {height.source} ({others})"
+    if not account.story:
+        return _line("Height", shown.replace(" high", ""), care=True)
+    parts = [duration(account.flight.duration), shown]
+    for reading, words in ((account.distance, " away"), (account.ground_speed, "")):
+        parts += [] if reading is None else [f"{number(reading.value, 2)} {reading.unit}{words}"]
+    return _line("Flown", ", ".join(part for part in parts if part), care=disputed)
 
 
 def _battery(battery: BatteryReading) -> AnswerLine:
     each = None if battery.cells is None else battery.lowest / battery.cells
-    text = f"{battery.start:.1f} V to {battery.end:.1f} V, lowest {battery.lowest:.1f} V"
+    text = f"{battery.start:.1f} to {battery.end:.1f} V, lowest {battery.lowest:.1f} V"
     text += "" if each is None else f" ({each:.2f} V a cell)"
-    return AnswerLine(
-        purpose="Battery", word="", tone=Tone.CARE if each is not None and each < _SPENT else Tone.GOOD, text=text
-    )
+    return _line("Battery", text, care=each is not None and each < _SPENT)
+
+
+def _vibration(shaken: VibrationReading) -> AnswerLine:
+    along = f" along {shaken.axis}" if shaken.axis else ""
+    clips = f", {shaken.clips} clips" if shaken.clips else ""
+    text = f"{number(shaken.worst, 2)} m/s²{along} at {shaken.t:.0f} s (limit {shaken.advised:.0f}){clips}"
+    return _line("Vibration", text, care=shaken.worst > shaken.advised, bad=shaken.worst > shaken.harmful)
+
+
+def _gps(gps: GpsReading) -> AnswerLine:
+    least = "" if gps.satellites_least is None else f"at least {gps.satellites_least} satellites, "
+    if gps.fix_share < 0.005:
+        return _line("GPS", "no fix", care=True)
+    share = "always fixed" if gps.fix_share > 0.995 else f"fix {100.0 * gps.fix_share:.0f} % of the time"
+    return _line("GPS", f"{least}{share}", care=gps.fix_share < 0.99)
+
+
+def _thrust(hover: HoverReading) -> AnswerLine:
+    start, end, ratio = f"{100.0 * hover.start:.0f} %", f"{100.0 * hover.end:.0f} %", hover.thrust_to_weight
+    text = f"hovers at {start}" + ("" if start == end else f", later {end}") + " throttle"
+    text += "" if ratio is None else f"; at most {number(ratio, 2)} times the weight"
+    return _line("Thrust", text, care=ratio is not None and ratio < _ADVISED)
+
+
+def _motors(motors: MotorsReading) -> AnswerLine:
+    text = f"motor {motors.hardest} works hardest, by {100.0 * motors.spread:.0f} %"
+    text = text if motors.spread > _ALIKE else "all work alike"
+    text += f"; one at its limit {100.0 * motors.at_limit:.0f} % of the time" if motors.at_limit > 0.005 else ""
+    return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN)

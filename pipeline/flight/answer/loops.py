@@ -65,7 +65,7 @@ def _bandwidth(result: FlightResult) -> AnswerLine | None:
         purpose="Loops",
         word="",
         tone=Tone.UNKNOWN,
-        text=f"attitude bandwidth in {axis}; margins are unknown",
+        text=f"attitude bandwidth in {axis}",
         value=value / math.tau,
         sigma=sigma / math.tau,
         unit="Hz",

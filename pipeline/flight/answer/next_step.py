@@ -9,9 +9,9 @@ from pipeline.results.flight import FlightResult
 def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
     account = result.account
-    if not isinstance(account, Failure) and account.story:
-        return account.story[0].advice or account.story[-1].advice
+    if not isinstance(account, Failure):
+        told = next((each.advice for each in (*account.story, *account.notable) if each.advice), "")
+        if told:
+            return told
     first = next(iter(result.advice), None)
-    if first is None:
-        return ""
-    return f"{first.do}: {first.gain}."
+    return "" if first is None else f"{first.do.rstrip('.')}."

@@ -1,15 +1,13 @@
-"""The signal that shows what happened; in a flight where nothing did, how the best model predicts."""
+"""The signal that shows what happened; of a flight where nothing did, its height."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import Picture
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
-from pipeline.results.verdict import Trust
 
 #: Time shown before and after what happened, s.
 _BEFORE, _AFTER = 8.0, 6.0
@@ -28,7 +26,7 @@ _SHOWS: Mapping[str, Picture] = {
 _FAILSAFES: Mapping[str, Picture] = {"FAILSAFE_BATTERY": Picture.BATTERY, "FAILSAFE_GPS": Picture.GPS}
 
 
-def picture_of(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
+def picture_of(result: FlightResult) -> tuple[Picture, Span | None]:
     """Choose the plot of the first screen, and the stretch of time that it shows; None for the whole flight."""
     account, flight = present(result.account), present(result.flight)
     if account is not None and flight is not None and (cause := account.cause) is not None and cause.t is not None:
@@ -38,7 +36,7 @@ def picture_of(result: FlightResult, model: str) -> tuple[Picture, Span | None]:
         picture = _SHOWS.get(cause.id, Picture.ALTITUDE)
         picture = _FAILSAFES.get(str(cause.evidence.get("subsystem")), picture)
         return (picture if _drawn(result, picture) else Picture.ALTITUDE), around
-    return (Picture.PREDICTION if model else Picture.ALTITUDE), None
+    return Picture.ALTITUDE, None
 
 
 def _drawn(result: FlightResult, picture: Picture) -> bool:
@@ -48,14 +46,3 @@ def _drawn(result: FlightResult, picture: Picture) -> bool:
     if picture is Picture.ALTITUDE or isinstance(result.signals, Failure):
         return False
     return bool(getattr(result.signals, str(picture)))
-
-
-def shown_model(result: FlightResult) -> str:
-    """Choose the model whose free run is shown: of those that follow the flight, the one that predicts furthest."""
-    best, furthest = "", -1.0
-    for each in result.models:
-        uses = uses_of(present(each.validation), present(each.model))
-        reach = uses.prediction.horizon_s or 0.0
-        if each.predictions and uses.free_run.trust in (Trust.YES, Trust.LIMITED) and reach > furthest:
-            best, furthest = each.key, reach
-    return best

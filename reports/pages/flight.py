@@ -1,0 +1,160 @@
+"""The two pages of a flight: what happened to the craft, and beside it everything about its models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from core.findings import Severity
+from core.table import Table
+from logparse import Finding
+from pipeline.results.advice import Advice
+from pipeline.results.answer import Answer, AnswerLine
+from pipeline.results.failure import present
+from pipeline.results.flight import FlightResult
+from pipeline.results.report import FlightReport
+from reports.figures.figure import Figure
+from reports.figures.flight import flight_figures
+from reports.figures.models import horizon_figure, off_by_default
+from reports.figures.prediction import prediction
+from reports.figures.signals import signal_figures
+from reports.pages.html import render
+from reports.views import summary
+from reports.views import tables as views
+from reports.views.account import ShownAccount, shown_account
+from reports.views.coverage import excitation, flight_coverage
+from reports.views.details import estimate_details, log_details
+from reports.views.first_screen import first_figures
+from reports.views.model_board import Board, model_board
+from reports.views.model_uses import MOST_ADVICE, failing, holding
+from reports.views.models import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
+from reports.views.parameters import ShownCoherence, ShownParameters, coherence, parameters
+from reports.views.rotation import Turning, loop_table, loop_warnings, rotation_view
+
+#: The page on models, beside report.html.
+MODELS_PAGE = "models.html"
+
+Details = Sequence[tuple[str, Sequence[tuple[str, str]]]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPage:
+    """What flight.html shows."""
+
+    name: str
+    back: str | None  #: Link to the page of the fleet.
+    facts: str
+    headline: AnswerLine | None  #: The first line: what happened.
+    answer: Sequence[summary.ShownAnswer]  #: The lines below it.
+    next_step: str
+    first_figures: Sequence[Figure]
+    account: ShownAccount | None
+    flight_figures: Sequence[Figure]
+    signal_figures: Sequence[Figure]
+    loops: Table | None  #: Margins, as far as they are determined.
+    loop_warnings: Sequence[Finding]
+    holding: Sequence[tuple[str, str]]  #: Models that predict this flight, and for what they are of use.
+    others: Sequence[tuple[str, str]]  #: The other models, and why they are of no use.
+    findings: Sequence[Finding]  #: Those that should worry.
+    advice: Sequence[Advice]
+    more_advice: Sequence[Advice]
+    missing: Sequence[tuple[str, str]]
+    details: Details
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelsPage:
+    """What models.html shows."""
+
+    name: str
+    facts: str
+    missing: Sequence[tuple[str, str]]
+    verdicts: Sequence[views.ShownVerdict]
+    predicted: Sequence[Figure]
+    ahead: Figure | None
+    rmse: Table | None
+    horizons: Table | None
+    judgements: Sequence[Judgement]
+    board: Board
+    coherence: ShownCoherence | None
+    thrust: ShownThrust
+    parameters: ShownParameters | None
+    models: Sequence[ShownModel]
+    turning: Turning | None
+    covered: Table | None
+    excitation: Sequence[str]
+    findings: Sequence[Finding]
+    details: Details
+
+
+def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "") -> str:
+    """Render the page of one flight; its plots are of the result, everything else of the numbers.
+
+    `back` links to the page of the fleet; Plotly's script is in `script_file`, or in the page itself where that is "".
+    """
+    first = first_figures(result)
+    shown = {figure.id for figure in first}
+    figures = [each for each in flight_figures(result) if each.id not in shown]
+    signals = signal_figures(result)
+    rotation = present(result.rotation)
+    lines = summary.answer_lines(numbers.answer)
+    page = FlightPage(
+        name=numbers.name,
+        back=back,
+        facts=summary.facts(numbers),
+        headline=lines[0].line if lines else None,
+        answer=lines[1:],
+        next_step="" if numbers.answer is None else numbers.answer.next,
+        first_figures=first,
+        account=shown_account(numbers.account),
+        flight_figures=figures,
+        signal_figures=signals,
+        loops=None if rotation is None or not _margins_known(numbers.answer) else loop_table(rotation),
+        loop_warnings=() if rotation is None else loop_warnings(rotation),
+        holding=holding(numbers.models),
+        others=failing(numbers.models),
+        findings=[each for each in numbers.findings if each.severity is not Severity.INFO],
+        advice=numbers.advice[:MOST_ADVICE],
+        more_advice=numbers.advice[MOST_ADVICE:],
+        missing=views.missing_stages(numbers),
+        details=log_details(numbers),
+    )
+    return render("flight.html", [*first, *figures, *signals], page, script_file)
+
+
+def models_page(result: FlightResult, numbers: FlightReport, script_file: str = "") -> str:
+    """Render the page with all models of a flight and how they were judged."""
+    hidden = off_by_default(numbers.models)
+    board = model_board(result.models, hidden)
+    predicted = [each for each in (prediction(result, hidden),) if each is not None]
+    ahead = horizon_figure(numbers.models, hidden=hidden)
+    turning = rotation_view(present(result.rotation), result.log.path.name)
+    page = ModelsPage(
+        name=numbers.name,
+        facts=summary.facts(numbers),
+        missing=views.missing_stages(numbers),
+        verdicts=views.verdicts(numbers.models),
+        predicted=predicted,
+        ahead=ahead,
+        rmse=views.flight_rmse(numbers.models),
+        horizons=views.horizons(numbers.models),
+        judgements=judgements(numbers.models),
+        board=board,
+        coherence=coherence(numbers.models),
+        thrust=thrust_coefficients(numbers.thrust, numbers.missing),
+        parameters=parameters(numbers.parameters),
+        models=identified(numbers.models),
+        turning=turning,
+        covered=flight_coverage(numbers.coverage),
+        excitation=excitation(numbers.coverage),
+        findings=numbers.findings,
+        details=estimate_details(numbers),
+    )
+    turned = [] if turning is None else turning.figures
+    figures = [*([] if ahead is None else [ahead]), *predicted, *board.every, *turned]
+    return render("models.html", figures, page, script_file)
+
+
+def _margins_known(answer: Answer | None) -> bool:
+    """Return whether the first screen has a margin: what its sigma covers is not known."""
+    return answer is not None and any(each.purpose == "Loops" and each.unit == "°" for each in answer.lines)
