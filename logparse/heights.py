@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy import ndimage
 
 from logparse.tables import Tables
 
@@ -136,7 +135,7 @@ def smoothed(height: "pd.Series[float]") -> "pd.Series[float]":
         return height
     usual = float(np.median(np.diff(height.index.to_numpy(np.float64))))
     size = 2 * round(0.5 * _MEDIAN / usual) + 1 if usual > 0.0 else 1
-    return pd.Series(ndimage.median_filter(height.to_numpy(np.float64), size, mode="nearest"), index=height.index)
+    return height.rolling(size, center=True, min_periods=1).median()
 
 
 def speed_down(tables: Tables) -> "pd.Series[float] | None":

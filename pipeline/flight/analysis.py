@@ -40,7 +40,8 @@ from pipeline.results.loops import FlightLoops
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.rotors.motor_faults.outputs import check_outputs
-from sysid.rotors.motor_faults.trims import SteadyTrims, steady_trims, weak_from_start
+from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
+from sysid.rotors.steady_trims import SteadyTrims
 from sysid.rotors.thrust import thrust_changes
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 

@@ -14,7 +14,7 @@ from logparse import Finding
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage
 from pipeline.results.span import Span
-from sysid.rotors.motor_faults.trims import SteadyTrims
+from sysid.rotors.steady_trims import SteadyTrims
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

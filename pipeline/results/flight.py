@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pipeline.results.signals import FlightSignals
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
     from sysid.records.excitation import Coherence
-    from sysid.rotors.motor_faults.trims import SteadyTrims
+    from sysid.rotors.steady_trims import SteadyTrims
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

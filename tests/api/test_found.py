@@ -17,7 +17,7 @@ def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") 
         "answer": {
             "lines": [
                 {"purpose": "Loops", "word": "slow", "tone": "bad"},
-                {"purpose": "Healthy", "word": word, "tone": tone},
+                {"purpose": "Happened", "word": word, "tone": tone},
             ]
         },
     }

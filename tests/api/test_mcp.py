@@ -109,7 +109,7 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
     assert any(q["value"] is not None for q in none["margins"])
     # 7 What happened, and when?
     told = [(e["id"], e["t_s"]) for e in events["events"] if e["t_s"] is not None]
-    assert told == [(e["id"], e["t"]) for e in truth[octa]["health"]["events"]]
+    assert told == [(e["id"], e["t"]) for e in truth[octa]["account"]["happenings"]]
     # 8 How far ahead does which model predict?
     horizons = {q["name"]: q["value"] for q in ahead["predictions"] if q["name"].endswith(": horizon")}
     assert horizons == {f"{m['title']}: horizon": m["uses"]["prediction"]["horizon_s"] for m in truth[octa]["models"]}
@@ -130,7 +130,7 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
         found = client.get("/api/v1/questions/flights", params={"text": "1"}).json()
         assert ([each["name"] for each in found["flights"]], found["total"]) == (["flight1"], 1)
         answers = client.get("/api/v1/questions/answers", params={"flight": "flight1"}).json()["answers"]
-        assert [each["name"] for each in answers] == ["Healthy: yes"]
+        assert [each["name"] for each in answers] == ["Happened: yes"]
         nothing = client.get("/api/v1/questions/parameters", params={"flight": "flight1"}).json()["parameters"]
         assert nothing[0]["reason"].startswith("not determined")
         answer = client.get("/api/v1/questions/margins", params={"flight": "another"})
@@ -164,7 +164,7 @@ def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
         place = tmp_path / "flights" / name
         place.mkdir(parents=True, exist_ok=True)
         (place / "entry.json").write_text(as_json(flown(name)))
-        line = AnswerLine(purpose="Healthy", word=word, tone=Tone.GOOD, text="")
+        line = AnswerLine(purpose="Happened", word=word, tone=Tone.GOOD, text="")
         (place / "report.json").write_text(json.dumps({"answer": {"lines": [plain(line)]}}))
 
     write("first", "yes")

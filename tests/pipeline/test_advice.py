@@ -256,6 +256,7 @@ def test_the_list_is_short_sorted_and_json():
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )
+    everything = dataclasses.replace(everything, account=account(vibration=64.0, at_limit=0.12))
     slow = good("slow", told=(), findings=("mass-unknown",), excitation={"headings": 1, "speed_std": [0.1, 0.1]})
     advice = for_craft([everything, slow])
     assert len(advice) == MOST

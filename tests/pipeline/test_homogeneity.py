@@ -10,7 +10,7 @@ from logparse.craft.frames import motor_table
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
 from pipeline.flight.flight_parameters import BATTERY
 from pipeline.results.entry import FlightParameter
-from sysid.rotors.motor_faults.trims import SteadyTrims
+from sysid.rotors.steady_trims import SteadyTrims
 
 
 def entry(name, parameters=(), day=None, trims=None):

@@ -1,6 +1,6 @@
 """Flights of which only the steady trims are known."""
 
-from sysid.rotors.motor_faults.trims import SteadyTrims
+from sysid.rotors.steady_trims import SteadyTrims
 
 #: Trims of three flights of a real log.
 REAL = ((-0.148, -0.035, -0.276), (-0.118, -0.017, -0.209), (-0.174, -0.109, -0.209))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-import scipy
 
 from logparse import Vehicle
 from sysid.rotors.motor_faults.fault import SURE, MotorFault, output_left
@@ -45,7 +44,7 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
         least = np.lib.stride_tricks.sliding_window_view(later, ahead, axis=0).min(axis=-1)[: len(first)]
         pulses = less & (least < _LEFT * fits.loss)
         # A motor that gives less looks like its counterpart that gives more: only what is not the former is chance.
-        beside = scipy.ndimage.maximum_filter1d(less.any(axis=1), 4 * size + 1)[:, None]
+        beside = (np.convolve(less.any(axis=1), np.ones(4 * size + 1), "same") > 0.5)[:, None]
         more = fits.alone(-1.0) & whole & (fits.loss <= -_PULSE) & ~beside
         chance = max(chance, float(np.sqrt(np.max(fits.gain, where=more, initial=0.0))))
         for row, column in zip(*np.nonzero(pulses), strict=True):

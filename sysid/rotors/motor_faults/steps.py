@@ -40,7 +40,7 @@ def find_step(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
         if score < sure or loss > 1.5 or fits.part[row, column] < one_motor or not allowed[max(row - 2, 0)]:
             return None
         variances = variances_of(left.without(row, column, loss), moments)
-    if score < scipy.stats.t.isf(_BY_CHANCE, (t[row] - t[0]) / MEMORY) or not _sharp(moments, row, column, loss):
+    if score < -scipy.special.stdtrit((t[row] - t[0]) / MEMORY, _BY_CHANCE) or not _sharp(moments, row, column, loss):
         return None
     # A pulse is no lasting loss, however large: half of the time later the motor must lack as much.
     later = moments.part((rows < row) | (rows >= (row + len(rows)) // 2))

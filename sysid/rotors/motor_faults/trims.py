@@ -12,7 +12,6 @@ of the craft together, or the change against the others, must name the same moto
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT, factors_of
 from sysid.rotors.motor_faults.moments import long_run_variance, read_moments
+from sysid.rotors.steady_trims import SteadyTrims
 
 #: Thrust of motors of one kind at one signal differs by this part (standard deviation).
 ALIKE = 0.03
@@ -38,16 +38,6 @@ SMALLEST = 0.1
 _FITS, _NOT_BALANCE, _NOT_TWIST = 6.0, 9.0, 11.6
 #: The first for a change, which is there whatever explains it (0.1 %).
 _FITS_CHANGE = 13.8
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyTrims:
-    """Roll, pitch and yaw that the controller steadily asked for in one flight."""
-
-    motors: tuple[str, ...]
-    trims: tuple[float, ...]  #: As parts of the mean thrust along the mixer's columns, each of length 1.
-    variance: tuple[float, ...]  #: Of the three, by their scatter within the flight.
-    rows: tuple[tuple[float, ...], ...]  #: Trims that each motor would take if it gave nothing.
 
 
 def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
