@@ -324,7 +324,7 @@ def _fit(
         if unfit:
             models.append(without_model(kind, Failure("experiment", unfit)))
         else:
-            models.append(identify(kind, [training], [held_out], config, stages, same_flight=True))
+            models.append(identify(kind, [training], [held_out], config, stages))
     if not experiments:
         return _nothing(models[0].model)
     body = None if unfit else experiments.get(RIGID_BODY_KEY)

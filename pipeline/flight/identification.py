@@ -23,8 +23,6 @@ def identify(
     judges: Sequence[sysid.Experiment],
     config: AnalysisConfig,
     stages: Stages,
-    *,
-    same_flight: bool = False,
 ) -> ModelResult:
     """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
 
@@ -37,14 +35,10 @@ def identify(
     config : AnalysisConfig
     stages : Stages
         Times the work and reports progress.
-    same_flight : bool
-        The one record to judge on is the rest of the one flight fitted.
     """
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if isinstance(model, Failure):
         return without_model(kind, model)
-    if same_flight and kind.carry_over is not None:
-        model = kind.carry_over(model, fitted[0], judges[0])
     validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
     predictions: tuple[Prediction, ...] = ()
     if not isinstance(validation, Failure):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,9 +33,6 @@ class Fit(Protocol):
         """Fit one model to all records."""
 
 
-CarryOver = Callable[[sysid.Model, sysid.Experiment, sysid.Experiment], sysid.Model]
-
-
 @dataclass(frozen=True, slots=True)
 class Kind:
     """One kind of model."""
@@ -51,9 +48,6 @@ class Kind:
     rate: float | None = None  #: Samples per second that it needs; those of the configuration when None.
     #: Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
     linear: bool = True
-    #: ``carry_over(model, fitted, judge)`` tells the model what it learned of the flight that both parts are of, such
-    #: as the wind.
-    carry_over: CarryOver | None = None
 
 
 def _motors(
@@ -101,12 +95,6 @@ def _rigid_body(
     )
 
 
-def _same_wind(model: sysid.Model, fitted: sysid.Experiment, judge: sysid.Experiment) -> sysid.Model:
-    """Carry wind and thrust scale of the part fitted over to the rest of its flight, whose outputs stay unseen."""
-    assert isinstance(model, sysid.RigidBodyModel)
-    return model.continued(fitted, judge)
-
-
 KINDS = (
     Kind(
         "motors",
@@ -144,6 +132,5 @@ KINDS = (
         "Physics: position from motor PWM and measured attitude, with thrust, drag and the wind of each flight.",
         rate=50.0,
         linear=False,
-        carry_over=_same_wind,
     ),
 )

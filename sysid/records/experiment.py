@@ -83,10 +83,13 @@ class Experiment(Summarised):
     #: From which it was cut, where it was cut by ``log.experiment``: what needs more than the record holds, such as a
     #: frequency response at the full rate, reads this stretch of it.
     log: FlightLog | None = field(default=None, compare=False)
+    #: The part of the same flight before this one, where `split` parted them: a model fitted to it knows the flight's
+    #: wind from there.
+    before: Experiment | None = field(default=None, compare=False)
 
     def __getstate__(self) -> list[object]:
-        """Leave the log behind: it is an open file, which no other process has."""
-        return [getattr(self, each.name) if each.name != "log" else None for each in fields(self)]
+        """Leave the log behind, which is an open file that no other process has, and the part before."""
+        return [getattr(self, each.name) if each.name not in ("log", "before") else None for each in fields(self)]
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -327,7 +330,8 @@ class Experiment(Summarised):
         if not 0.0 < fraction < 1.0:
             raise ValueError(f"fraction must be between 0 and 1, not {fraction}")
         at = round(fraction * len(self.t))
-        return self._cut(slice(0, at)), self._cut(slice(at, len(self.t)))
+        first = self._cut(slice(0, at))
+        return first, replace(self._cut(slice(at, len(self.t))), before=first)
 
     def resample(self, rate: float) -> Experiment:
         """Bring the record to another rate; what is too fast for it is filtered out first, without phase.
@@ -413,6 +417,7 @@ class Experiment(Summarised):
             input_trim=self.u[rows].mean(axis=0),
             output_trim=self.y[rows][0].copy(),
             context=None if self.context is None else self.context.iloc[rows],
+            before=None,
         )
 
 

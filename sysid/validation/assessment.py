@@ -181,6 +181,11 @@ def validate(
         s.
     """
     records = require_alike(experiments)
+    if isinstance(model, RigidBodyModel):
+        # Of a flight whose first part was fitted wind and thrust scale are known.
+        for record in records:
+            if record.before is not None and record.before.name in model.training and record.name not in model.training:
+                model = model.continued(record.before, record)
     rows: list[dict[str, object]] = []
     ahead: list[dict[str, object]] = []
     predictions: dict[str, Floats] = {}
