@@ -15,6 +15,7 @@ from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from reports.figures.figure import Drawn, Figure
 from reports.figures.flight import flight_figures
+from reports.figures.prediction import prediction
 from reports.figures.signals import signal_figures
 
 #: Colours of the page's names on white paper (templates/style.css).
@@ -65,7 +66,8 @@ def write_plots(result: FlightResult | GroupResult, folder: Path, image_format: 
         Format of the files.
     """
     if isinstance(result, FlightResult):
-        write_images([*flight_figures(result), *signal_figures(result)], folder, image_format)
+        predicted = [each for each in (prediction(result),) if each is not None]
+        write_images([*flight_figures(result), *predicted, *signal_figures(result)], folder, image_format)
 
 
 def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:

@@ -50,7 +50,7 @@ def first_figures(result: FlightResult) -> list[Figure]:
 def _map(figure: Figure) -> Figure:
     """Leave the map's legend to its caption, which takes less room."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    return replace(figure, height=_SIDE_HEIGHT, caption="From above: ○ start, ■ end.", layout=layout)
+    return replace(figure, height=_SIDE_HEIGHT, caption="○ start, ■ end", layout=layout)
 
 
 def _matters(result: FlightResult) -> Figure | None:

@@ -58,17 +58,6 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     assert views.verdicts([model_report(result, "own", "the rest")]) == []
 
 
-def test_a_flight_lends_its_wind_to_the_part_that_judges(parts):
-    def lend(model, fitted, judge):
-        return dataclasses.replace(model, name=f"{model.name} in the wind of {fitted.name} for {judge.name}")
-
-    kind = dataclasses.replace(MOTORS, carry_over=lend)
-    config = AnalysisConfig(poles=1, zeros=0)
-    for same, lent in ((True, True), (False, False)):
-        result = identify(kind, parts[:1], parts[1:], config, Stages(silent, 3600.0), same_flight=same)
-        assert ("in the wind of" in result.model.name) is lent
-
-
 def test_every_kind_has_a_stage_and_progress_never_goes_back():
     assert all(kind.key in STAGES for kind in KINDS)
     assert sum(stage.share for stage in STAGES.values()) == pytest.approx(1.0, abs=0.05)

@@ -20,6 +20,7 @@ from pipeline.results.report import FleetReport
 from pipeline.storage.store import open_store
 from reports import publish
 from reports.files.fleet import compose
+from tests.reports.accounts import account, signals
 from tests.reports.made import made
 
 NO_THRUST = Failure("thrust", "no voltage was logged; set LOG_BITMASK to include CURRENT")
@@ -151,7 +152,9 @@ def made_flight(
             ),
             Finding("backward-rows", Severity.INFO, "212 rows go slightly backwards in time and were sorted."),
         ),
-        **dict.fromkeys(("thrust", "parameters", "coverage", "account", "signals", "rotation", "loops"), NO_THRUST),
+        account=account(flight=flight),
+        signals=signals(),
+        **dict.fromkeys(("thrust", "parameters", "coverage", "rotation", "loops"), NO_THRUST),
         timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
     )
     return replace(result, answer=compose_answer(result))

@@ -11,7 +11,7 @@ from pipeline.fleet.review import review
 from pipeline.results.craft_review import Note
 from reports.numbers.flight import flight_report
 from reports.pages.craft import craft_page
-from reports.pages.html import flight_page
+from reports.pages.flight import flight_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering

@@ -10,12 +10,13 @@ import pytest
 from pipeline.results.failure import Failure
 from reports.figures.figure import MOST_POINTS
 from reports.figures.flight import flight_figures, motors
+from reports.figures.prediction import prediction
 from tests.reports.builders import themed
 
 
 def test_plotly_accepts_every_figure(flight):
     figures = flight_figures(flight)
-    assert [figure.id for figure in figures] == ["track", "altitude", "motors", "prediction"]
+    assert [figure.id for figure in figures] == ["track", "altitude", "motors"]
     for figure in figures:
         go.Figure(data=themed(figure.data), layout=themed(figure.layout))  # raises on unknown attributes
         assert figure.caption
@@ -50,19 +51,17 @@ def test_long_logs_are_thinned(flight):
 
 
 def test_held_out_part_is_marked(flight):
-    layout = flight_figures(flight)[-1].layout
+    layout = prediction(flight).layout
     band = layout["shapes"][0]
     assert (band["x0"], band["x1"]) == pytest.approx((82.0, 99.9), abs=0.2)
     assert layout["annotations"][0]["text"] == "held out"
 
 
-@pytest.mark.parametrize("missing", ["trajectory", "gps", "baro", "motors", "modes", "flight", "experiment"])
+@pytest.mark.parametrize("missing", ["trajectory", "gps", "motors", "modes", "flight"])
 def test_a_missing_table_costs_only_its_own_plot(flight, missing):
     changed = {missing: GROUNDED if missing in ("trajectory", "flight") else None}
-    if missing == "experiment":
-        changed = {"experiments": {}, "models": ()}
     figures = flight_figures(dataclasses.replace(flight, **changed))
-    assert len(figures) >= 3
+    assert len(figures) >= 2
 
 
 def test_nothing_known_gives_no_plots(flight):
@@ -74,6 +73,7 @@ def test_nothing_known_gives_no_plots(flight):
         motors=None,
         modes=None,
         flight=GROUNDED,
+        signals=GROUNDED,
         experiments={},
         models=(),
     )

@@ -44,7 +44,7 @@ def test_summaries_of_flights_lead_to_their_numbers(fleet):
 
 
 def test_each_flights_predictions_can_be_chosen(fleet):
-    page = (fleet / "report.html").read_text("utf-8")
+    page = (fleet / "craft1.html").read_text("utf-8")
     choices = dict(re.findall(r'<option value="([^"]+)" data-page="[^"]*">([^<]+)</option>', page))
     assert list(choices.values()) == ["flight02", "flight01"], "flights that judge come first"
     figures = {figure["id"]: figure for figure in drawn(page)}
@@ -55,7 +55,7 @@ def test_each_flights_predictions_can_be_chosen(fleet):
 
 
 def test_the_models_of_a_craft_have_their_board(fleet):
-    page = (fleet / "report.html").read_text("utf-8")
+    page = (fleet / "craft1.html").read_text("utf-8")
     places = re.search(r'data-places="([^"]+)"', page)[1].split()
     assert places == ["1-bode", "1-step", "1-roots"]
     values = re.findall(r'<option value="([^"]+)">', page)
@@ -76,7 +76,6 @@ def test_markdown_has_tables_and_verdicts(fleet):
 def test_flights_without_a_common_craft_have_a_page(flight, other, tmp_path):
     page = composed(tmp_path, [flight, other]).read_text("utf-8")
     assert "No craft has two usable flights" in page
-    assert "<b>2 flights</b>" in page
     assert 'href="flights/flight01/report.html"' in page
     models = strict((tmp_path / "models.json").read_text("utf-8"))
     assert [owner["name"] for owner in models["flights"]] == ["flight01", "flight02"]
@@ -102,7 +101,7 @@ def test_plots_are_drawn_for_paper_and_for_the_flight_chosen(fleet, browser):
     page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme="dark")
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
-    page.goto((fleet / "report.html").as_uri())
+    page.goto((fleet / "craft1.html").as_uri())
     page.emulate_media(media="print", color_scheme="dark")
     drawn_now = page.evaluate(
         """() => {

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from reports.views.health import timeline
 
 from pipeline.results.model_report import ModelReport
-from pipeline.results.report import HealthReport
 from reports.figures.models import off_by_default
 from reports.views.model_board import model_board, step_response, step_sigma
 from sysid import TransferFunction
@@ -74,14 +72,3 @@ def test_only_models_beside_better_ones_are_off_at_first():
     assert off_by_default([model("a", "no"), model("b", "limited")]) == {"a"}
     assert off_by_default([model("a", "no"), model("b", "no")]) == set()
     assert off_by_default([model("a", "no"), model("b", "yes", model=False)]) == set()
-
-
-def test_many_events_of_a_kind_are_one_row():
-    def event(t, kind, severity="warning", lasted=0.5):
-        return {"id": kind, "t": t, "end": t + lasted, "severity": severity, "reason": f"{kind} {t}"}
-
-    many = [event(float(t), "motor-saturation", lasted=0.1 * t) for t in range(10, 30)]
-    view = timeline(made(HealthReport, events=[*many, event(15.5, "crash", "error")]))
-    assert [row.name for row in view.rows] == ["motor saturation", "crash"]
-    assert view.rows[0].reason == "20 times until 29.0 s; the worst, at 29.0 s: motor-saturation 29.0"
-    assert view.more == 0

@@ -106,7 +106,8 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     spectra = sysid.records.excitation.coherence([flight.experiments["motors"]])
     models = (dataclasses.replace(flight.models[0], coherence=spectra), *flight.models[1:])
     result = dataclasses.replace(flight, parameters=found, models=models)
-    page = reports.write(result, tmp_path).read_text("utf-8")
+    reports.write(result, tmp_path)
+    page = (tmp_path / "models.html").read_text("utf-8")
     assert "2.61 ± 0.02" in page
     assert "Logs are too slow." in page
     assert "not determined by any method" in page

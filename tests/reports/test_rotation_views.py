@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import reports
-from reports.terminal.summary import rotation_line
 from reports.views.rotation import rotation_view
 from tests.pipeline.builders import margins, turning
 from tests.reports.builders import validator_of
@@ -23,15 +22,10 @@ def test_the_view_has_margins_and_reasons():
     assert rotation_view(None, "flight.bin") is None
 
 
-def test_the_terminal_has_a_line():
-    line = rotation_line(turning(margins(5.0, None)).report())
-    assert line == "How it turns: determined in roll; roll loop thin (gain margin 5.00 ± 0.10 dB)."
-    assert rotation_line(None) == ""
-
-
 def test_page_and_numbers_hold_it(tmp_path):
     flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
-    page = reports.write(flight, tmp_path).read_text("utf-8")
+    reports.write(flight, tmp_path)
+    page = (tmp_path / "models.html").read_text("utf-8")
     assert page.count('id="turns"') == page.count('id="loops"') == 1
     assert 'id="plot-bode-roll"' in page
     numbers = json.loads((tmp_path / "report.json").read_text("utf-8"))

@@ -1,44 +1,20 @@
-"""The timeline and the health plots of a page: peaks kept, markup escaped, nothing drawn that was not logged."""
+"""What happened and the plots of signals on a page: peaks kept, markup escaped, nothing drawn that was not logged."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from reports.views.health import sentence, timeline
 
-from logparse import FlightEvent, Severity, read_log
+from core.findings import Severity
+from logparse import read_log
 from pipeline.flight.signals import flight_signals, thin
-from pipeline.results.report import HealthReport
-from pipeline.results.signals import FlightHealth, FlightSignals, Panel, Signal, Spectrum
+from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 from reports.figures.signals import signal_figures
 from reports.numbers.flight import flight_report
-from reports.pages.html import flight_page
-
-
-def event(identity, t, severity=Severity.WARNING, reason="It happened.", **more):
-    return FlightEvent(id=identity, t=t, end=t + 1.0, severity=severity, reason=reason, **more)
-
-
-@pytest.fixture
-def health():
-    t = np.arange(40.0, 100.0, 0.1)
-    asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
-    hz = np.arange(5.0, 100.0)
-    return FlightHealth(
-        events=(
-            event("mode-change", 40.0, Severity.INFO, "Flight mode LOITER."),
-            event("crash", 60.0, Severity.ERROR, "Hit <b>hard</b>."),
-            event("motor-at-limit", 55.0),
-        ),
-        sound=Span(40.0, 59.7),
-        signals=FlightSignals(
-            attitude=(Panel(title="roll", unit="rad", signals=(asked, flown)),),
-            vibration=(Panel(title="vibration", unit="m/s²", signals=(flown,), limits={"limit": 30.0}),),
-            spectrum=Spectrum(source="gyro", unit="rad/s", hz=hz, amplitudes={"roll": 1.0 / hz}, filters={"F": 20.0}),
-            motor_limits={"MOT_SPIN_MAX": 1950.0},
-        ),
-    )
+from reports.pages.flight import flight_page
+from reports.views.account import shown_account
+from tests.reports.accounts import account, happening, signals
 
 
 def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
@@ -92,45 +68,31 @@ def test_thinning_keeps_every_peak():
     np.testing.assert_array_equal((same_t, same_y), (t[:100], y[:100]))
 
 
-def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, health):
-    figures = {figure.id: figure for figure in signal_figures(dataclasses.replace(flight, health=health))}
-    assert set(figures) == {"health-attitude", "health-vibration", "health-spectrum"}
+@pytest.fixture
+def shaken(flight):
+    quiet = happening("failsafe", 80.0, Severity.INFO)
+    told = account(happening("crash", 60.0, reason="Hit <b>hard</b>."), happening("vibration", 55.0), quiet)
+    return dataclasses.replace(flight, account=told, signals=signals())
+
+
+def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, shaken):
+    figures = {figure.id: figure for figure in signal_figures(shaken)}
+    assert set(figures) == {f"health-{name}" for name in ("attitude", "rates", "vibration", "battery", "gps")}
     attitude = figures["health-attitude"]
     assert max(v for v in attitude.data[0]["y"] if v is not None) == pytest.approx(np.degrees(0.1), abs=0.01)
     assert "°" in attitude.layout["yaxis"]["title"]["text"]
-    # Notable events are marked, quiet ones are not.
-    assert {shape["x0"] for shape in attitude.layout["shapes"]} == {55.0, 60.0}
-    assert signal_figures(flight) == []
+    assert {shape["x0"] for shape in attitude.layout["shapes"]} == {55.0, 60.0}, "quiet happenings are not marked"
+    assert signal_figures(dataclasses.replace(flight, signals=Failure("signals", "none"))) == []
 
 
-def test_the_page_shows_the_timeline_escaped(flight, health):
-    with_health = dataclasses.replace(flight, health=health)
-    numbers = flight_report(with_health)
-    page = flight_page(with_health, numbers)
-    assert "What happened" in page
+def test_the_page_shows_what_happened_escaped(shaken):
+    page = flight_page(shaken, flight_report(shaken))
     assert "Hit &lt;b&gt;hard&lt;/b&gt;." in page
     assert "Hit <b>" not in page
-    view = timeline(numbers.health)
-    assert [row.t for row in view.rows] == ["55.0", "60.0"]
-    assert view.quiet_count == 1
-    assert sentence(numbers.health).startswith("Happened in flight: crash at 60.0 s")
-
-
-def test_a_million_events_do_not_fill_the_page(flight, health):
-    many = dataclasses.replace(health, events=tuple(event("gps-glitch", 40.0 + 1e-4 * k) for k in range(20_000)))
-    crowded = flight_report(dataclasses.replace(flight, health=many)).health
-    (row,) = timeline(crowded).rows
-    assert row.reason.startswith("20000 times until 42.0 s")
-    kinds = tuple(event(f"kind-{k}", 40.0 + 1e-4 * k) for k in range(20_000))
-    view = timeline(flight_report(dataclasses.replace(flight, health=dataclasses.replace(health, events=kinds))).health)
-    assert len(view.rows) == 40
-    assert view.more == 20_000 - 40
-    assert len(sentence(crowded)) < 200
-
-
-def test_a_log_without_a_flight_is_not_told_what_happened_in_flight():
-    quiet = HealthReport(events=(), sound=None, motors_missing="")
-    assert sentence(quiet) == "The log shows no flight; nothing notable happened."
-    assert sentence(dataclasses.replace(quiet, sound=Span(1.0, 2.0))) == "Nothing notable happened in flight."
-    noticed = dataclasses.replace(quiet, events=(event("battery-low", 60.0),))
-    assert sentence(noticed) == "Happened without a flight: battery low at 60.0 s."
+    view = shown_account(shaken.account)
+    assert [(row.t, row.since, row.name) for row in view.rows] == [
+        ("60.0", "20 s", "crash"),
+        ("55.0", "15 s", "vibration"),
+    ]
+    assert [row.name for row in view.quiet] == ["failsafe"]
+    assert [bool(row.advice) for row in view.rows] == [True, False], "an advice is given once"

@@ -26,17 +26,17 @@ def shown(renderable, width: int) -> str:
     return capture.get()
 
 
-def test_one_flight_is_answered_with_one_verdict(flight):
+def test_one_flight_is_answered_with_what_happened_and_no_table_of_models(flight):
     text = shown(terminal.overview(flight_report(flight)), 120)
-    assert text.startswith("flight01")
-    assert "free run" in text
+    assert text.startswith("flight01\nNothing happened")
+    assert "RMSE" not in text
 
 
 def test_narrow_terminals_keep_every_number(fleet):
     numbers = read_report(fleet)
     wide, narrow = (shown(terminal.overview(numbers, width), width) for width in (120, 80))
-    cells = [cell for line in wide.splitlines() for cell in line.split() if re.fullmatch(r"[0-9]+[.][0-9]+", cell)]
-    assert len(cells) > 5
+    cells = [cell for line in wide.splitlines() for cell in line.split() if re.fullmatch(r"[0-9]+[.]?[0-9]*", cell)]
+    assert len(cells) > 3
     assert all(cell in narrow for cell in cells)
     assert max(map(len, narrow.splitlines())) <= 80
 
@@ -63,7 +63,7 @@ def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sig
     )
     answer = Answer(lines=(line,), picture=Picture.ALTITUDE)
     entry = replace(in_short(flight_report(flight), ""), answer=answer)
-    row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[1]
+    row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[3]
     assert row.rstrip().endswith(cell)
 
 

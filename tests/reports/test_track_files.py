@@ -8,25 +8,19 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from logparse import FlightEvent, Severity
+from core.findings import Severity
 from pipeline.results.failure import Failure
-from pipeline.results.signals import FlightHealth
 from reports.files.parameters import COLUMNS, write_parameters
 from reports.files.tracks import FILES, write_track
+from tests.reports.accounts import account, happening
 
 KML, GPX = "{http://www.opengis.net/kml/2.2}", "{http://www.topografix.com/GPX/1/1}"
 
 
 @pytest.fixture
 def eventful(flight):
-    event = FlightEvent(
-        id="gps-lost",
-        t=flight.flight.start + 10.0,
-        end=flight.flight.start + 12.0,
-        severity=Severity.WARNING,
-        reason='GPS <lost> & "found"\x07.',
-    )
-    return dataclasses.replace(flight, health=FlightHealth(events=(event,), sound=flight.flight))
+    lost = happening("gps-lost", flight.flight.start + 10.0, Severity.WARNING, 2.0, reason='GPS <lost> & "found"\x07.')
+    return dataclasses.replace(flight, account=account(lost))
 
 
 def test_three_files_hold_the_same_track(eventful, tmp_path):

@@ -225,3 +225,13 @@ def test_one_function_of_several_is_asked_for_by_output_and_input(halves):
 def test_an_analysis_of_no_log_says_so(given):
     with pytest.raises(ConfigError, match="log"):
         ro.analyze(given)
+
+
+def test_the_second_part_of_a_split_is_judged_with_the_wind_of_the_first(body, halves):
+    """As the command line does: alone, the second part would have to spend its beginning on finding the wind."""
+    import dataclasses
+
+    alone = dataclasses.replace(halves[1], before=None)
+    told, untold = (ro.validate(body, part).validations[0] for part in (halves[1], alone))
+    assert halves[1].before is halves[0]
+    assert told.average["x"] != untold.average["x"]

@@ -50,8 +50,7 @@ def _none(word: str, text: str) -> AnswerLine:
 
 
 def _error(use: PredictionUse) -> str:
-    """Write the RMS error at the longest horizon, over all axes; from which horizon on where not from the shortest."""
+    """Write the RMS error at the longest horizon, over all axes."""
     error = math.sqrt(sum(each**2 for each in use.rmse_m.values()))
-    since = f", from {use.horizons_s[0]:g} s" if use.horizons_s[0] > 0.1 and len(use.horizons_s) > 1 else ""
     there = "" if use.reach_s is None else f" at {use.horizon_s:g} s"
-    return f"± {number(error, 2)} m{there}{since}"
+    return f"± {number(error, 2)} m{there}"

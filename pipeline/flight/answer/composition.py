@@ -11,7 +11,7 @@ from pipeline.flight.answer.next_step import next_step
 from pipeline.flight.answer.parameters import parameters
 from pipeline.flight.answer.picture import picture_of
 from pipeline.results.answer import Answer, AnswerLine, Tone
-from pipeline.results.failure import Failure
+from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 
 
@@ -38,7 +38,8 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     turning = loops(result)
     if turning is not None:
         yield turning
-    known = parameters(result)
-    if known is not None:
+    known, account = parameters(result), present(result.account)
+    crashed = account is not None and any(each.id == "crash" for each in account.story)
+    if known is not None and (known.tone is Tone.GOOD or not crashed):
         yield known
     yield ahead(result)

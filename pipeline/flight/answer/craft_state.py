@@ -15,6 +15,8 @@ _ADVISED, _SPENT = 2.0, 3.3
 #: Share of a flight with a motor at its limit that is more than a manoeuvre, and spread of the motors' work that a
 #: balanced craft does not have, and that cannot be told from none.
 _AT_LIMIT, _UNEVEN, _ALIKE = 0.05, 0.15, 0.01
+#: Change of the hover throttle that tells nothing of the battery or the load.
+_STEADY = 0.025
 
 
 def happened(account: Account) -> AnswerLine:
@@ -78,7 +80,7 @@ def _flown(account: Account) -> AnswerLine | None:
 def _battery(battery: BatteryReading) -> AnswerLine:
     each = None if battery.cells is None else battery.lowest / battery.cells
     text = f"{battery.start:.1f} to {battery.end:.1f} V, lowest {battery.lowest:.1f} V"
-    text += "" if each is None else f" ({each:.2f} V a cell)"
+    text += "" if each is None else f" ({each:.2f} V/cell)"
     return _line("Battery", text, care=each is not None and each < _SPENT)
 
 
@@ -98,14 +100,18 @@ def _gps(gps: GpsReading) -> AnswerLine:
 
 
 def _thrust(hover: HoverReading) -> AnswerLine:
-    start, end, ratio = f"{100.0 * hover.start:.0f} %", f"{100.0 * hover.end:.0f} %", hover.thrust_to_weight
-    text = f"hovers at {start}" + ("" if start == end else f", later {end}") + " throttle"
+    ratio, steady = hover.thrust_to_weight, abs(hover.end - hover.start) < _STEADY
+    text = (
+        f"hovers at {100.0 * hover.start:.0f} %"
+        + ("" if steady else f", later {100.0 * hover.end:.0f} %")
+        + " throttle"
+    )
     text += "" if ratio is None else f"; at most {number(ratio, 2)} times the weight"
     return _line("Thrust", text, care=ratio is not None and ratio < _ADVISED)
 
 
 def _motors(motors: MotorsReading) -> AnswerLine:
-    text = f"motor {motors.hardest} works hardest, by {100.0 * motors.spread:.0f} %"
+    text = f"motor {motors.hardest} hardest, by {100.0 * motors.spread:.0f} %"
     text = text if motors.spread > _ALIKE else "all work alike"
-    text += f"; one at its limit {100.0 * motors.at_limit:.0f} % of the time" if motors.at_limit > 0.005 else ""
+    text += f"; one at its limit {100.0 * motors.at_limit:.0f} % of the time" if motors.at_limit > _AT_LIMIT else ""
     return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN)

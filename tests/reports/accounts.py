@@ -1,0 +1,59 @@
+"""Accounts of flights for tests: what a test says of a flight, and calm for all else."""
+
+import numpy as np
+
+from core.findings import Finding, Severity
+from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
+from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, Reading
+from pipeline.results.account import VibrationReading as Vibration
+from pipeline.results.signals import FlightSignals, Panel, Signal
+from pipeline.results.span import Span
+
+FLIGHT = Span(40.0, 99.9)
+HEIGHT = Reading(value=14.0, unit="m", source="barometer", others={"GPS": 13.5})
+SPEED = Reading(value=2.9, unit="m/s", source="GPS")
+#: What a healthy craft reads.
+STATE = {
+    "height": HEIGHT,
+    "distance": Reading(value=18.0, unit="m"),
+    "ground_speed": SPEED,
+    "battery": BatteryReading(start=16.8, end=16.4, lowest=15.7, lowest_t=80.0, cells=4),
+    "vibration": Vibration(worst=6.0, t=54.0, axis="X", clips=0, advised=30.0, harmful=60.0, source="VIBE"),
+    "gps": GpsReading(satellites_least=14, satellites_median=16, fix_share=1.0),
+    "hover": HoverReading(start=0.49, end=0.50, thrust_to_weight=2.0),
+    "motors": MotorsReading(mean={"1": 0.5, "2": 0.52}, hardest="2", at_limit=0.0),
+}
+
+
+def happening(identity: str, t: float, severity: Severity = Severity.ERROR, lasted: float = 1.0, **more) -> Finding:
+    """Return a happening; `more` is its reason, advice or evidence."""
+    evidence = more.pop("evidence", {})
+    reason = more.pop("reason", f"The {identity} happened.")
+    return Finding(identity, severity, reason, more.pop("advice", "Look at it."), evidence, t=t, end=t + lasted)
+
+
+def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Account:
+    """Return the account of a flight in which this happened."""
+    ordered = gravest_first(happenings)
+    story = tell_story(ordered)
+    state = {} if flight is None else STATE | changed
+    told = headline(story, flight) or uneventful(flight, state.get("height"), state.get("distance"), SPEED)
+    return Account(flight=flight, happenings=ordered, story=story, headline=told, sound=flight, **state)
+
+
+def signals() -> FlightSignals:
+    """Return lines of every kind that the first screen shows."""
+    t = np.arange(40.0, 100.0, 0.1)
+    asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
+
+    def one(title: str, unit: str, name: str, limits=None) -> tuple[Panel, ...]:
+        return (Panel(title=title, unit=unit, signals=(Signal(name, t, 5.0 + np.sin(t)),), limits=limits or {}),)
+
+    return FlightSignals(
+        height=one("height", "m", "barometer"),
+        attitude=tuple(Panel(title=axis, unit="rad", signals=(asked, flown)) for axis in ("roll", "pitch", "yaw")),
+        rates=(Panel(title="roll rate", unit="rad/s", signals=(asked, flown)),),
+        vibration=one("vibration", "m/s²", "x", {"limit": 30.0}),
+        battery=one("voltage", "V", "voltage"),
+        gps=one("satellites", "", "satellites"),
+    )
