@@ -71,23 +71,7 @@ def finding(
     advice: str | None = None,
     **evidence: str | float | bool | None,
 ) -> Finding:
-    """Raise a finding of something that happened at a time, with severity and advice as the catalogue has them.
-
-    Parameters
-    ----------
-    name : str
-        Its name in the catalogue; a `KeyError` where the catalogue lacks it.
-    reason : str
-        What happened, in a sentence.
-    t, end : float
-        First and last moment, s on the log's boot clock.
-    severity : Severity, optional
-        The worst that the catalogue allows, by default.
-    advice : str, optional
-        That of the catalogue, by default.
-    **evidence
-        The numbers behind the sentence.
-    """
+    """Raise a finding of something that happened at a time, with severity and advice as the catalogue has them."""
     entry = _entries()[name]
     return Finding(
         id=name,

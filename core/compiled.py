@@ -39,15 +39,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[F], F]:
-    """Compile a function when it is first called with arguments of new types, as ``numba.njit`` does.
-
-    Parameters
-    ----------
-    cache : bool
-        Keep the machine code on the disk.
-    **options
-        Of ``numba.njit``.
-    """
+    """Compile a function when it is first called with arguments of new types, as ``numba.njit`` does."""
 
     def compiled(function: F) -> F:
         dispatcher = cast(Any, numba.njit(**options))(function)
@@ -108,13 +100,6 @@ def inner(*, allocates: bool = False, **options: Any) -> Callable[[F], F]:
     fifths of the time of a function of ten lines. And it becomes part of each caller, so that one source has one
     machine code: a process that compiles would else call other copies than those that find them compiled, with other
     roundings.
-
-    Parameters
-    ----------
-    allocates : bool
-        Whether it makes arrays.
-    **options
-        Of ``numba.njit``.
     """
     if not allocates:
         options = {"_nrt": False, "forceinline": True, **options}

@@ -34,11 +34,6 @@ FileBytes = Annotated[NDArray[np.uint8], np.frombuffer(b"", np.uint8)]
 def examples(function: Callable[..., Any]) -> tuple[Any, ...]:
     """Return an argument of each type that a function takes.
 
-    Parameters
-    ----------
-    function : callable
-        Annotated with the types of this module, float, int and bool.
-
     Raises
     ------
     TypeError

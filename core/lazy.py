@@ -40,11 +40,6 @@ def exports(package: str, source: str) -> tuple[Callable[[str], object], Callabl
     """Return a package's ``__getattr__`` and ``__dir__``, for names that are imported when they are first used.
 
     Which they are, and where, stands once: in the package's own block ``if TYPE_CHECKING:``.
-
-    Parameters
-    ----------
-    package, source : str
-        Its ``__name__`` and ``__file__``.
     """
     homes = {
         alias.asname or alias.name: (statement.module or package, alias.name)

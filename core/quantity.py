@@ -32,13 +32,6 @@ def uncertain(value: float | None, sigma: float | None, unit: str = "") -> str:
     """Write a value with its 1-sigma: ``1.19 ± 0.02 N``; two digits of a sigma that starts with 1, else one.
 
     Powers of ten are for values from a million on and below 0.0001; a value of ten needs none, however small its sigma.
-
-    Parameters
-    ----------
-    value, sigma : float or None
-        The value and its 1-sigma, in `unit`; None where not known.
-    unit : str
-        Written behind both; "" for none.
     """
     tail = f" {unit}" if unit else ""
     if value is None or not math.isfinite(value):
@@ -71,15 +64,6 @@ def column(values: Sequence[float | None], digits: int = 3, places: int = 3) -> 
     """Write the numbers of a table column so that their decimal points stand below each other when right-aligned.
 
     No number has more than `places` digits behind the point.
-
-    Parameters
-    ----------
-    values : sequence of float or None
-        The column; None and nan become a dash.
-    digits : int
-        Significant digits.
-    places : int
-        Most digits behind the point.
     """
     texts = ["–" if value is None or not math.isfinite(value) else number(value, digits) for value in values]
     texts = [
@@ -135,12 +119,6 @@ def complex_numbers(
     pairs: Sequence[tuple[float, float]], deviations: Sequence[float | None] | None = None
 ) -> list[tuple[str, bool]]:
     """Write roots given as (real, imaginary): ``−0.21``, and conjugate pairs once, as ``−0.21 ± 0.45 i``.
-
-    Parameters
-    ----------
-    pairs : sequence of (float, float)
-    deviations : sequence of float or None, optional
-        Standard deviation of each, beyond which no digits are written, three at most; None for infinite.
 
     Returns
     -------

@@ -21,13 +21,6 @@ _learning = threading.RLock()
 def plain(value: object, text: Callable[[str], str] = str) -> Any:
     """Return what JSON can hold.
 
-    Parameters
-    ----------
-    value : object
-        Dataclasses, mappings, sequences, arrays, enums, times, paths and what they are made of.
-    text : callable
-        Applied to every text.
-
     Returns
     -------
     dict, list, str, float, int, bool or None
@@ -49,17 +42,7 @@ def restored(value: object, kind: type[T]) -> T:
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
-    """Return a value as its type, of what JSON can hold alone: what is written is what is shown.
-
-    Parameters
-    ----------
-    value : object
-        A dataclass or whatever else JSON can hold.
-    kind : type
-        Type of the result.
-    text : callable
-        Applied to every text in it.
-    """
+    """Return a value as its type, of what JSON can hold alone: what is written is what is shown."""
     return restored(plain(value, text), kind)
 
 

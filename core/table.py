@@ -107,14 +107,7 @@ class Table:
         return f"<table>{caption}{f'<tr>{head}</tr>' if self.headed else ''}{''.join(rows)}</table>"
 
     def terminal(self, title: str | None = None, *, fold_labels: bool = True) -> rich_table.Table:
-        """Return the table for the terminal.
-
-        Parameters
-        ----------
-        title : str, optional
-        fold_labels : bool
-            Whether labels may be folded where the terminal is narrow; numbers never are.
-        """
+        """Return the table for the terminal."""
         table = rich_table.Table(
             title=title,
             box=None,

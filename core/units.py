@@ -65,15 +65,6 @@ SI: Mapping[str, tuple[float, float]] = MappingProxyType(
 def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.float64]:
     """Read a column of a message in SI units.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Message; ``frame.attrs["units"]`` names the units that the log declares.
-    column : str
-        Column as logged; NaN throughout when the message does not have it.
-    unit : str
-        Unit that the firmware logs in; it counts where the log declares none of the same kind.
-
     Returns
     -------
     ndarray, shape (N,)
@@ -84,17 +75,7 @@ def quantity(frame: pd.DataFrame, column: str, unit: str) -> npt.NDArray[np.floa
 def quantities(
     frame: pd.DataFrame, columns: Sequence[tuple[str, str]], rows: int
 ) -> Iterator[list[npt.NDArray[np.float64]]]:
-    """Read columns of a long message as `quantity` does, some rows at a time, which then stay in the cache.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Message.
-    columns : sequence of (str, str)
-        Names of columns and the units that the firmware logs them in.
-    rows : int
-        So many of them at a time, the last fewer.
-    """
+    """Read columns of a long message as `quantity` does, some rows at a time, which then stay in the cache."""
     scales = [_to_si(frame, *column) for column in columns]
     plain = [_plain(frame, column) for column, _ in columns]
     for first in range(0, len(frame), rows):

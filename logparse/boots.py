@@ -24,15 +24,7 @@ class Span:
 def boot_spans(
     rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], messages: int, size: int
 ) -> dict[Boot, Span]:  # fmt: skip
-    """Return the boots and their messages.
-
-    Parameters
-    ----------
-    rows, state : int64 arrays
-        As `_decode.follow_chain` or `_decode.follow_clock` left them at the end of the file.
-    messages, size : int
-        Messages and bytes (or lines) in the file.
-    """
+    """Return the boots and their messages."""
     n = int(state[_decode.BOOTS])
     rows = rows[: n + 1].copy()
     rows[n, 2:] = state[_decode.BOOT_START], state[_decode.TIME]

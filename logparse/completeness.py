@@ -38,10 +38,6 @@ _GAP = 1.0
 def check(log: "FlightLog") -> tuple[Finding, ...]:
     """Judge a log for identification.
 
-    Parameters
-    ----------
-    log : FlightLog
-
     Returns
     -------
     tuple of Finding

@@ -82,12 +82,6 @@ def limit_unpacked(size: int) -> None:
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
     """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped.
 
-    Parameters
-    ----------
-    path : Path
-    is_log : callable
-        Whether the first 64 kB of a file look like a log; picks the member of a zip archive.
-
     Raises
     ------
     LogError

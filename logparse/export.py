@@ -36,20 +36,6 @@ def export(
 ) -> tuple[Path, ...]:
     """Write messages as logged and canonical tables, one file each; for MATLAB one file with all of them.
 
-    Parameters
-    ----------
-    log : FlightLog
-    folder : path
-        Made when it does not exist. Canonical tables go into its subfolder ``tables``, messages into ``messages``,
-        parameters into ``parameters``.
-    format : str
-        ``"parquet"`` (units in the column metadata), ``"csv"`` (UTF-8) or ``"mat"`` (MATLAB 5, a struct for each
-        table; text as cell arrays).
-    messages : iterable of str, optional
-        Names of messages and of canonical tables, such as ``"RCOU"`` and ``"motors"``. Default: everything.
-    start, stop : float, optional
-        Seconds on the boot clock; rows outside are left out.
-
     Returns
     -------
     tuple of Path

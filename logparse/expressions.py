@@ -41,14 +41,6 @@ def evaluate(log: "FlightLog", text: str) -> LoggedSignal:
 
     Signals of different times are interpolated to those of the one with most samples.
 
-    Parameters
-    ----------
-    log : FlightLog
-    text : str
-        Names as `logparse.signals.logged_signal` takes them, numbers, ``+ - * / **``, brackets, and the functions
-        ``abs sqrt sin cos tan hypot atan2 min max deg rad rate`` (`rate` is the derivative by time). Sums need equal
-        units, angles of ``sin`` degrees or radians.
-
     Returns
     -------
     LoggedSignal

@@ -116,11 +116,6 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     Flights are separated by landings and by gaps in the log; a log that starts or ends in the air has a flight that
     does. After a crash the flight ends at the first contact after which the craft stays on the ground.
 
-    Parameters
-    ----------
-    tables : Tables
-        Of a multirotor: thrust carries it.
-
     Returns
     -------
     tuple of Flight

@@ -71,11 +71,6 @@ def height_above_ground(tables: Tables) -> "pd.Series[float] | None":
 def height_readings(tables: Tables, flight: "Flight") -> HeightReadings | None:
     """Read the largest height of a flight by every source.
 
-    Parameters
-    ----------
-    tables : Tables
-    flight : Flight
-
     Returns
     -------
     HeightReadings or None

@@ -70,10 +70,6 @@ class Inspection:
 def inspect(log: "FlightLog") -> Inspection:
     """Summarise a log; of one that `FlightLog.of_flight` made, the tables and the findings of that flight.
 
-    Parameters
-    ----------
-    log : FlightLog
-
     Returns
     -------
     Inspection
@@ -109,16 +105,7 @@ def inspect(log: "FlightLog") -> Inspection:
 
 
 def summarise(name: str, tables: Tables, shown: slice) -> TableSummary:
-    """Measure extent, rate and gaps of a canonical table; modes and events have no rate.
-
-    Parameters
-    ----------
-    name : str
-        One of `tables`, which have it.
-    tables : Tables
-    shown : slice
-        The stretch of time that counts, s.
-    """
+    """Measure extent, rate and gaps of a canonical table; modes and events have no rate."""
     columns = {}
     t = np.zeros(0)
     for column in tables.columns(name):

@@ -164,13 +164,7 @@ class Passing(Mapping[str, pd.DataFrame]):
 
     @contextmanager
     def held(self, names: Iterable[str]) -> Iterator[None]:
-        """Hold messages while several tables are built of them: decoding one at a time passes over the file each time.
-
-        Parameters
-        ----------
-        names : iterable of str
-            Message types; the longest are left out where all would take much of the memory that the file has.
-        """
+        """Hold messages while several tables are built of them: decoding one by one passes over the file each time."""
         counts, room = self.counts, sum(self.counts.values()) // _HELD
         chosen = []
         for name in sorted(set(names) & set(counts), key=lambda name: (counts[name], name)):

@@ -44,11 +44,6 @@ class Rest:
 def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
     """Measure the specific force while the craft stands still outside its flights.
 
-    Parameters
-    ----------
-    tables : Tables
-    flights : sequence of Flight
-
     Returns
     -------
     Rest or None

@@ -38,13 +38,6 @@ class LoggedSignal:
 def logged_signal(log: "FlightLog", name: str) -> LoggedSignal:
     """Find a signal by its name.
 
-    Parameters
-    ----------
-    log : FlightLog
-    name : str
-        ``MESSAGE.Field`` as logged, ``MESSAGE[k].Field`` for instance k of a sensor that comes several times, or
-        ``table.column`` of a canonical table.
-
     Raises
     ------
     SignalError

@@ -9,15 +9,7 @@ from core.findings import Finding, Severity
 
 
 def erased_tail(data: npt.NDArray[Any], start: int) -> Finding | None:
-    """Distinguish storage that was never written from a tail of other bytes.
-
-    Parameters
-    ----------
-    data : ndarray of uint8
-        The whole file.
-    start : int
-        First byte behind the last message.
-    """
+    """Distinguish storage that was never written from a tail of other bytes."""
     size = len(data)
     # A look at both ends does, without reading a tail of any length.
     ends = np.concatenate((data[start : start + 4096], data[max(start, size - 4096) :]))

@@ -41,8 +41,6 @@ def mend_times(t: npt.NDArray[np.float64], low: float, high: float) -> tuple[npt
     ----------
     t : ndarray, shape (n,)
         Times of one message type in file order, s. Small steps back are usual and stay.
-    low, high : float
-        Span of the boot, s; nothing lies far outside.
 
     Returns
     -------

@@ -37,15 +37,7 @@ def file_name(url: str) -> str:
 
 
 def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return every flight a folder name that any file system takes, unique without regard to case.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Of flights.
-    known : mapping of str to str, optional
-        Folders that flights have already, by name; they keep them.
-    """
+    """Return every flight a folder name that any file system takes, unique without regard to case."""
     names = list(names)
     folders = {name: folder for name, folder in (known or {}).items() if name in names}
     taken = {folder.casefold() for folder in folders.values()}
@@ -67,17 +59,7 @@ def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -
 
 
 def flight_name(log: str, number: int, count: int) -> str:
-    """Name a flight after its log; where that holds several, with the flight's number.
-
-    Parameters
-    ----------
-    log : str
-        Name of the log.
-    number : int
-        Number of the flight in the log.
-    count : int
-        Flights in the log.
-    """
+    """Name a flight after its log; where that holds several, with the flight's number."""
     return log if count == 1 else f"{log}#{number}"
 
 

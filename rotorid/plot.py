@@ -41,14 +41,7 @@ _TEMPLATE = go.layout.Template(
 
 
 def bode(*responses: FrequencyResponse | FrequencyFit | TransferFunction) -> go.Figure:
-    """Draw gain, phase and coherence over frequency; measured ones in dark, models in colour.
-
-    Parameters
-    ----------
-    *responses : FrequencyResponse, FrequencyFit or TransferFunction
-        Models are drawn over the frequencies of the measured ones, or over 0.1 to 20 Hz alone; of a fit to several
-        responses the first.
-    """
+    """Draw gain, phase and coherence over frequency; measured ones in dark, models in colour."""
     measured = [each for each in responses if isinstance(each, FrequencyResponse)]
     models = [each for each in responses if not isinstance(each, FrequencyResponse)]
     span = np.concatenate([each.hz for each in measured]) if measured else np.array([0.1, 20.0])
@@ -92,15 +85,7 @@ def _gain_and_phase(model: FrequencyFit | TransferFunction, hz: Floats) -> tuple
 def prediction(
     models: Predictor | Sequence[Predictor], experiment: Experiment, horizon: float | None = None
 ) -> go.Figure:
-    """Draw measured outputs and what models predict of them, each with the residuals below.
-
-    Parameters
-    ----------
-    models : model or sequence of models
-    experiment : Experiment
-    horizon : float, optional
-        Seconds ahead of the last measurement; a free run of the whole record when not given.
-    """
+    """Draw measured outputs and what models predict of them, each with the residuals below."""
     several = tuple(models) if isinstance(models, Sequence) else (models,)
     outputs = experiment.output_names
     figure = make_subplots(
@@ -145,12 +130,6 @@ def track(log: LoadedLog) -> go.Figure:
 
 def fields(log: FlightLog, *names: str) -> go.Figure:
     """Draw fields of messages over time, one axis for each unit.
-
-    Parameters
-    ----------
-    log : FlightLog
-    *names : str
-        Such as ``"ATT.Roll"``.
 
     Raises
     ------

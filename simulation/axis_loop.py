@@ -290,25 +290,7 @@ def write_rate_log(
     motors: Mapping[str, float] | None = None,
     gains: Mapping[str, LoopGains] | None = None,
 ) -> None:
-    """Write RATE, SIDD, SIDS, ATT, MODE and PARM of axes that were run over the same time.
-
-    Parameters
-    ----------
-    path : Path
-    axes : mapping of str to AxisRun
-        By name: roll, pitch, yaw, vertical; those left out stand still.
-    rate : float
-        Rows of RATE and SIDD per second: samples, not averages, as the autopilot logs them.
-    filter_hz : float
-        INS_GYRO_FILTER.
-    parameters : mapping, optional
-        More parameters.
-    motors : mapping, optional
-        Instead of RATE: `rcou`, `imu` and `esc` rows per second of a quadcopter's motor outputs, gyros and ESCs, `lag`
-        of the rotors whose speeds ESCs report [s], and `pause` from burst to burst of the batch sampler [s].
-    gains : mapping of str to LoopGains, optional
-        By axis: adds the parameters of the loops, PID messages, and height and vibration of a hover.
-    """
+    """Write RATE, SIDD, SIDS, ATT, MODE and PARM of axes that were run over the same time."""
     gains = gains or {}
     runs = _Runs(axes)
     flown = {"INS_GYRO_FILTER": filter_hz, "FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0} | _loop_parameters(gains)

@@ -36,21 +36,7 @@ def build(
     remarks: Remarks,
     later: Later,
 ) -> Tables:
-    """Build all tables that the messages allow, but for those that `later` takes.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's.
-    vehicle : Vehicle
-        Firmware and motors.
-    remarks : Remarks
-        Receives what was left out.
-    later : Later
-        Receives tables that are built when they are asked for.
-    """
+    """Build all tables that the messages allow, but for those that `later` takes."""
     imu, further_imu = later.take("imu", messages, _IMU, lambda own: _inertial(messages, own), remarks)
     kept = KeptFields(messages)
     later.kept.append(kept)

@@ -91,13 +91,6 @@ def origin(messages: Messages, gps: pd.DataFrame | None, ekf: pd.DataFrame | Non
     ORGN of type 0 where it is logged (since 3.5; before, type 0 was 1). Otherwise the place that brings the
     filter's positions onto the GPS fixes, or the first good fix where there is no filter.
 
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    gps, ekf : DataFrame or None
-        Tables of fixes and of the autopilot's own estimate.
-
     Returns
     -------
     Geodetic or None

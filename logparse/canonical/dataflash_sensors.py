@@ -34,15 +34,6 @@ SITL_LAG = 0.1
 def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
     """Motor outputs by motor number: RCOU (and RCO2, RCO3 for outputs from 15), or MOT of firmware before 3.1.
 
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    table : tuple of Motor
-        Motors, with the output channel of each.
-    remarks : Remarks
-        Receives what was left out.
-
     Returns
     -------
     DataFrame or None
@@ -198,17 +189,6 @@ def _imu_table(
 def gps(messages: Messages, parameters: Mapping[str, float], old_receiver: bool, remarks: Remarks) -> Sensor:
     """GPS fixes with their time of validity: GPS and GPS2, or GPS with its instance; accuracies of GPA or UBX3.
 
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's: lags, and which receiver it prefers.
-    old_receiver : bool
-        Whether a receiver with the longer lag `UBLOX_LAG_OLD` was flown.
-    remarks : Remarks
-        Receives what was left out.
-
     Returns
     -------
     (DataFrame or None, tuple of DataFrame)
@@ -228,17 +208,7 @@ def gps(messages: Messages, parameters: Mapping[str, float], old_receiver: bool,
 
 
 def gps_lag(parameters: Mapping[str, float], instance: int, old_receiver: bool) -> float:
-    """Receiver lag [s]: GPS_DELAY_MS when it is set, else the default of the u-blox driver or of the simulator.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        The autopilot's.
-    instance : int
-        Receiver, from 0.
-    old_receiver : bool
-        Whether it has the longer lag `UBLOX_LAG_OLD`.
-    """
+    """Receiver lag [s]: GPS_DELAY_MS when it is set, else the default of the u-blox driver or of the simulator."""
     names = (("GPS_DELAY_MS", "GPS1_DELAY_MS"), ("GPS_DELAY_MS2", "GPS2_DELAY_MS"))[min(instance, 1)]
     for name in names:
         delay = parameters.get(name, 0.0)
@@ -323,10 +293,6 @@ def clean_fixes(values: Array, fix: Array, message: str, remarks: Remarks) -> Ar
         Latitude, longitude [rad], altitude [m], then velocities [m/s].
     fix : ndarray, shape (n,)
         Type of fix; below 2 is none.
-    message : str
-        Message that they come from.
-    remarks : Remarks
-        Receives what was removed.
 
     Returns
     -------
@@ -352,15 +318,6 @@ def _positive(values: Array) -> Array:
 
 def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -> Sensor:
     """Pressure altitude: BARO, BAR2, BAR3 or BARO with its instance; the altitude of CTUN in firmware before 3.2.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's: which barometer it prefers.
-    remarks : Remarks
-        Receives what was left out.
 
     Returns
     -------
@@ -392,15 +349,6 @@ def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) 
 
 def mag(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -> Sensor:
     """Magnetic field, calibrated as the autopilot uses it: MAG, MAG2, MAG3 or MAG with its instance.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Messages by type, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's: which compass it uses.
-    remarks : Remarks
-        Receives what was left out.
 
     Returns
     -------

@@ -54,15 +54,7 @@ class KeptFields:
         self._asked: set[str] = set()
 
     def some(self, name: str, fields: Collection[str]) -> pd.DataFrame:
-        """Return a message with those of the fields that it has, and perhaps more.
-
-        Parameters
-        ----------
-        name : str
-            The message, the same at each call.
-        fields : collection of str
-            Names of its fields.
-        """
+        """Return a message with those of the fields that it has, and perhaps more."""
         missing = set(fields) - self._asked
         if self._kept is None or missing:
             frame = SomeFields(self._messages, missing)[name]
@@ -106,21 +98,6 @@ class Later:
         columns: Columns | None = None,
     ) -> Built:
         """Build a table now when it is short; else remember how, and how to give its columns one by one.
-
-        Parameters
-        ----------
-        name : str
-            Name of the table.
-        messages : mapping of str to DataFrame
-            Messages by type; its `counts`, if it has any, tell how long they are.
-        sources : tuple of str
-            Message types that the table is built from.
-        build : callable
-            Builds the table, and those of further instances; called with `Remarks`.
-        remarks : Remarks
-            Receives what was left out, where the table is built now.
-        columns : callable, optional
-            Yields wanted columns of the table, given their names.
 
         Returns
         -------

@@ -12,14 +12,7 @@ INSTANCE_NAMES = ("I", "Instance", "Inst")
 
 
 def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[str, pd.DataFrame]]:
-    """List the instances of a sensor in their order, each with its name for findings.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-    *names : str
-        Messages of instance 0, 1, 2 ...; one with an instance column stands for all of its instances.
-    """
+    """List the instances of a sensor in their order, each with its name for findings."""
     found: list[tuple[str, pd.DataFrame]] = []
     for name in names:
         if name not in messages:
@@ -54,15 +47,6 @@ def pick(
     """Pick the first healthy instance of a sensor and keep the others that measured anything.
 
     An instance is healthy when column `key` has at least half as many values as that of the best instance.
-
-    Parameters
-    ----------
-    candidates : list of (str, DataFrame)
-        Canonical tables of each instance.
-    key : str
-        Column that must have values.
-    preferred : int
-        Instance to try first, as the autopilot's parameters choose it.
 
     Returns
     -------

@@ -25,10 +25,6 @@ class Remarks:
         values : ndarray, shape (N,) or (N, k)
         impossible : ndarray of bool, shape (N,)
             Samples to remove; all k values of a sample go together.
-        message : str
-            Message as logged.
-        why : str
-            What is impossible about them, such as ``"latitude and longitude zero"``.
 
         Returns
         -------
@@ -44,17 +40,7 @@ class Remarks:
         return cleaned
 
     def count(self, message: str, why: str, removed: int, total: int) -> None:
-        """Count samples that were removed.
-
-        Parameters
-        ----------
-        message : str
-            Message or table that they were in.
-        why : str
-            What was wrong with them.
-        removed, total : int
-            Samples that were removed, of how many.
-        """
+        """Count samples that were removed."""
         if removed:
             tally = self._removed[message, why]
             tally[0] += removed

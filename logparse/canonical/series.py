@@ -112,13 +112,7 @@ def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -
 
     Parameters
     ----------
-    table : DataFrame
-        Index strictly increasing.
     t : ndarray, shape (N,)
-    gap : float
-        Times farther than this [s] from the nearest sample get NaN.
-    angles : bool
-        The columns are angles in rad: interpolate across the +-pi seam and wrap the result.
 
     Returns
     -------
@@ -180,17 +174,7 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
-    """Bring tables with different times onto the times of the one with most rows.
-
-    Parameters
-    ----------
-    parts : iterable of DataFrame
-        Of two with the same column the longer counts. Columns roll, pitch and yaw are angles [rad].
-    columns : iterable of str
-        Columns of the result; NaN where no part has them.
-    gap : float
-        Longest time [s] to a sample over which values are interpolated.
-    """
+    """Bring tables with different times onto the times of the one with most rows."""
     tables = sorted((part for part in parts if len(part)), key=len)
     if not tables:
         return None

@@ -76,17 +76,7 @@ def without_stray_rows(tables: Tables, remarks: Remarks) -> Tables:
 
 
 def without_stray(table: pd.DataFrame | None, name: str, remarks: Remarks) -> pd.DataFrame | None:
-    """Return the table `name` with damaged rows as missing.
-
-    Parameters
-    ----------
-    table : DataFrame or None
-        A canonical table; None stays None.
-    name : str
-        Its name, by which its limits are found.
-    remarks : Remarks
-        Receives how many rows were removed.
-    """
+    """Return the table `name` with damaged rows as missing."""
     if table is None or len(table) < 2 * BESIDE:
         return table
     limits = LIMITS.get(name) or (Limit(tuple(map(str, table.columns)), _PULSE, alone=True),)

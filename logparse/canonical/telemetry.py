@@ -63,19 +63,7 @@ class Sender:
 def build(
     messages: Mapping[str, pd.DataFrame], parameters: Mapping[str, float], vehicle: Vehicle, remarks: Remarks
 ) -> Tables:
-    """Build all tables that the messages allow.
-
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        MAVLink messages by type, indexed by t, s.
-    parameters : mapping of str to float
-        The autopilot's.
-    vehicle : Vehicle
-        Firmware and motors.
-    remarks : Remarks
-        Receives what was left out.
-    """
+    """Build all tables that the messages allow."""
     sender = Sender(messages)
     imu, further_imu = _imu(sender, remarks)
     mag, further_mag = _mag(sender, remarks)

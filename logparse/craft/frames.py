@@ -324,16 +324,6 @@ def motor_table(
 ) -> tuple[Motor, ...]:
     """List the motors of a frame, by motor number.
 
-    Parameters
-    ----------
-    frame_class : str
-        A value of `FRAME_CLASSES`.
-    frame_type : str, optional
-        A value of `FRAME_TYPES`, or ``"two-layer"`` for the octocopter of Elhesasy 2024 (octa-plus with motors
-        1, 2, 7, 8 above the others). Classes without types (y6 without y6b or y6f, tri) ignore it.
-    channels : mapping of int to int, optional
-        Servo output of each motor number; motors that are not in it get None. Without it motor k is on output k.
-
     Returns
     -------
     tuple of Motor

@@ -158,20 +158,10 @@ def follow_chain(
 
     Parameters
     ----------
-    data : uint8 array
-    limit : int
-        Stop at the first message that begins here or later.
     candidates : int32 array, shape (256, k)
         Definitions to try for each id, in this order, then -1.
-    length, time_width, time_offset : int32 arrays
-        Of each definition: bytes; bytes of the boot clock (8: us, 4: ms, 0: none) and where they are.
     fmt_rows : uint8 array, shape (256, 86)
         Payload of the FMT row in force for each id; another one makes the kernel return `NEW_FORMAT`.
-    slots : uint8 or uint16 array
-        Output, from the state's COUNT on: definition of each message.
-    run_index, run_position, gap_start, gap_stop : int64 arrays
-        Output, from the state's RUNS on: where after a break the chain goes on (message index, byte), and the
-        bytes that were skipped before it.
     boots : int64 array, shape (k, 4)
         Output: first message, its byte, first and last time [us] of each boot that ended.
     unknown : int64 array, shape (256,)
@@ -392,31 +382,10 @@ def gather(
 
     Parameters
     ----------
-    data : uint8 array
-    slots : uint8 or uint16 array
-        Definition of each message, in file order.
-    stop : int
-        Message to stop before.
-    length : int32 array
-        Bytes of a message of each definition.
-    run_index, run_position : int64 arrays
-        Where the chain goes on after a break: message index (counted as in `slots`) and byte.
-    table_of_slot : int32 array
-        Table of each definition, -1 for those not wanted.
     first_field : int64 array, shape (tables + 1,)
         The fields of table k are ``first_field[k]`` to ``first_field[k + 1] - 1`` of the arrays below.
-    offset, operation, size : int64 arrays
-        Of each field: its place in the message, what to do (COPY_.. and SCALE_..), bytes to copy for COPY_N.
-    target : int64 array
-        Byte in `bytes_out` where the column of each field begins, a multiple of 8.
-    factor, divisor : float64 arrays
-        Scale of each field.
     row : int64 array, shape (tables,)
         Rows written so far; updated.
-    bytes_out : uint8 array
-        Output; its size is a multiple of 8.
-    out_2, out_4, out_8, out_f4, out_f8 : arrays
-        Views of it; compiling `view` takes longer than making one.
     state : int64 array, shape (4,)
         Message index, byte and run to begin with, updated; the last is of no use.
     """
@@ -587,12 +556,6 @@ def neighbouring_times(
 
     Parameters
     ----------
-    run_index, run_position, gap_start : int64 arrays
-        Breaks of the chain: message index behind each, its byte, and where the message before it ends.
-    low, high : int
-        Times outside are passed over, us.
-    positions, indices : int64 arrays
-        Byte and message index of the messages asked for, ascending.
     before, after : int64 arrays, shape (n, 2)
         Output: byte and time [us] of the last timed message before and the first behind; the byte is -1 for none.
     """

@@ -122,17 +122,7 @@ class DataflashSource:
         return self.decode_many((name,), boot)[name]
 
     def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame:
-        """Those of the fields of one message type that it has.
-
-        Parameters
-        ----------
-        name : str
-            Message type.
-        boot : Boot
-            Power-up of the autopilot.
-        fields : collection of str
-            Names of the fields; those that the message lacks are passed over.
-        """
+        """Those of the fields of one message type that it has."""
         return self._decode((name,), boot, fields)[name]
 
     def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]:

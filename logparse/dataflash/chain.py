@@ -107,15 +107,7 @@ class Chain:
         self.pages.release()
 
     def _scan(self, known: Sequence[tuple[Definition, int]], number: type[np.unsignedinteger[Any]] = np.uint8) -> None:
-        """Follow the header chain through the whole file.
-
-        Parameters
-        ----------
-        known : sequence of (Definition, int)
-            Definitions, with the length of their messages, that hold from the beginning.
-        number : unsigned integer type
-            Numbers the definitions; a byte is enough for all files but a few, and is a byte per message.
-        """
+        """Follow the header chain through the whole file."""
         self.pages.start_at(0)
         self.crowded: set[str] = set()
         self.slots: list[Slot] = []

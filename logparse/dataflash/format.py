@@ -263,19 +263,7 @@ class UnitTable:
             self._multipliers[chr(multiplier_id & 0xFF)] = decimal_multiplier(multiplier)
 
     def units(self, fields: Sequence[Field], unit_ids: str, clock: Field | None, counts: int) -> dict[str, str]:
-        """Name the unit of each field that has one.
-
-        Parameters
-        ----------
-        fields : sequence of Field
-            Fields of the message, in order.
-        unit_ids : str
-            One letter for each field, of FMTU.
-        clock : Field or None
-            The field that has the time.
-        counts : int
-            Counts of that clock per second: 1 000 000 for us, else ms.
-        """
+        """Name the unit of each field that has one."""
         units = {}
         for item, unit_id in zip(fields, unit_ids, strict=False):
             label = self._labels.get(unit_id, "")
@@ -290,15 +278,6 @@ class UnitTable:
 
         A legacy character carries its own scale; a multiplier beside it says the same once more. The clock stays
         as logged.
-
-        Parameters
-        ----------
-        item : Field
-            The field.
-        multiplier_id : str
-            Its letter, of FMTU.
-        clock : Field or None
-            The field that has the time.
         """
         if item.type.divisor != 1:
             return 1.0, float(item.type.divisor)

@@ -115,21 +115,7 @@ class DataflashWriter:
         multipliers: str = "",
         id: int | None = None,  # noqa: A002
     ) -> None:
-        """Declare a message; needed once before its first row, and again to change its layout from here on.
-
-        Parameters
-        ----------
-        name : str
-            At most four characters.
-        format : str
-            One format character per field (see `FIELD_TYPES`).
-        columns : str or sequence of str
-            Field names, as a list or joined by commas.
-        units, multipliers : str
-            One-letter ids per field (see `UNITS`, `MULTIPLIERS`); empty: none stated.
-        id : int, optional
-            Message id; default the next free one.
-        """
+        """Declare a message; needed once before its first row, and again to change its layout from here on."""
         labels = columns.split(",") if isinstance(columns, str) else list(columns)
         if id is None and name in self._layouts:
             id = self._layouts[name].definition.id  # noqa: A001
@@ -219,17 +205,7 @@ class DataflashWriter:
 
 
 def write_dataflash(path: str | Path, messages: Iterable[MessageTable]) -> None:
-    """Write tables as one DataFlash log, rows interleaved by time.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    messages : iterable of (name, format, unit ids, multiplier ids, DataFrame)
-        Columns of each frame are the fields in order. The index `t` [s on the boot clock] orders the rows; a frame
-        without it is ordered by its column ``TimeUS``. Where the format has one field more than the frame
-        has columns, ``TimeUS`` is made from `t` and put first.
-    """
+    """Write tables as one DataFlash log, rows interleaved by time."""
     tables: list[tuple[str, npt.ArrayLike, Mapping[str, npt.ArrayLike]]] = []
     definitions: list[tuple[str, str, list[str], str, str]] = []
     for name, form, units, multipliers, frame in messages:

@@ -51,10 +51,6 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
     ----------
     t : ndarray, shape (N,)
         s, as in the table.
-    name : str
-        Of the column.
-    label : str
-        Of the table.
 
     Raises
     ------
@@ -131,13 +127,6 @@ def known_rows(
     Parameters
     ----------
     values : ndarray, shape (N, k)
-    names : sequence of str
-        Of the columns.
-    dt : float
-        s.
-    fill : bool
-        Fill gaps of any length by their neighbours (back, then forward), as published protocols do.
-    label : str
 
     Returns
     -------
@@ -241,10 +230,6 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
     ----------
     values : ndarray, shape (N, k)
         Columns on the uniform clock.
-    names : sequence of str
-        Name of each column.
-    dt : float
-        s.
     """
     still = np.diff(values, axis=0) == 0.0
     stuck = [name for name, column in zip(names, still.T, strict=True) if column.all()]

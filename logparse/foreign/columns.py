@@ -125,11 +125,6 @@ class _Plain(yaml.SafeLoader):
 def read_column_map(source: Mapping[str, Any] | str | Path) -> ColumnMap:
     """Read the description of a table.
 
-    Parameters
-    ----------
-    source : mapping, str or Path
-        As a mapping, or the path of a YAML file with it.
-
     Raises
     ------
     TableError

@@ -56,8 +56,6 @@ def check_motion(
 
     Parameters
     ----------
-    declared : ColumnMap
-        What the columns were said to be.
     position, velocity : ndarray, shape (N, 3)
         NED, m and m/s.
     quaternion : ndarray, shape (N, 4)
@@ -68,8 +66,6 @@ def check_motion(
         Motor columns, in the order declared.
     t : ndarray, shape (N,)
         Uniform clock, s.
-    label : str
-        Name of the table, for errors.
 
     Raises
     ------

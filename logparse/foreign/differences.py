@@ -12,10 +12,6 @@ def slopes(values: Floats, dt: float, reach: int) -> Floats:
     Parameters
     ----------
     values : ndarray, shape (N, ...)
-    dt : float
-        s.
-    reach : int
-        Samples to either side.
     """
     return np.asarray((values[2 * reach :] - values[: -2 * reach]) / (2.0 * reach * dt))
 

@@ -62,11 +62,6 @@ def is_table(path: Path) -> bool:
 def read_columns(path: Path) -> pd.DataFrame:
     """Read a file; lists and matrices become columns ``NAME[0]``, ``NAME[1]`` ...
 
-    Parameters
-    ----------
-    path : Path
-        CSV (plain or compressed), Parquet, or MATLAB of any version; lists may stand in strings.
-
     Raises
     ------
     TableError

@@ -41,12 +41,6 @@ def specific_force(velocity: Floats, rotation: Rotation, dt: float, reach: int) 
     ----------
     velocity : ndarray, shape (N, 3)
         NED, m/s.
-    rotation : Rotation
-        N, body to NED.
-    dt : float
-        s.
-    reach : int
-        Samples to either side.
     """
     pushed = slopes(velocity, dt, reach) - np.array([0.0, 0.0, STANDARD_GRAVITY])
     return rotation[reach:-reach].apply(pushed, inverse=True)
@@ -75,8 +69,6 @@ def following(pull: Floats, strength: Floats, dt: float) -> Following:
         Thrust for mass, upwards, m/s^2.
     strength : ndarray, shape (N,)
         Mean square of the motors over the same time.
-    dt : float
-        s.
     """
     span = max(round(_SPAN / dt), 3)
     quick, driving = (_without_knocks(each - uniform_filter1d(each, span)) for each in (pull, strength))
@@ -103,16 +95,10 @@ def check_lift(declared: ColumnMap, pull: Floats, motors: Floats, width: int, dt
 
     Parameters
     ----------
-    declared : ColumnMap
-        What the columns were said to be.
     pull : ndarray, shape (N - width,)
         Thrust for mass, upwards, m/s^2.
     motors : ndarray, shape (N, k)
         Motor columns.
-    width : int
-        Samples over which `pull` was taken.
-    dt : float
-        s.
     """
     quantity = declared.motors.quantity
     low, high = _BY_COMMANDS if quantity in {"pwm", "command"} else _BY_SPEEDS

@@ -25,12 +25,8 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
 
     Parameters
     ----------
-    declared : ColumnMap
-        What the columns were said to be.
     columns : mapping of str to ndarray, shape (N, k)
         Columns by quantity, in the units of `declared` brought to SI.
-    label : str
-        Name of the table, for errors.
 
     Raises
     ------

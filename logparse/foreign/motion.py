@@ -66,15 +66,6 @@ def read_motion(
 ) -> MotionTable:
     """Read a table and bring it to rotorid's conventions.
 
-    Parameters
-    ----------
-    source : Path, str or DataFrame
-        CSV, Parquet or MATLAB file; or a table in memory.
-    columns : mapping, str or Path
-        What each column is; see `logparse.foreign.columns` and docs/tables.md.
-    name : str, optional
-        Defaults to that of the description, then of the file.
-
     Raises
     ------
     TableError

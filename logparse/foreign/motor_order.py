@@ -27,11 +27,6 @@ def contradicted_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: f
     """Explain that the motors do not turn the craft as their places say, where another order of the columns fits.
 
     Changes of the rates over a time are compared with the moments of the motors over it, for every order.
-
-    Parameters
-    ----------
-    declared, rates, motors, dt
-        As `unchecked_order` takes them.
     """
     found = _orders(declared, rates, motors, dt)
     if found is None or found.best < _TURNING or found.own > _BEHIND * found.best:
@@ -48,14 +43,10 @@ def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: floa
 
     Parameters
     ----------
-    declared : ColumnMap
-        What the columns were said to be.
     rates : ndarray, shape (N, 3)
         Body rates, rad/s.
     motors : ndarray, shape (N, k)
         Motor columns, in the order declared.
-    dt : float
-        s.
     """
     names = ", ".join(declared.motors.columns)
     found = _orders(declared, rates, motors, dt)

@@ -51,15 +51,12 @@ def check_shifts(
 
     Parameters
     ----------
-    declared : ColumnMap
     position, velocity : ndarray, shape (N, 3)
         NED, m and m/s.
     quaternion : ndarray, shape (N, 4)
         Body to NED, scalar first.
     rates : ndarray, shape (N, 3)
         rad/s.
-    dt : float
-        s.
     """
     rotation = Rotation.from_quat(quaternion, scalar_first=True)
     findings: list[Finding] = []
@@ -88,16 +85,12 @@ def check_clock(
 
     Parameters
     ----------
-    declared : ColumnMap
-        What the columns were said to be.
     position, velocity : ndarray, shape (N, 3)
         NED, m and m/s.
     quaternion : ndarray, shape (N, 4)
         Body to NED, scalar first.
     rates : ndarray, shape (N, 3)
         Body rates, rad/s.
-    dt : float
-        s.
     """
     if declared.velocity is None or declared.rates is None:
         return []
@@ -143,8 +136,6 @@ def find_shift(truth: Floats, signal: Floats, dt: float, beside: Floats | None =
     Parameters
     ----------
     truth, signal : ndarray, shape (N, k)
-    dt : float
-        s.
     beside : ndarray, shape (N, k), optional
         What else the truth depends on without a shift, such as the velocity that makes drag.
     """

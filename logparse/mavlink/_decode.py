@@ -279,31 +279,13 @@ def scan(
 
     Parameters
     ----------
-    data : uint8 array
-    stamp_bytes : int
-        Bytes of logger time before each frame: 8, or 0 in a raw stream.
-    slot_of_id : int16 array
-        Slot of each message id, -1 where there is none.
     crc_extra : uint16 array, shape (n_slots,)
-    tables : uint16 array
-        See `checksum_tables`.
     boot_field : int64 array, shape (n_slots,)
         Where ``time_boot_ms`` begins in the payload; -1 where there is none.
-    heartbeat : int
-        Slot of HEARTBEAT.
-    window_ms : int
-        Length of a clock window on the boot clock, ms.
     state : int64 array, shape (STATE_SIZE,)
         In and out.
-    offsets : unsigned array
-        Out: position of the start byte of each intact frame.
-    slots : uint16 array, like `offsets`
-        Out: its message.
     unknown : int64 array, shape (n, 2)
         Out: ids without a definition, and how many of each; the last row collects all further ids.
-    bad_by_slot, next_seq, link_frames, link_lost, link_votes, open_windows
-        In and out: frames with a wrong checksum by message; by link the next sequence number (-1: none yet), intact
-        frames, frames lost, heartbeats of an autopilot, clock window.
     windows : int64 array, shape (n, 1 + WINDOW_SIZE)
         Out: closed clock windows.
 
@@ -567,17 +549,6 @@ def decode(
 
     Parameters
     ----------
-    data : uint8 array
-    chunk_start, chunk_stop : int
-        Between which positions the chunk's frames begin.
-    ordered, starts
-        The chunk's frames (see `sort_by_slot`).
-    first_mark, last_mark : int
-        Only frames that begin at or after the first and before the last.
-    stamped : bool
-        Whether logger time stands before each frame.
-    autopilot : int
-        Whose own times are on the boot clock: ``component << 8 | system``.
     knots : int64 array, shape (n_knots, 4)
         See `clock`.
     slots : int64 array, shape (n_messages,)
@@ -586,17 +557,10 @@ def decode(
         How and where in the payload each message tells its own time.
     first_field : int64 array, shape (n_messages + 1,)
         Where each message's fields begin in the arrays that follow.
-    field_offset, field_width : int64 arrays
-        Where each column's element stands in an untruncated payload, and its bytes (1, 2, 4 or 8), or less than zero
-        for a text of so many characters.
-    column : int64 array
-        Where each column begins in the arena, in elements of its width (text: in bytes).
     t_column, sender_column : int64 arrays, shape (n_messages,)
         Likewise for the boot time [s, float64] and for the sender [uint16, ``component << 8 | system``].
     row : int64 array, shape (n_messages,)
         In and out: rows of each message written so far.
-    arena8, arena16, arena32, arena64, arena_f64
-        One piece of memory seen as numbers of each width; out.
     """
     payload = np.empty(_BLOCK_ROWS, np.uint64)
     present = np.empty(_BLOCK_ROWS, np.int64)

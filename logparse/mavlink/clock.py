@@ -65,13 +65,6 @@ def find_boots(windows: Int64s, size: int, stamped: bool, boundary: Callable[[in
     ----------
     windows : ndarray of int64, shape (n, WINDOW_SIZE)
         Clock windows of the autopilot in the order of the stream, at least one.
-    size : int
-        Bytes in the stream.
-    stamped : bool
-        Whether frames have logger time; if not, boot time is linear in the position between windows.
-    boundary : callable
-        Where between the last message with boot time before a restart and the first one after it the new boot
-        begins; given and returned as positions.
     """
     windows = _without_strays(windows, stamped)
     restarts = [0, *_restarts(windows, stamped).tolist()]
@@ -143,15 +136,7 @@ def _jumps(delay: Int64s) -> list[float]:
 
 
 def logger_clock(stamps: Int64s, size: int) -> BootClock:
-    """Clock of a stream without a single boot time: seconds since the first stamp.
-
-    Parameters
-    ----------
-    stamps : ndarray of int64
-        Logger time of some frames, us; empty in a raw stream, where all times become 0.
-    size : int
-        Bytes in the stream.
-    """
+    """Clock of a stream without a single boot time: seconds since the first stamp."""
     if not len(stamps):
         return BootClock((Boot(0, size, 0.0, 0.0),), np.zeros((1, 4), np.int64), ())
     good = stamps[np.abs(stamps.astype(np.float64) - np.median(stamps)) < 30 * _FAR_US]

@@ -113,21 +113,7 @@ def write_tlog(
     system: int = 1,
     component: int = 1,
 ) -> None:
-    """Write tables as one telemetry log, rows interleaved by time.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write.
-    messages : iterable of (str, DataFrame)
-        MAVLink name and rows, indexed by ``t``, seconds on the boot clock; what `tlog` reads can be written
-        again. Columns ``system`` and ``component`` say who sent a row. ``time_boot_ms`` and
-        ``time_usec`` are filled from the index where a message has them and the table does not.
-    start_utc : datetime
-        Ground station time at ``t = 0``, time zone aware.
-    system, component : int
-        Sender of the rows that do not name it.
-    """
+    """Write tables as one telemetry log, rows interleaved by time."""
     start_us = (start_utc - _EPOCH) // timedelta(microseconds=1)
     tables = []
     for name, frame in messages:

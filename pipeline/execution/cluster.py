@@ -165,13 +165,6 @@ class Cluster(Executor):
 
         Workers that come later and have other software refuse calls from now on.
 
-        Parameters
-        ----------
-        places : iterable of str or Path
-            Logs and folders of logs; URLs are not looked at.
-        store : str or Path, optional
-            Where results go; a folder of this computer must be the same on every worker, and writable.
-
         Raises
         ------
         SchedulerError
@@ -284,17 +277,6 @@ def call_guarded(
     expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]
 ) -> R:
     """Call a function on a worker, provided that its software is as expected.
-
-    Parameters
-    ----------
-    expected : mapping
-        Software of the coordinator, as `software` gives it.
-    function : callable
-        What to call.
-    args : sequence
-        Its arguments by place.
-    named : mapping
-        Its arguments by name.
 
     Raises
     ------

@@ -51,15 +51,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
 
 
 def compile_missing(progress: Progress = silent, kernels: Sequence[Callable[..., Any]] = KERNELS) -> None:
-    """Compile what is not on the disk yet, half of it in a copy of this process where there is a second processor.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Hears of it where there is something to compile.
-    kernels : sequence of callable
-        At most 256, those that take longest first.
-    """
+    """Compile what is not on the disk yet, half of it in a copy of this process where there is a second processor."""
     missing = [kernel for kernel in kernels if can_be_kept(kernel) and not is_kept(kernel)]
     if not all(can_be_kept(kernel) for kernel in kernels):
         progress("compiling in every run: set NUMBA_CACHE_DIR to a folder that can be written", 0.0)

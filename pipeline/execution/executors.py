@@ -56,15 +56,7 @@ KEPT_MEMORY = 300_000_000
 
 
 def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | None = None) -> int:
-    """Choose how many logs to analyse at the same time: as many as there are processors, and memory for.
-
-    Parameters
-    ----------
-    sizes : sequence of int
-        Sizes of the logs, bytes. Memory must do when the largest are analysed at the same time.
-    memory, cores : int, optional
-        What there is; that of this computer by default.
-    """
+    """Choose how many logs to analyse at the same time: as many as there are processors, and memory for."""
     left = PLANNED * (available_memory() if memory is None else memory)
     count = 0
     for size in sorted(sizes, reverse=True)[: processors() if cores is None else cores]:
@@ -80,15 +72,6 @@ def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = 
     """Return an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
 
     Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once.
-
-    Parameters
-    ----------
-    count : int or None
-        Processes, but never more than logs; None for as many as suit.
-    sizes : sequence of int
-        Size of each log, bytes.
-    preload : sequence of str
-        Modules to import once for all processes.
     """
     chosen = count_workers(sizes) if count is None else max(1, min(count, len(sizes)))
     with Processes(chosen, preload) as executor:
@@ -99,13 +82,6 @@ def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) 
     """Make a function called for each task, and give each with its outcome as it ends.
 
     However many tasks there are, only a few more than there are workers are in flight.
-
-    Parameters
-    ----------
-    executor : Executor
-    function : callable
-        Of a module, since it is called in other processes.
-    tasks : iterable
     """
     left = iter(tasks)
     waiting: dict[Future[R], T] = {}

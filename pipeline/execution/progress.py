@@ -34,13 +34,6 @@ MOST_NAMED = 4
 def part_of(progress: Progress, start: float, stop: float) -> Progress:
     """Report something that is a part of the whole.
 
-    Parameters
-    ----------
-    progress : callable
-        Takes a stage and the share of the whole that is done.
-    start, stop : float
-        Where in the whole the part begins and ends, from 0 to 1.
-
     Returns
     -------
     callable

@@ -22,13 +22,6 @@ def begin(work: Callable[[], T], longest: float = _LONGEST) -> Callable[[], T]:
     The copy knows all that this process knows, and what it changes stays with it. Only a process that has no other work
     in its threads may be copied. With one processor, without Linux, or when the copy comes to nothing, the work is done
     when its result is asked for.
-
-    Parameters
-    ----------
-    work : callable
-        Its result must pass from process to process.
-    longest : float
-        s, after which the copy is given up.
     """
     if not sys.platform.startswith("linux") or processors() < 2:
         return work

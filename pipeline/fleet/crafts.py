@@ -32,15 +32,7 @@ def identify_crafts(
     *,
     redo: bool,
 ) -> Crafts:
-    """Identify every craft that has several flights from some of them, and judge its models on the others.
-
-    Parameters
-    ----------
-    flights : sequence of FlightEntry
-        Whose products are in the store.
-    config, store, publish, executor, progress, redo
-        As `pipeline.analyze_fleet` takes them.
-    """
+    """Identify every craft that has several flights from some of them, and judge its models on the others."""
     crafts = by_craft(flights)
     apart = kept_apart(crafts)
     used = {flight.name for craft in crafts for flight in craft}
@@ -132,19 +124,7 @@ def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
 
 
 def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish | None) -> None:
-    """Store the products of a craft, its entry last; OSError where they cannot be stored.
-
-    Parameters
-    ----------
-    result : GroupResult
-        Of the craft.
-    entry : GroupEntry
-        The same in short, with the folder it goes to.
-    store : Store
-        Where it is kept.
-    publish : callable or None
-        Writes the pages of a result into a folder; None keeps the entry alone.
-    """
+    """Store the products of a craft, its entry last; OSError where they cannot be stored."""
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()

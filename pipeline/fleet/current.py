@@ -32,18 +32,7 @@ def is_current(store: Store, entry: GroupEntry) -> bool:
 
 
 def stored_flights(store: Store, folder: str, key: str, source: str, pages: str = "") -> tuple[FlightEntry, ...] | None:
-    """Return the entries of all flights of a log; None unless the store has all of them, as they are wanted.
-
-    Parameters
-    ----------
-    store : Store
-    folder, key : str
-        Of the log, see `pipeline.storage.manifest.LogRecord`.
-    source : str
-        Where the log is now.
-    pages : str
-        What writes the pages, where there must be some.
-    """
+    """Return the entries of all flights of a log; None unless the store has all of them, as they are wanted."""
     entries: list[FlightEntry] = []
     while not entries or len(entries) < entries[0].of:
         entry = store.read_as(f"{FLIGHTS}/{flight_folder(folder, len(entries) + 1)}/{ENTRY}", FlightEntry)

@@ -44,11 +44,6 @@ _CAUSES: Mapping[str, str] = {
 def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     """Follow the parameters of one craft over its flights.
 
-    Parameters
-    ----------
-    entries : iterable of FlightEntry
-        Of one craft.
-
     Returns
     -------
     Drift or None

@@ -26,12 +26,6 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -
     """Follow one parameter by the method that most flights have it by, of those the one that is trusted first.
 
     The smallest standard error would choose the method that is most often too sure.
-
-    Parameters
-    ----------
-    parameter, unit : str
-    methods : mapping of str to sequence of Point
-        What each method says of the flights, in their order; at least two points of one of them.
     """
     rank = {each: place for place, each in enumerate(TRUSTED)}
     method = min(methods, key=lambda each: (-len(methods[each]), rank.get(each, len(rank))))

@@ -75,13 +75,7 @@ class Unlike:
 
 
 def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
-    """Find the flights that must not be pooled with the others, by name.
-
-    Parameters
-    ----------
-    flights : sequence of FlightEntry
-        Of one craft.
-    """
+    """Find the flights that must not be pooled with the others, by name."""
     found: dict[str, Unlike] = {}
     for quantity, scatter in SCATTER.items():
         found |= _apart([each for each in flights if each.name not in found], quantity, scatter)

@@ -153,19 +153,7 @@ def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
 
 
 def show_anew(result: FlightResult, entry: FlightEntry, store: Store, publish: Publish) -> None:
-    """Write pages, result and entry of a flight in the place of those that the store has.
-
-    Parameters
-    ----------
-    result : FlightResult
-        Of the flight.
-    entry : FlightEntry
-        The same in short, with the folder it goes to.
-    store : Store
-        Where it is kept.
-    publish : callable
-        Writes the pages of a result into a folder.
-    """
+    """Write pages, result and entry of a flight in the place of those that the store has."""
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()

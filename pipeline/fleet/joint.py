@@ -67,25 +67,7 @@ def identify_craft(
     executor: Executor | None = None,
     findings: Sequence[Finding] = (),
 ) -> GroupResult:
-    """Identify one craft from some of its flights and judge the models on others.
-
-    Parameters
-    ----------
-    name : str
-        The craft for people.
-    flights : sequence of FlightEntry
-        Of one craft.
-    split : Split
-        Which of them train and which judge.
-    store : str
-        URL of the store that has their experiments.
-    config : AnalysisConfig
-    progress : callable, optional
-    executor : concurrent.futures.Executor, optional
-        Where each kind of model is fitted, in one call; in this thread when not given.
-    findings : sequence of Finding
-        What is known of the flights as a series.
-    """
+    """Identify one craft from some of its flights and judge the models on others."""
     by_name = {flight.name: flight for flight in flights}
     training = [by_name[each] for each in split.training]
     judging = [by_name[each] for each in split.judging]

@@ -136,17 +136,7 @@ def _fit(points: Sequence[Point], at: int | None) -> tuple[float, float, float]:
 def motor_drift(
     flights: Sequence[FlightEntry], histories: Sequence[History], joint: Together | None = None
 ) -> MotorDrift | None:
-    """Interpret changes of the trims; None where no flight tells the motors' shares.
-
-    Parameters
-    ----------
-    flights : sequence of FlightEntry
-        In order.
-    histories : sequence of History
-        Of all parameters, judged; the trims among them count.
-    joint : Together, optional
-        What all trims together say, its change judged like the histories'.
-    """
+    """Interpret changes of the trims; None where no flight tells the motors' shares."""
     told = [flight for flight in flights if _shares(flight)]
     if not told:
         return None

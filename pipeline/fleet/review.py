@@ -40,17 +40,7 @@ _FEWEST_ASIDE = 2
 
 
 def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: datetime | None = None) -> CraftReview:
-    """Look at a craft as a whole.
-
-    Parameters
-    ----------
-    entries : sequence of FlightEntry
-        Of one craft, in the order in which they came; with names of their own.
-    notes : sequence of Note
-        In any order.
-    now : datetime, optional
-        No flight is later, whatever its clock says.
-    """
+    """Look at a craft as a whole."""
     clean = [_unset(entry, now or datetime.now(UTC)) for entry in entries]
     recorded = once(clean)
     flights, remarks = _dated(recorded)

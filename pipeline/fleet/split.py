@@ -47,15 +47,7 @@ MOST_JUDGING = 100
 
 
 def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
-    """Divide the flights of one craft into those to fit and those to judge, and say how it was done.
-
-    Parameters
-    ----------
-    entries : sequence of FlightEntry
-        Of one craft, as `pipeline.flight.craft.by_craft` gives them; with names of their own.
-    config : AnalysisConfig
-        Whose patterns `training` and `validation` of names count where they are given.
-    """
+    """Divide the flights of one craft into those to fit and those to judge, and say how it was done."""
     flights = sorted(entries, key=lambda flight: flight.name)
     if config.training or config.validation:
         return _by_user(flights, config)
@@ -160,13 +152,6 @@ def _trails(cells: Sequence[tuple[int, str]]) -> list[list[tuple[int, str]]]:
 
 def _turned(chains: Sequence[Sequence[int]], count: int) -> set[int]:
     """Choose every other member of each chain, so that takers and others are spread alike over the ranks.
-
-    Parameters
-    ----------
-    chains : sequence of sequence of int
-        Ranks of flights, 0 for the one that moves most.
-    count : int
-        Number of flights.
 
     Returns
     -------

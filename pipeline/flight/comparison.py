@@ -16,17 +16,7 @@ from pipeline.results.flight import ModelResult
 def compare_parameters(
     records: Sequence[sysid.Experiment], models: Sequence[ModelResult], config: AnalysisConfig, stages: Stages
 ) -> sysid.PhysicalParameters | Failure:
-    """Apply every method to the records that the rigid body was fitted to.
-
-    Parameters
-    ----------
-    records : sequence of Experiment
-        Cut for the rigid body.
-    models : sequence of ModelResult
-        Fitted to them; the rigid body's parameters make a column.
-    config : AnalysisConfig
-    stages : Stages
-    """
+    """Apply every method to the records that the rigid body was fitted to."""
     result = next((each for each in models if each.key == RIGID_BODY_KEY), None)
     body = None if result is None else result.model
 

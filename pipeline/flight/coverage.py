@@ -47,21 +47,7 @@ def measure(
     experiments: Iterable[sysid.Experiment] = (),
     rates: Mapping[str, LoggedRate] | None = None,
 ) -> Coverage:
-    """Measure what a flight covered.
-
-    Parameters
-    ----------
-    log : FlightLog
-    trajectory : Trajectory
-    flight : Span
-        The airborne time that is analysed, s on the boot clock.
-    models : sequence of ModelResult
-        Fitted to this flight; the rigid body's wind and the coherence of the others are read.
-    experiments : iterable of Experiment
-        Of this flight, whose context may serve.
-    rates : mapping, optional
-        From `logged_rates`, where it is known already.
-    """
+    """Measure what a flight covered."""
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE

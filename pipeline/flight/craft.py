@@ -81,15 +81,6 @@ def fingerprint(vehicle: Vehicle, parameters: Mapping[str, float], *, simulated:
 
     What counts is how the craft is built and how commands become PWM. The board's id tells apart twins; where
     it was not logged, and in simulators (which make up an id per process), the rate-loop gains must serve.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        What the log tells of the craft.
-    parameters : mapping of str to float
-        The autopilot's.
-    simulated : bool
-        Whether a simulator flew it.
     """
     built = build_of(vehicle).values()
     if vehicle.board_id and not simulated:
@@ -147,11 +138,6 @@ def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
     """Report what was changed about one craft between its flights: gains, filters, firmware.
 
-    Parameters
-    ----------
-    flights : sequence of FlightEntry
-        Of one craft.
-
     Returns
     -------
     tuple of Finding
@@ -179,11 +165,6 @@ def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
 
 def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Finding, ...]]:
     """Explain why flights that look like those of one craft are not analysed together.
-
-    Parameters
-    ----------
-    crafts : sequence of sequence of FlightEntry
-        As `by_craft` gives them.
 
     Returns
     -------

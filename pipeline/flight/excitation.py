@@ -46,17 +46,7 @@ _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
 def excitation_of(
     log: FlightLog, trajectory: Trajectory, context: pd.DataFrame, models: Sequence[ModelResult] = ()
 ) -> Excitation:
-    """Measure how much a flight moved.
-
-    Parameters
-    ----------
-    log : FlightLog
-    trajectory : Trajectory
-    context : DataFrame
-        Of the flight on a uniform clock, as `sysid.records.context.flight_context` gives it.
-    models : sequence of ModelResult
-        Whose coherence is summed up: the first that has one.
-    """
+    """Measure how much a flight moved."""
     t = context.index.to_numpy(np.float64)
     dt = float(t[1] - t[0])
     velocity = context[["v_n", "v_e", "v_d"]].to_numpy()

@@ -17,14 +17,7 @@ _APART = np.radians(15.0)
 
 
 def assess_loops(log: FlightLog, sound: Span) -> FlightLoops:
-    """Look at the loops of one flight.
-
-    Parameters
-    ----------
-    log : FlightLog
-    sound : Span
-        The part of the flight before anything failed.
-    """
+    """Look at the loops of one flight."""
     whole = log.flight is None or sound.stop >= log.flight.stop - 1.0
     # A broken craft swings for other reasons than its gains.
     found = {axis: find_oscillation(log, axis) for axis in AXES} if whole else {}

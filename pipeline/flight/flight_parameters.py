@@ -126,11 +126,6 @@ def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:
     """Return each motor's part in the hover command, over the mean of all, with its standard error.
 
     Hovering is looked at alone where there is enough of it: flying forward takes steady moments of its own.
-
-    Parameters
-    ----------
-    record : Experiment
-        Inputs are PWM of the motors in us.
     """
     vehicle, _ = vehicle_of(record)
     thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)

@@ -24,18 +24,7 @@ def identify(
     config: AnalysisConfig,
     stages: Stages,
 ) -> ModelResult:
-    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
-
-    Parameters
-    ----------
-    kind : Kind
-    fitted, judges : sequence of Experiment
-        Records to fit to and records to judge on; orders are scanned within the former, so that no choice is made with
-        the latter.
-    config : AnalysisConfig
-    stages : Stages
-        Times the work and reports progress.
-    """
+    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result."""
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if isinstance(model, Failure):
         return without_model(kind, model)

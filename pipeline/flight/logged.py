@@ -40,19 +40,7 @@ _SETTINGS = (
 def log_health(
     log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, LoggedRate] | None = None
 ) -> LogHealth:
-    """Measure how well a flight was logged.
-
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    trajectory : Trajectory
-        Its trajectory.
-    flight : Span
-        The flight, s.
-    rates : mapping of str to LoggedRate, optional
-        Those of `logged_rates`, where they are known already.
-    """
+    """Measure how well a flight was logged."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
     parameters = log.parameters

@@ -20,12 +20,6 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     """Return the `LONGEST` seconds in which attitude targets moved most; all of a flight that is not longer.
 
     Chirps may lie anywhere: a flight with some counts as a whole.
-
-    Parameters
-    ----------
-    log : FlightLog
-    sound : Span
-        The part of the flight before anything failed.
     """
     if sound.stop - sound.start <= LONGEST or log.tables.systemid is not None:
         return sound

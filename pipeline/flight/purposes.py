@@ -37,16 +37,7 @@ SHORTEST_JUDGE = 10.0
 
 
 def uses_of(validation: Validation | None, model: object | None, outside: Collection[str] = ()) -> Uses:
-    """Judge a model by purpose.
-
-    Parameters
-    ----------
-    validation : Validation or None
-    model : Model or None
-        Whose parameters are counted.
-    outside : collection of str
-        Held-out flights that leave the envelope of those fitted.
-    """
+    """Judge a model by purpose."""
     return _recent.of(validation, model, *outside, make=lambda: _uses(validation, model, outside))
 
 

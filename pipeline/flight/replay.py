@@ -92,12 +92,6 @@ def choose(stored: Sequence[StoredModel], wanted: str | None = None) -> list[Sto
 def read_model(record: ModelRecord, vehicle: Vehicle | None = None) -> sysid.Model:
     """Make a model again from its record.
 
-    Parameters
-    ----------
-    record : ModelRecord
-    vehicle : Vehicle, optional
-        The craft to run it for; physical models need its motors.
-
     Raises
     ------
     ConfigError
@@ -129,21 +123,6 @@ def replay(
     trim: Trim | None = None,
 ) -> Replay:
     """Run stored models with the inputs of a log or of a CSV table.
-
-    Parameters
-    ----------
-    models : str or Path
-        A models.json.
-    inputs : str or Path
-        A log; or a CSV table with a uniform `t` [s], a column for each input by its name, and, to compare with, columns
-        for the outputs.
-    wanted : str, optional
-        Which models, see `choose`.
-    progress : callable, optional
-    trim : Trim, optional
-        About which inputs linear models of the craft work; by default the inputs' own mean where the motion was
-        measured, so that the comparison is the validation's, and that of the training where it was not, so that a
-        constant offset counts.
 
     Raises
     ------

@@ -37,14 +37,7 @@ AXES = ("roll", "pitch", "yaw")
 
 
 def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
-    """Estimate what a flight tells of each axis; whatever cannot be had is a reason there, not an error.
-
-    Parameters
-    ----------
-    log : FlightLog
-    sound : Span
-        The part of the flight that serves models.
-    """
+    """Estimate what a flight tells of each axis; whatever cannot be had is a reason there, not an error."""
     within = (sound.start, sound.stop)
     unfit = _unfit(log)
     contradicted = {} if unfit else {axis: reason for axis in AXES if (reason := _contradiction(log, axis))}

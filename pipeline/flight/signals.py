@@ -28,13 +28,7 @@ _RATIO = 0.8
 
 
 def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
-    """Gather the lines of one flight.
-
-    Parameters
-    ----------
-    log : FlightLog
-    flight : Span
-    """
+    """Gather the lines of one flight."""
     tables, messages = log.tables, NumericMessages(log.messages)
     levels = pwm_range(log.parameters)
     return FlightSignals(
@@ -81,8 +75,6 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
     ----------
     t, y : ndarray, shape (n,)
         y may hold NaN, which are gaps.
-    most : int
-        Points kept; shorter lines come back as they are.
     """
     if len(t) <= most:
         return t, y

@@ -44,15 +44,7 @@ class _Windows(NamedTuple):
 
 
 def vibration_spectrum(tables: Tables, flight: Span, parameters: Mapping[str, float]) -> Spectrum | None:
-    """Transform bursts of the batch sampler, or the gyro where it was logged fast enough; None where neither was.
-
-    Parameters
-    ----------
-    tables : Tables
-    flight : Span
-    parameters : mapping of str to float
-        For filters and notches.
-    """
+    """Transform bursts of the batch sampler, or the gyro where it was logged fast enough; None where neither was."""
     windows = _bursts(tables, flight) or _logged(tables, flight)
     if windows is None:
         return None

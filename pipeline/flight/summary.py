@@ -59,19 +59,7 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
 
 
 def flight_entry(result: FlightResult, *, folder: str, source: str, key: str) -> FlightEntry:
-    """Return a flight in short, with where its products are.
-
-    Parameters
-    ----------
-    result : FlightResult
-        The flight.
-    folder : str
-        Folder of its products in the store.
-    source : str
-        Path or URL of the log.
-    key : str
-        `manifest.flight_key` of it.
-    """
+    """Return a flight in short, with where its products are."""
     summary = summarise_flight(result)
     kept = {each.name: getattr(summary, each.name) for each in fields(summary)}
     return FlightEntry(**kept, folder=folder, source=source, key=key)

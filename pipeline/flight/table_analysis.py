@@ -23,15 +23,6 @@ AHEAD = 1.0
 def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig) -> TableResult:
     """Read tables, fit one model to some of them, and judge it on the others; one table is parted in time.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        CSV, Parquet or MATLAB files of one craft.
-    columns : Path
-        YAML that says which column is what (docs/tables.md).
-    config : AnalysisConfig
-        Its mass (over that of the YAML), training and validation names, and training fraction are used.
-
     Raises
     ------
     TableError

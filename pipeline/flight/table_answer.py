@@ -20,14 +20,7 @@ _ASKED = (
 
 
 def table_answer(verdicts: Sequence[StateVerdict], model: SixDofModel, findings: Sequence[Finding]) -> Answer:
-    """Answer for each state, for what a craft is asked first, and for the tables themselves.
-
-    Parameters
-    ----------
-    verdicts : sequence of StateVerdict
-    model : SixDofModel
-    findings : sequence of Finding
-    """
+    """Answer for each state, for what a craft is asked first, and for the tables themselves."""
     lines = [_ahead(verdict) for verdict in verdicts]
     lines += [
         _known(asked, [model.parameters[name] for name in names], bool(model.kinds.motors)) for asked, names in _ASKED

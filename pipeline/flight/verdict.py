@@ -25,16 +25,7 @@ def assess(
     unseen: str = "flight time that it was not fitted to",
     outside: Collection[str] = (),
 ) -> Verdict:
-    """Sum a validation up.
-
-    Parameters
-    ----------
-    validation : Validation or None
-    unseen : str
-        What judged the model, in words.
-    outside : collection of str
-        Held-out flights that leave the envelope of those fitted.
-    """
+    """Sum a validation up."""
     if validation is None:
         return Verdict(Trust.UNKNOWN, "There is no model of the motion to judge.")
     if not validation.unseen:
@@ -101,15 +92,7 @@ def _target(outputs: tuple[str, ...]) -> str:
 
 
 def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:
-    """Sum up several models of one motion: what the best can be trusted with, and what holds for the others.
-
-    Parameters
-    ----------
-    verdicts : mapping of str to Verdict
-        By the models' titles.
-    predictions : mapping of str to PredictionUse, optional
-        By the same: how far ahead a model predicts is said also of one whose free runs are not to be trusted.
-    """
+    """Sum up several models of one motion: what the best can be trusted with, and what holds for the others."""
     verdict = _summed(verdicts)
     ahead = {title: use for title, use in (predictions or {}).items() if use.horizon_s is not None}
     if not ahead:

@@ -22,15 +22,7 @@ _SHORTEST, _FIXES = 20.0, 10
 
 
 def expected_seconds(log: FlightLog, flight: Span | None) -> Mapping[str, float]:
-    """Return the seconds that each stage will take; what will not be done is left out.
-
-    Parameters
-    ----------
-    log : FlightLog
-        Whose tables can be read.
-    flight : Span or None
-        The flight to analyse.
-    """
+    """Return the seconds that each stage will take; what will not be done is left out."""
     tables, megabytes = log.tables, 1e-6 * log.path.stat().st_size
     seconds = {"read": 0.05 + 0.012 * megabytes, "tables": 0.03, "account": 0.08 + 0.03 * megabytes}
     fixes = 0 if tables.gps is None else int((tables.gps["fix"].to_numpy(np.float64) >= 3.0).sum())

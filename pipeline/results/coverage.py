@@ -182,17 +182,7 @@ class Wind:
 
     @classmethod
     def towards(cls, north: float, east: float, sigma: float | None, source: str) -> Wind:
-        """Return the wind whose air goes so fast to the north and to the east, m/s.
-
-        Parameters
-        ----------
-        north, east : float
-            Velocity of the air, m/s.
-        sigma : float or None
-            1-sigma of it, m/s.
-        source : str
-            What it was found from.
-        """
+        """Return the wind whose air goes so fast to the north and to the east, m/s."""
         direction = atan2(-east, -north) % (2.0 * pi)
         return cls(north=north, east=east, speed=hypot(north, east), direction=direction, sigma=sigma, source=source)
 

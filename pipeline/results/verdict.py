@@ -160,17 +160,7 @@ class Uses:
 
     @classmethod
     def of(cls, prediction: PredictionUse, free_run: FreeRunUse, parameters: ParameterUse) -> Uses:
-        """Return the three answers with a sentence for all.
-
-        Parameters
-        ----------
-        prediction : PredictionUse
-            How far ahead the model predicts.
-        free_run : FreeRunUse
-            Whether it can run free.
-        parameters : ParameterUse
-            Whether its parameters can be trusted.
-        """
+        """Return the three answers with a sentence for all."""
         text = "; ".join(each.sentence for each in (prediction, free_run, parameters))
         text = f"{text[0].upper()}{text[1:]}."
         return cls(prediction=prediction, free_run=free_run, parameters=parameters, sentence=text)

@@ -35,17 +35,7 @@ _METADATA = b"rotorid"
 
 
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
-    """Report where in the store a flight's part of a table lies.
-
-    Parameters
-    ----------
-    dataset : str
-        ``tables`` or ``experiments``.
-    name : str
-        Table, or kind of experiment.
-    vehicle, flight : str
-        Values of the partitions.
-    """
+    """Report where in the store a flight's part of a table lies."""
     return f"{dataset}/{name}/vehicle={vehicle}/flight={flight}/part.parquet"
 
 

@@ -28,16 +28,6 @@ def index_sources(
 
     Copies have the state ``"duplicate"``, files that cannot be read ``"failed"``; all others have names, folders and
     keys, and the state ``"interrupted"`` until they are done.
-
-    Parameters
-    ----------
-    sources : sequence of Source
-    former : Manifest
-        Of the last run: files that it knows, and that were not written since, are not read again and keep their names.
-    config : AnalysisConfig
-        What their results are made with, see `flight_key`.
-    executor : Executor, optional
-        Where files behind URLs are read: they need not pass through this computer.
     """
     contents = _contents(sources, former, executor)
     originals = _originals(sources, contents, former)
@@ -123,15 +113,7 @@ def _named(records: Sequence[LogRecord], former: Manifest, config: AnalysisConfi
 
 
 def flight_names(urls: Sequence[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Name each flight after its file; where that is not unique, with the ending and a number.
-
-    Parameters
-    ----------
-    urls : sequence of str
-        Of the files; those that are called logs have the first choice.
-    known : mapping of str to str, optional
-        Names that flights have already, by URL; they keep them.
-    """
+    """Name each flight after its file; where that is not unique, with the ending and a number."""
     names = {url: known[url] for url in urls if url in known} if known else {}
     taken = {name.casefold() for name in names.values()}
     stems = Counter(_stem(url).casefold() for url in urls if called_a_log(file_name(url)))

@@ -156,17 +156,7 @@ def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:
 
 
 def flight_key(sha256: str, name: str, config: AnalysisConfig) -> str:
-    """Name the result of a log: equal keys promise equal results.
-
-    Parameters
-    ----------
-    sha256 : str
-        Of the log.
-    name : str
-        Of the flight.
-    config : AnalysisConfig
-        Settings; those that concern several flights do not count.
-    """
+    """Name the result of a log: equal keys promise equal results."""
     return _digest([sha256, name, of_one_flight(config), software()])
 
 
@@ -176,19 +166,7 @@ def craft_key(
     findings: Iterable[Finding],
     config: AnalysisConfig,
 ) -> str:
-    """Name the result of a craft, from the keys of its flights and what was found of them together.
-
-    Parameters
-    ----------
-    flights : iterable of FlightEntry
-        Flights of the craft.
-    split : Split
-        Which of them train, and which are held out.
-    findings : iterable of Finding
-        What was found of them together.
-    config : AnalysisConfig
-        Settings.
-    """
+    """Name the result of a craft, from the keys of its flights and what was found of them together."""
     keys = {flight.name: flight.key for flight in flights}
     # The choice counts, and not the pattern that made it.
     made_of = [keys, split.training, split.held_out, split.sentence, tuple(findings)]

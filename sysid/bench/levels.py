@@ -92,17 +92,7 @@ def least_squares(rows: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def through_origin(speed: pd.Series[float], force: pd.Series[float], unit: str) -> Parameter:
-    """Fit ``force = coefficient speed^2``.
-
-    Parameters
-    ----------
-    speed : Series
-        Rotor speed, rad/s; nan where not measured.
-    force : Series
-        Thrust, N, or torque, N m, at these speeds.
-    unit : str
-        Of the coefficient: N s^2 or N m s^2.
-    """
+    """Fit ``force = coefficient speed^2``."""
     w, y = np.asarray(speed, dtype=np.float64), np.asarray(force, dtype=np.float64)
     known = np.isfinite(w) & np.isfinite(y) & (w > 0.0)
     if np.count_nonzero(known) < 3:

@@ -39,7 +39,6 @@ def below(t: Floats, values: Floats, at: Floats, step: float, pieces: Floats | N
     t : ndarray, shape (N,)
     values : ndarray, shape (N, k)
     at : ndarray, shape (M,)
-    step : float
     pieces : ndarray, shape (N,), optional
         Number of the stretch without holes that each sample is of.
 

@@ -21,17 +21,6 @@ _SKIPPED = 1.15
 def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp) -> AxisRecord:
     """Cut the record of one chirp: the axis' controller output, its answer, and the chirp as instrument.
 
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    signals : RateSignals
-        Of the log's rate controllers.
-    axis : Axis
-        The axis, which need not be that of the chirp.
-    chirp : Chirp
-        Which of the log's chirps.
-
     Raises
     ------
     FrequencyError
@@ -63,16 +52,10 @@ def record_of_chirp(
 
     Parameters
     ----------
-    log : FlightLog
-        A log with SIDD messages.
-    chirp : Chirp
-        Which of its chirps.
     t : ndarray, shape (N,)
         Times within the chirp, s.
     command, answer : ndarray, shape (N,)
         Input and output at these times.
-    added : callable
-        Returns what the chirp added at times, s.
     """
     clock, values, usable = on_uniform_clock(t, [command, answer])
     refuse_scattered(log, lost_one_by_one(t, float(clock[1] - clock[0])))
@@ -100,12 +83,8 @@ def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
 
     Parameters
     ----------
-    log : FlightLog
-        A log with SIDD messages.
     t : ndarray, shape (N,)
         s.
-    chirp : Chirp
-        Which of its chirps.
 
     Returns
     -------
@@ -120,17 +99,7 @@ def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
 
 
 def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
-    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest.
-
-    Parameters
-    ----------
-    log : FlightLog
-        A log with SIDD messages.
-    chirp : Chirp
-        Which of its chirps.
-    step : float
-        Time between rows, s.
-    """
+    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest."""
     table = log.tables.systemid
     assert table is not None
     times = table.index.to_numpy(np.float64)

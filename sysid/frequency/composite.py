@@ -32,10 +32,6 @@ def merge(hz: Floats, parts: list[tuple[NDArray[np.bool_], WindowEstimate]], col
     Parameters
     ----------
     hz : ndarray, shape (F,)
-    parts : list of (mask, estimate)
-        The frequencies that windows of one length serve, and their estimate at these.
-    column : int
-        Which input.
     """
     count = (len(parts), len(hz))
     sigma = np.full(count, np.inf)

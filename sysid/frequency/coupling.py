@@ -52,16 +52,6 @@ class Coupling:
 def coupling(logs: Sequence[FlightLog], own: FrequencyResponse, other: str, within: Within | None = None) -> Coupling:
     """Estimate what the command of an axis does to another.
 
-    Parameters
-    ----------
-    logs : sequence of FlightLog
-    own : FrequencyResponse
-        Of the commanded axis to its own command, from the same logs.
-    other : {"roll", "pitch", "yaw"}
-        The axis that should not answer.
-    within : tuple of float, optional
-        From when to when a log counts, s on its boot clock.
-
     Raises
     ------
     FrequencyError

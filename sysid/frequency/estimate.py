@@ -168,17 +168,6 @@ def records_of(
 ) -> list[AxisRecord]:
     """Cut the records of an axis: its chirps where there are any, else ordinary flying.
 
-    Parameters
-    ----------
-    data : FlightLog, path-like, Experiment, or a sequence of these
-    axis : Axis
-    findings : list of Finding, optional
-        Takes what there is to say of them.
-    within : tuple of float, optional
-        From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
-    bursts : bool
-        Whether bursts of the batch sampler may be taken for gyros.
-
     Raises
     ------
     FrequencyError
@@ -245,17 +234,6 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
 
 def ordinary_record(log: FlightLog, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
-
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    axis : Axis
-        The axis.
-    within : (float, float) or None
-        Stretch of time to use, s; None for the whole flight.
-    bursts : bool
-        Whether gyro samples of the batch sampler may stand for the rates.
 
     Raises
     ------
@@ -342,18 +320,6 @@ def response_of_records(
     upto: float = np.inf,
 ) -> FrequencyResponse:
     """Estimate the response of the first input of uniform records.
-
-    Parameters
-    ----------
-    records : sequence of AxisRecord
-    axis : Axis
-    gyro_filter_hz : float, optional
-    refined : bool
-        Whether what windows bend is taken out by a model.
-    like : FrequencyFit, optional
-        Where the search for this model starts.
-    upto : float, optional
-        Highest frequency that is asked for, Hz.
 
     Raises
     ------

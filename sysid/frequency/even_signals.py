@@ -39,14 +39,6 @@ class EvenSignals:
     def between(self, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock | None:
         """Return signals of a part of the stretch.
 
-        Parameters
-        ----------
-        names : sequence of str
-        further : mapping of str to callable
-            Signals beside them.
-        start, stop : float
-            s.
-
         Returns
         -------
         clock, values, usable : ndarray, shape (N,), (N, len(names) + len(further)) and (N,)
@@ -69,28 +61,12 @@ class EvenSignals:
 
 
 def rows_within(signals: RateSignals, start: float, stop: float) -> slice:
-    """Return which rows of signals lie within a stretch of time.
-
-    Parameters
-    ----------
-    signals : RateSignals
-    start, stop : float
-        s.
-    """
+    """Return which rows of signals lie within a stretch of time."""
     return slice(np.searchsorted(signals.t, start), np.searchsorted(signals.t, stop, side="right"))
 
 
 def brought_evenly(signals: RateSignals, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock:
     """Bring signals of a stretch of time to an even clock of its own.
-
-    Parameters
-    ----------
-    signals : RateSignals
-    names : sequence of str
-    further : mapping of str to callable
-        Signals beside them.
-    start, stop : float
-        s.
 
     Returns
     -------

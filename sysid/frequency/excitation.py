@@ -103,15 +103,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
 
 
 def overlapped(log: FlightLog, axis: str, found: Sequence[Chirp]) -> str:
-    """Return that the chirp of an axis ran at the time of another's, whose rows stand in SIDD; empty where it did not.
-
-    Parameters
-    ----------
-    log : FlightLog
-    axis : str
-    found : sequence of Chirp
-        All of the log.
-    """
+    """Return that the chirp of an axis ran at the time of another's, whose rows stand in SIDD; empty where not."""
     for begin, length, name in _announced(log):
         if name != axis:
             continue

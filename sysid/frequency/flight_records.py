@@ -45,15 +45,6 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
 
     Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
 
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    first, last : float
-        Times of the first and last row, s, for a log that tells of no flight.
-    within : (float, float), optional
-        Stretch of time to use, s.
-
     Returns
     -------
     (float, float)
@@ -81,17 +72,6 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
     Without it the rate target is, of which a part comes from the angle loop.
-
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    signals : RateSignals
-        Of the log's rate controllers.
-    axis : Axis
-        The axis.
-    within : (float, float), optional
-        Stretch of time to use, s.
 
     Raises
     ------

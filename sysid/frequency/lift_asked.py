@@ -29,13 +29,6 @@ _FEWEST = 16
 def lift_asked(log: FlightLog, start: float, stop: float) -> tuple[Floats, Floats, str]:
     """Return times, values and name of what asked for lift from start to stop [s], positive upwards.
 
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    start, stop : float
-        s.
-
     Raises
     ------
     FrequencyError

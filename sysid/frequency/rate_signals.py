@@ -38,13 +38,6 @@ class RateSignals:
 def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     """Read the rate controllers of a log: RATE, or the PID messages where it has none.
 
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    within : (float, float), optional
-        Stretch of time that is needed, s.
-
     Raises
     ------
     FrequencyError

@@ -93,14 +93,6 @@ def fit_rational(frf: FrequencyResponse, poles: int, zeros: int, *, delay: bool 
     Linear least squares with the denominator fed back (Sanathanan and Koerner 1963) from several delays, then a search
     over all coefficients for the error of the logarithm.
 
-    Parameters
-    ----------
-    frf : FrequencyResponse
-    poles, zeros : int
-        Degrees of denominator and numerator.
-    delay : bool
-        Whether a delay is searched.
-
     Raises
     ------
     FrequencyError

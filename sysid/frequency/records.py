@@ -195,8 +195,6 @@ def lost_one_by_one(t: Floats, step: float) -> float:
     ----------
     t : ndarray, shape (N,)
         Times of rows, s.
-    step : float
-        Usual one, s.
     """
     steps = np.diff(t) / step
     return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
@@ -204,12 +202,6 @@ def lost_one_by_one(t: Floats, step: float) -> float:
 
 def refuse_scattered(log: FlightLog, lost: float) -> None:
     """Refuse rows of which too many are missing one by one.
-
-    Parameters
-    ----------
-    log : FlightLog
-    lost : float
-        How many for each that is there.
 
     Raises
     ------

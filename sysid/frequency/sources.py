@@ -65,13 +65,7 @@ _kept: ContextVar[_Kept | None] = ContextVar("kept", default=None)
 
 @contextmanager
 def kept_signals(within: Within | None = None) -> Iterator[None]:
-    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them.
-
-    Parameters
-    ----------
-    within : (float, float), optional
-        Stretch of time that is surveyed, s.
-    """
+    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them."""
     token = _kept.set(_Kept(within))
     try:
         yield
@@ -87,15 +81,6 @@ def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
 
 def evenly(signals: RateSignals, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock:
     """Return signals of a stretch of time on an even clock, while `kept_signals` lasts a common one.
-
-    Parameters
-    ----------
-    signals : RateSignals
-    names : sequence of str
-    further : mapping of str to callable
-        Signals beside them; what has one name is the same for every stretch.
-    start, stop : float
-        s.
 
     Returns
     -------
@@ -113,13 +98,6 @@ def evenly(signals: RateSignals, names: Sequence[str], further: Further, start: 
 
 def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
     """Return the signals of an axis from the best source that a log has.
-
-    Parameters
-    ----------
-    log : FlightLog
-    axis : Axis
-    bursts : bool
-        Whether bursts of the batch sampler may be taken.
 
     Raises
     ------
@@ -243,10 +221,6 @@ def on_one_clock(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> 
 
     Parameters
     ----------
-    driven : DataFrame
-        What motors got or did, indexed by t, s.
-    answer : DataFrame
-        What gyros felt, rad/s, indexed by t, s.
     pieces : ndarray, shape (len(answer),)
         Number of the stretch without holes that each row of `answer` is of (`pieces_of`).
 

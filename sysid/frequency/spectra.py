@@ -88,15 +88,7 @@ class WindowEstimate:
 
 
 def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
-    """Choose window lengths, s, longest first: five or more, from half of a record down to what `high` needs.
-
-    Parameters
-    ----------
-    shortest_record : float
-        s.
-    low, high : float
-        Band of interest, Hz.
-    """
+    """Choose window lengths, s, longest first: five or more, from half of a record down to what `high` needs."""
     longest = min(0.5 * shortest_record, 8.0 / low)
     shortest = min(max(20.0 / high, 0.4), longest / 2.0)
     count = max(5, int(np.ceil(np.log2(longest / shortest))) + 1)
@@ -108,8 +100,6 @@ def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.boo
 
     Parameters
     ----------
-    length : float
-        s.
     lengths : ndarray, shape (windows,)
         All lengths, s, longest first.
     hz : ndarray, shape (n,)
@@ -148,14 +138,7 @@ def _half_rate(signals: Logged) -> Logged:
 
 
 def thinned(record: AxisRecord, high: float) -> AxisRecord:
-    """Return a record at the lowest of its halved rates that holds frequencies up to `high` [Hz].
-
-    Parameters
-    ----------
-    record : AxisRecord
-    high : float
-        Hz.
-    """
+    """Return a record at the lowest of its halved rates that holds frequencies up to `high` [Hz]."""
     halvings = _halvings(record, high)
     if not halvings:
         return record
@@ -220,17 +203,7 @@ class RecordWindows:
 def windows_of(
     record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float], upto: float = np.inf
 ) -> Iterator[RecordWindows | None]:
-    """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it.
-
-    Parameters
-    ----------
-    record : AxisRecord
-    hz : sequence of ndarray
-        Frequencies that windows of each length serve.
-    lengths : sequence of float
-    upto : float, optional
-        Highest frequency that is asked for, Hz. Windows are the same whatever it is.
-    """
+    """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it."""
     driving, instruments = _driving(record)
     signals = ThinnedSignals(driving)
     for length, served in zip(lengths, hz, strict=True):
@@ -342,8 +315,6 @@ def _overlapped(
     taper : ndarray, shape (size,)
     places : ndarray of int, shape (K,)
         Of the windows, in hops.
-    hop : int
-        Samples by which windows are shifted.
     cycles : ndarray, shape (F,)
         Of each frequency in a sample.
 
@@ -421,9 +392,6 @@ class Regression:
 
         Parameters
         ----------
-        sums : AnswerSums
-        length : float
-            Of the windows, s.
         known : ndarray of complex, shape (F,), optional
             Response to the first input that was taken out of the output beforehand.
         """

@@ -65,13 +65,6 @@ class FrequencySurvey:
 def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
     """Estimate what can be had of each axis from logs of one craft.
 
-    Parameters
-    ----------
-    logs : FlightLog, path-like, or a sequence of either
-    axes : sequence of str
-    within : tuple of float, optional
-        From when to when a log counts, s on its boot clock; default its longest flight, and chirps wherever they are.
-
     Raises
     ------
     FrequencyError

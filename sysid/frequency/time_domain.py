@@ -180,15 +180,6 @@ def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | No
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
     one, is judged by a fit to the others.
 
-    Parameters
-    ----------
-    found : FrequencyFit
-        A fit of one axis.
-    logs : sequence of FlightLog
-        Those that it was made from.
-    within : (float, float), optional
-        Stretch of time that it was made from, s.
-
     Raises
     ------
     FrequencyError
@@ -276,8 +267,6 @@ def largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> f
     ----------
     error, command : ndarray, shape (N,)
         The model's error and what moves the axis, both above the same frequency.
-    record : AxisRecord
-        Whose time step they have.
     """
     reach = min(max(int(0.5 / record.dt), 1), len(error))
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.

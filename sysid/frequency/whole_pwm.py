@@ -40,12 +40,6 @@ def as_motors_got(log: FlightLog, signals: RateSignals) -> RateSignals:
     """Return the controllers' outputs without what was cut off them, where the log's motor outputs can be foretold.
 
     What the mixer asks of each motor follows from a row of RATE, up to a factor for air and battery that RCOU tells.
-
-    Parameters
-    ----------
-    log : FlightLog
-    signals : RateSignals
-        Of RATE; others are returned as they are.
     """
     motors, vehicle = log.tables.motors, log.vehicle
     if motors is None or signals.source or not signals.with_chirp or not vehicle.motors:

@@ -107,12 +107,6 @@ def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: f
     ----------
     hz : ndarray, shape (n,)
         Frequencies, Hz.
-    low, high : float
-        Band of the chirp, Hz.
-    seconds : float
-        Its length, s.
-    fade_in : float
-        Time over which it grows, s.
 
     Returns
     -------
@@ -135,14 +129,6 @@ def chirp_energy(
     ----------
     hz : ndarray, shape (n,)
         Frequencies, Hz.
-    low, high : float
-        Band of the chirp, Hz.
-    magnitude : float
-        Its amplitude A, in the unit of what it is added to.
-    seconds : float
-        Its length, s.
-    fade_in : float
-        Time over which it grows, s.
 
     Returns
     -------
@@ -186,10 +172,6 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
 
     Parameters
     ----------
-    loop : RateLoop
-        As identified; its records tell the energy that was flown.
-    found : FrequencyFit
-        Of ``loop.frf``.
     energy : ndarray, shape of ``loop.frf.hz``
         Of the experiment at the mixer, per Hz.
 
@@ -247,13 +229,6 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
 
     Low frequencies tell of the rejection of disturbances, which gains that `tune` tries move down.
 
-    Parameters
-    ----------
-    loop : RateLoop
-        As it was flown.
-    limits : Limits
-        What the chirp may ask of the craft.
-
     Raises
     ------
     LoopError
@@ -308,13 +283,6 @@ def first_chirp(settings: LoopSettings, limits: Limits) -> ChirpDesign:
 
     Where the loop is tight the rate per unit of the chirp is one over the controller's gain; elsewhere less, but for
     the loop's resonance, for which a factor of `_RESONANCE` is allowed.
-
-    Parameters
-    ----------
-    settings : LoopSettings
-        Gains and filters of the axis.
-    limits : Limits
-        What the chirp may ask of the craft.
     """
     low, high = DEFAULT_BAND
     hz = np.geomspace(low, high, 200)

@@ -71,19 +71,7 @@ def second_order(rate: float, cutoff: float) -> DigitalFilter:
 
 
 def notch(rate: float, centre: float, attenuation: float, quality: float) -> DigitalFilter:
-    """Return a notch of a given quality factor; `attenuation` is the square root of its gain at the centre.
-
-    Parameters
-    ----------
-    rate : float
-        Sample rate, Hz.
-    centre : float
-        Frequency that it takes away, Hz.
-    attenuation : float
-        Square root of the gain at the centre.
-    quality : float
-        Centre over bandwidth.
-    """
+    """Return a notch of a given quality factor; `attenuation` is the square root of its gain at the centre."""
     omega = 2.0 * math.pi * centre / rate
     alpha = math.sin(omega) / (2.0 * quality)
     squared = attenuation * attenuation
@@ -104,25 +92,7 @@ def harmonic_notches(
     harmonics: int,
     composite: int = 1,
 ) -> tuple[DigitalFilter, ...]:
-    """Return the notches of a harmonic notch filter tracking a base frequency.
-
-    Parameters
-    ----------
-    rate : float
-        Sample rate of the gyro, Hz.
-    base : float
-        Tracked frequency of the first harmonic, Hz.
-    nominal : float
-        INS_HNTCH_FREQ, Hz: sets the quality factor, which all harmonics share.
-    bandwidth : float
-        INS_HNTCH_BW, Hz.
-    attenuation_db : float
-        INS_HNTCH_ATT.
-    harmonics : int
-        Bit mask, bit 0 the first harmonic.
-    composite : int
-        1 single, 2 double, 3 triple notches (INS_HNTCH_OPTS).
-    """
+    """Return the notches of a harmonic notch filter tracking a base frequency."""
     centre = min(max(nominal, 0.52 * bandwidth), NOTCH_LIMIT * rate)
     spread = bandwidth / (32.0 * centre)
     octaves = 2.0 * math.log2(centre / (centre - bandwidth / composite / 2.0))

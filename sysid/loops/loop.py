@@ -196,17 +196,7 @@ def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLo
 
 
 def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSettings) -> RateLoop:
-    """Identify a loop from records that are already cut.
-
-    Parameters
-    ----------
-    name : str
-        What the records are of.
-    records : tuple of LoopRecord
-        Chirps on one axis.
-    settings : LoopSettings
-        Gains and filters with which they were flown.
-    """
+    """Identify a loop from records that are already cut."""
     frf = plant_response(records, settings.axis, settings.gyro.low_pass or None)
     return RateLoop(
         name=name,

@@ -90,20 +90,7 @@ def multisine_script(
     limits: Limits,
     expected: Sequence[tuple[str, float]],
 ) -> str:
-    """Write the script.
-
-    Parameters
-    ----------
-    sines : sequence of Multisine
-        Of unit peak, for roll, pitch and yaw rate.
-    scales : sequence of float
-        Their peaks, rad/s.
-    hover : float
-        MOT_THST_HOVER.
-    limits : Limits
-    expected : sequence of (name, sigma)
-        Predicted relative standard deviations.
-    """
+    """Write the script."""
     tables = []
     for sine, scale in zip(sines, scales, strict=True):
         parts = [

@@ -39,14 +39,7 @@ class Leg:
 
 
 def waypoints(home: tuple[float, float, float], legs: Sequence[Leg]) -> str:
-    """Write a mission: take-off, legs with their speeds, landing at home.
-
-    Parameters
-    ----------
-    home : tuple of float
-        Latitude and longitude in degrees, height above sea in m.
-    legs : sequence of Leg
-    """
+    """Write a mission: take-off, legs with their speeds, landing at home."""
     lat, lon, alt = home
     lines = ["QGC WPL 110", _line(0, 1, 0, _WAYPOINT, (0.0, 0.0), lat, lon, alt)]
     lines.append(_line(1, 0, _RELATIVE, _TAKEOFF, (0.0, 0.0), 0.0, 0.0, legs[0].height))

@@ -42,16 +42,7 @@ def _peak_factor(x: Floats) -> float:
 
 
 def orthogonal_multisines(inputs: int, low: float, high: float, period: float) -> tuple[Multisine, ...]:
-    """Design multisines of unit peak for several inputs: harmonics of 1 / period dealt out in turn.
-
-    Parameters
-    ----------
-    inputs : int
-    low, high : float
-        Band, Hz.
-    period : float
-        s.
-    """
+    """Design multisines of unit peak for several inputs: harmonics of 1 / period dealt out in turn."""
     harmonics = np.arange(np.ceil(low * period), np.floor(high * period) + 1.0)
     return tuple(_optimised(harmonics[k::inputs], period) for k in range(inputs))
 

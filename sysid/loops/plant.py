@@ -54,12 +54,6 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     each frequency by a weighted quadratic in ln f over neighbours; its error is the larger of what the spectra and the
     scatter of the neighbours about it claim. The neighbourhood is the widest of `REACHES` that agrees with the narrower
     ones (Lepskii 1991), so that a flexible mode is not smoothed away.
-
-    Parameters
-    ----------
-    frf : FrequencyResponse
-    systematic : callable, optional
-        From frequencies [Hz] to a standard deviation of ln G that neighbours do not average out.
     """
     keep = np.isfinite(frf.sigma) & (np.abs(frf.response) > 0.0)
     hz = frf.hz[keep]

@@ -97,19 +97,7 @@ def bounds_keep(bounds: Mapping[str, float], aim: Aim) -> bool:
 
 
 def in_hand(nominal: MarginSet, k: int, aim: Aim, spare: Mapping[str, float]) -> bool:
-    """Return whether a candidate's nominal margins leave what others lost in their worst case.
-
-    Parameters
-    ----------
-    nominal : MarginSet
-        Margins of the candidates.
-    k : int
-        Which candidate.
-    aim : Aim
-        Margins to keep.
-    spare : mapping of str to float
-        What others lost in their worst case, by ``gain_db``, ``phase_deg`` and ``peak_db``; dB and deg.
-    """
+    """Return whether a candidate's nominal margins leave what others lost in their worst case."""
     gain = float(nominal.gain_db[k])
     return (
         (not np.isfinite(gain) or gain >= aim.gain_db + spare["gain_db"])

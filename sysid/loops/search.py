@@ -93,13 +93,6 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
     but certainty, which a better chirp buys too. Gains that raise the loop where nothing was measured are tried only
     where others reject no more than as flown. The filters of target and error and the feed-forward come last, around
     the best of the others.
-
-    Parameters
-    ----------
-    loop : RateLoop
-    aim : Aim
-    gyro_factor : float
-        Of INS_GYRO_FILTER.
     """
     best = _searched(loop, aim, gyro_factor)
     if best.tuned is None or best.gains or not keeps(flown_margins(loop), aim)[0]:

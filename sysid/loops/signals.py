@@ -44,15 +44,6 @@ class LoopRecord:
 def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:
     """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order.
 
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    axis : str
-        roll, pitch or yaw.
-    within : (float, float), optional
-        Stretch of time to use, s.
-
     Raises
     ------
     LoopError
@@ -76,17 +67,7 @@ def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tup
 
 
 def plant_response(records: tuple[LoopRecord, ...], axis: str, gyro_filter_hz: float | None) -> FrequencyResponse:
-    """Estimate mixer to rate, with the chirp as instrument.
-
-    Parameters
-    ----------
-    records : tuple of LoopRecord
-        Chirps on one axis.
-    axis : str
-        roll, pitch or yaw.
-    gyro_filter_hz : float or None
-        Cutoff of the gyro's low-pass filter, Hz; None for none.
-    """
+    """Estimate mixer to rate, with the chirp as instrument."""
     return response_of_records([r.plant for r in records], axis_of(axis), gyro_filter_hz=gyro_filter_hz)
 
 

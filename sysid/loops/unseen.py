@@ -83,8 +83,6 @@ def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
 
     Parameters
     ----------
-    loop : RateLoop
-        With the measured band.
     hz : ndarray, shape (n,)
         Frequencies of that band, Hz.
     broken : ndarray of complex, shape (K, n)
@@ -250,17 +248,7 @@ def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> F
 
 
 def promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Mapping[str, float]) -> dict[str, float]:
-    """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more.
-
-    Parameters
-    ----------
-    tuned : RateLoop
-        With the settings that are proposed.
-    bounds : mapping of str to float
-        Margins at the worst of the 95 % set, by name; dB, deg and Hz.
-    aim : mapping of str to float
-        Those to keep, by the names of `Aim`.
-    """
+    """Return bounds that a mode just beyond the measured band does not break either: of what is kept, not more."""
     hz, craft = _rigid(tuned)
     settings = tuned.settings
     beyond = MODE * float((craft * np.abs(settings.feedback(hz) * settings.gyro.response(hz)))[0])

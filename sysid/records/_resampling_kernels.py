@@ -14,8 +14,6 @@ def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
     ----------
     extended : ndarray, shape (M + taps - 1,)
         Signal, continued at both ends by half the filter.
-    taps : ndarray
-        Symmetric.
     between : ndarray, shape (N,)
         Where, in samples of the signal, 0 to M - 1.
 

@@ -65,9 +65,6 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
     Parameters
     ----------
-    trajectory : Trajectory
-    tables : Tables
-        Of the log.
     t : ndarray, shape (N,)
         Uniform, s.
 
@@ -116,12 +113,6 @@ def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, table
 
     Parameters
     ----------
-    experiments : iterable
-        Others of the same flight.
-    trajectory : Trajectory
-        Of the flight.
-    tables : Tables
-        Of the log.
     t : ndarray, shape (N,)
         Clock, s.
     """
@@ -143,24 +134,13 @@ def air_density(pressure: Floats) -> Floats:
 
     The temperature is that of the standard atmosphere at the pressure altitude: barometers report the temperature of
     the board, which is often 20 K above that of the air.
-
-    Parameters
-    ----------
-    pressure : ndarray
-        Pa.
     """
     temperature = _TEMPERATURE_0 * (pressure / _PRESSURE_0) ** (1.0 / _EXPONENT)
     return np.asarray(pressure / (_GAS * temperature))
 
 
 def standard_density(altitude: Floats) -> Floats:
-    """Density of the standard atmosphere at an altitude, kg/m^3.
-
-    Parameters
-    ----------
-    altitude : ndarray
-        m above mean sea level, in the troposphere.
-    """
+    """Density of the standard atmosphere at an altitude, kg/m^3."""
     warmth = 1.0 - _LAPSE * altitude / _TEMPERATURE_0
     return np.asarray(_PRESSURE_0 * warmth ** (_EXPONENT - 1.0) / (_GAS * _TEMPERATURE_0))
 

@@ -40,13 +40,6 @@ class ModelOrderError(RotoridError, ValueError):
 def horizon_steps(horizon: float, dt: float) -> int:
     """Return a prediction horizon in samples, at least one.
 
-    Parameters
-    ----------
-    horizon : float
-        s.
-    dt : float
-        s.
-
     Raises
     ------
     ExperimentError
@@ -450,13 +443,6 @@ def require_alike(experiments: Experiment | Sequence[Experiment]) -> tuple[Exper
 
 def require_signals(experiment: Experiment, input_names: Sequence[str], output_names: Sequence[str]) -> None:
     """Check that a record has the inputs and outputs of a model, in its order.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        The record.
-    input_names, output_names : sequence of str
-        Inputs and outputs of the model.
 
     Raises
     ------

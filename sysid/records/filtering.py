@@ -21,8 +21,6 @@ def lfilter(
 
     Parameters
     ----------
-    b, a : sequence of float
-        Coefficients; a[0] is not zero.
     signals : ndarray, shape (N,) or (N, k)
     zi : ndarray, shape (n,) or (n, k), optional
         State of the direct form II transposed before the first sample, n the order; at rest by default.
@@ -48,8 +46,6 @@ def above(signals: Floats, cutoff: float) -> Floats:
     ----------
     signals : ndarray, shape (N, k)
         More than `_ENDS` samples.
-    cutoff : float
-        In cycles per sample, where the gain is a half.
     """
     warped = np.tan(np.pi * cutoff)
     scale = 1.0 + np.sqrt(2.0) * warped + warped**2
@@ -65,14 +61,6 @@ def above(signals: Floats, cutoff: float) -> Floats:
 
 
 def low_pass_taps(count: int, cutoff: float) -> Floats:
-    """Design a low-pass filter of finite length by the windowed sinc (Hamming).
-
-    Parameters
-    ----------
-    count : int
-        Taps, odd.
-    cutoff : float
-        In cycles per sample, where the gain is a half.
-    """
+    """Design a low-pass filter of finite length by the windowed sinc (Hamming)."""
     taps = np.sinc(2.0 * cutoff * (np.arange(count) - (count - 1) / 2.0)) * np.hamming(count)
     return np.asarray(taps / taps.sum())

@@ -89,25 +89,7 @@ def record_flight(
     beside: Iterable[Recorded] = (),
     within: tuple[float, float] | None = None,
 ) -> FlightPiece:
-    """Cut the piece; errors are those of `Experiment.from_flight`.
-
-    Parameters
-    ----------
-    log : FlightLog
-        The log.
-    trajectory : Trajectory
-        Of the same log.
-    rate : float
-        Samples per second.
-    inputs, outputs, frame : str
-        Which signals in which axes, see `Experiment.from_flight`.
-    name : str or None
-        Of the piece; None for the file's name.
-    beside : iterable
-        Others of the same log and trajectory, whose context may be shared, and what was found of motor outputs.
-    within : (float, float), optional
-        First and last time to use, s.
-    """
+    """Cut the piece; errors are those of `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")

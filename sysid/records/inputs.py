@@ -89,16 +89,6 @@ class Inputs:
 def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
     """Read one of the `INPUT_SETS` from a log's tables.
 
-    Parameters
-    ----------
-    tables : Tables
-    vehicle : Vehicle or None
-    trajectory : Trajectory
-        For the yaw, and for telling targets that jump from targets that move.
-    kind : str
-        One of `INPUT_SETS`.
-    frame : {"earth", "heading"}
-
     Raises
     ------
     MissingDataError

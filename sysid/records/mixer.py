@@ -34,9 +34,6 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
 
     Parameters
     ----------
-    motors : DataFrame
-        PWM in us, columns ``m1 ...``; all motors of the frame.
-    vehicle : Vehicle
     voltage : ndarray, shape (N,), or None
         V, on the same index; None when unknown.
 
@@ -59,10 +56,6 @@ def thrust_commands(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | No
 
     Parameters
     ----------
-    motors : DataFrame
-        PWM in us, columns ``m1 ...``.
-    vehicle : Vehicle
-        Whose PWM range and thrust curve it is.
     voltage : ndarray, shape (N,), or None
         V, on the same index; None when unknown.
     """
@@ -95,12 +88,6 @@ def patterns(thrust: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
 
 def rounding(motors: pd.DataFrame, vehicle: Vehicle) -> dict[str, float]:
     """Return the standard deviation that rounding PWM to 1 us leaves in each command of the mixer.
-
-    Parameters
-    ----------
-    motors : DataFrame
-        PWM in us, as for `project`.
-    vehicle : Vehicle
 
     Returns
     -------

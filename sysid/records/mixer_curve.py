@@ -36,15 +36,7 @@ MARGIN = 0.02
 
 
 def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
-    """Compare the outputs' movement in roll and pitch with what the controller asked.
-
-    Parameters
-    ----------
-    tables : Tables
-    vehicle : Vehicle or None
-    start, stop : float
-        Airborne interval, s.
-    """
+    """Compare the outputs' movement in roll and pitch with what the controller asked."""
     names = [f"m{motor.number}" for motor in vehicle.motors] if vehicle is not None else []
     if vehicle is None or not names or tables.motors is None or not tables.has("rates"):
         return []

@@ -17,14 +17,7 @@ EXPO_SIGMA = 0.1
 
 
 def motor_commands(pwm: Floats, vehicle: Vehicle) -> Floats:
-    """Invert the autopilot's output scaling: command c between idle and full spin, 0 to 1, not clipped.
-
-    Parameters
-    ----------
-    pwm : ndarray
-        us.
-    vehicle : Vehicle
-    """
+    """Invert the autopilot's output scaling: command c between idle and full spin, 0 to 1, not clipped."""
     width = vehicle.pwm_max - vehicle.pwm_min
     idle = vehicle.pwm_min + vehicle.spin_min * width
     full = vehicle.pwm_min + vehicle.spin_max * width

@@ -44,18 +44,7 @@ class MotorSignals:
 
 
 def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float) -> MotorSignals:
-    """Return the fastest signals that the record has.
-
-    Parameters
-    ----------
-    record : Experiment
-    law : Law
-    vehicle : Vehicle
-    voltage : float or None
-        Reference voltage, V.
-    expo : float
-        Curvature of the thrust curve.
-    """
+    """Return the fastest signals that the record has."""
     signals = thrust_signals(record, law, vehicle, voltage, expo)
     rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
     if law is Law.SPEED:

@@ -29,10 +29,6 @@ def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
     Parameters
     ----------
     signal : ndarray, shape (..., N)
-    rate : float
-        Hz.
-    size : int
-        Samples of a window (Hann), at most N.
 
     Returns
     -------
@@ -51,8 +47,6 @@ def densities(windows: Floats, rate: float) -> Floats:
     Parameters
     ----------
     windows : ndarray, shape (..., size)
-    rate : float
-        Hz.
 
     Returns
     -------

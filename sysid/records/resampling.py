@@ -85,8 +85,6 @@ def logged_rate(values: Floats, dt: float) -> float:
     ----------
     values : ndarray, shape (N, k)
         Logged together.
-    dt : float
-        Of the clock, s.
     """
     moving = values[:, np.ptp(values, axis=0) > 0.0]
     bends = np.any(np.abs(np.diff(moving, n=2, axis=0)) > _STRAIGHT * np.ptp(moving, axis=0), axis=1)
@@ -102,10 +100,6 @@ def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]
     Parameters
     ----------
     signal : ndarray, shape (N,)
-    dt : float
-        s.
-    cutoff : float
-        Hz.
 
     Returns
     -------

@@ -30,10 +30,6 @@ def join_rows(signals: Floats, dt: float, interval: float) -> Floats:
     ----------
     signals : ndarray, shape (N, k)
         On a uniform clock.
-    dt : float
-        Of the clock, s.
-    interval : float
-        Between the rows of the log, s.
 
     Returns
     -------

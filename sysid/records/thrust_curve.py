@@ -70,18 +70,6 @@ def thrust_signals(
 ) -> Floats:
     """Return s of the module's text for each motor, (N, motors).
 
-    Parameters
-    ----------
-    record : Experiment
-        Inputs are PWM in us; for `Law.SPEED` the context has rotor speeds.
-    law : Law
-    vehicle : Vehicle
-        PWM range and thrust curve.
-    voltage : float or None
-        Reference voltage, V; None ignores the battery.
-    expo : float, optional
-        Curvature of the thrust curve; the vehicle's own by default.
-
     Raises
     ------
     ValueError
@@ -105,8 +93,6 @@ def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:
     Parameters
     ----------
     signals : ndarray, shape (N, k) or (N,)
-    time_constant, dt : float
-        s.
     """
     if time_constant <= 1e-6 * dt:
         return signals

@@ -92,25 +92,7 @@ def judge_parameters(
     turning: RotationFit | None,
     curved: TorqueCurve,
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
-    """Judge every parameter; return them with the covariance, and the names, of those that were estimated.
-
-    Parameters
-    ----------
-    fine : FilterErrorFit
-        Of translation.
-    prior : Prior
-        What was known beforehand.
-    records : sequence of Experiment
-        Those that were fitted.
-    vehicle : Vehicle
-        Motors and thrust curve.
-    voltage : float or None
-        Reference voltage, V; None where it was not logged.
-    turning : RotationFit or None
-        Of rotation; None where it could not be fitted.
-    curved : TorqueCurve
-        Thrust curve under which rotation was fitted.
-    """
+    """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
     result: dict[str, BodyParameter] = {}
     sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
@@ -208,17 +190,7 @@ def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> str:
 
 
 def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Finding]:
-    """Report when thrust clearly follows another curve than the parameters say.
-
-    Parameters
-    ----------
-    fine : FilterErrorFit
-        Of translation, with the curve that fits best.
-    prior : Prior
-        What was known of the curve beforehand.
-    vehicle : Vehicle
-        With the curve of the parameters.
-    """
+    """Report when thrust clearly follows another curve than the parameters say."""
     at = THETA.index("thrust_expo")
     value, sigma = float(fine.values[at]), float(np.sqrt(max(fine.covariance[at, at], 0.0)))
     reason = _contradiction(value, sigma, vehicle) if prior.sigma[at] >= EXPO_SIGMA else ""
@@ -243,19 +215,7 @@ def thrust_over(
     estimated: Sequence[str],
     air: float,
 ) -> float:
-    """Compute the relative standard error of thrust over a gain, which share air and curve; infinite if undetermined.
-
-    Parameters
-    ----------
-    name : str
-        Of the gain.
-    parameters : mapping
-    covariance : ndarray
-    estimated : sequence of str
-        Names of its rows.
-    air : float
-        The error that thrust and gains share (`shared_air`).
-    """
+    """Compute the relative standard error of thrust over a gain, which share air and curve; infinite where unknown."""
     if name not in ("roll_gain", "pitch_gain"):
         return float("inf")
     thrust, gain = parameters["thrust"], parameters[name]
@@ -294,17 +254,7 @@ def _damping_sigma(fit: AxisFit) -> float:
 
 
 def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
-    """Explain why the effectiveness about an axis is not believed; empty when it is.
-
-    Parameters
-    ----------
-    axis : str
-    fit : AxisFit
-    source : str
-        Of the commands.
-    rate : float
-        Rows of the source a second.
-    """
+    """Explain why the effectiveness about an axis is not believed; empty when it is."""
     if fit.coherent < COHERENT:
         return _incoherent(axis, fit.coherent, fit.moved, source)
     if axis != "yaw" and rate < ENOUGH and fit.moved < STILL:
@@ -366,19 +316,7 @@ def _parameter(name: str, unit: str, value: float, sigma: float, reason: str, as
 def in_si(
     parameter: BodyParameter, all_of_them: Mapping[str, BodyParameter], mass: float | None, over_thrust: float
 ) -> BodyParameter:
-    """Add what the mass turns a parameter into.
-
-    Parameters
-    ----------
-    parameter : BodyParameter
-        Per unit of mass.
-    all_of_them : mapping of str to BodyParameter
-        By name.
-    mass : float or None
-        kg; None where not known.
-    over_thrust : float
-        Relative 1-sigma of thrust over the gain (`thrust_over`); read for gains only.
-    """
+    """Add what the mass turns a parameter into."""
     name, value, sigma = parameter.name, parameter.value, parameter.sigma
     if mass is None or value is None or sigma is None:
         return parameter
@@ -401,17 +339,7 @@ def in_si(
 
 
 def ratio_sigma(one: float, other: float, shared: float, covariance: float = 0.0) -> float:
-    """Return the relative standard error of a ratio whose parts have relative errors that they partly share.
-
-    Parameters
-    ----------
-    one, other : float
-        Relative standard errors of the parts.
-    shared : float
-        The part of both that is the same.
-    covariance : float
-        Relative, of what else they share.
-    """
+    """Return the relative standard error of a ratio whose parts have relative errors that they partly share."""
     parts = max(one**2 - shared**2, 0.0) + max(other**2 - shared**2, 0.0) - 2.0 * covariance
     return float(np.sqrt(max(parts, 0.0)))
 
@@ -439,12 +367,6 @@ def drag_apart(
 
     Parameters
     ----------
-    parameters : mapping of str to BodyParameter
-        By name.
-    motions : sequence of Motion
-        The flights.
-    fine : FilterErrorFit
-        Of translation.
     covariance : ndarray, shape (p, p)
         Of all parameters, those of `THETA` first.
     """

@@ -53,11 +53,6 @@ def consensus(statements: Sequence[Statement]) -> Consensus | None:
     """Choose the best method that at least half of the others agree with; None without any.
 
     Where methods disagree, the standard error covers them: half of what lies between the farthest.
-
-    Parameters
-    ----------
-    statements : sequence of Statement
-        Of methods that are not among `TRUSTED` nothing is taken.
     """
     known = {each.method: each for each in statements if each.method in TRUSTED}
     ranked = [known[method] for method in TRUSTED if method in known]

@@ -36,18 +36,7 @@ _LEVER = 0.3
 def fit_motor_effects(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, turning: RotationFit
 ) -> Mapping[str, MotorEffect]:
-    """Distinguish motors by the rotation that each causes.
-
-    Parameters
-    ----------
-    records : sequence of Experiment
-        With context, all motors logged.
-    vehicle : Vehicle
-    voltage : float or None
-        Reference, V.
-    turning : RotationFit
-        Common gains, lag and delay of the same records.
-    """
+    """Distinguish motors by the rotation that each causes."""
     names, motors = records[0].input_names, logged_motors(records[0], vehicle)
     commands = [thrust_commands(record, vehicle, voltage) for record in records]
     rates = [

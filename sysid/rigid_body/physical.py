@@ -54,13 +54,6 @@ UNITS = {
 def quantity(parameter: str, unit: str) -> tuple[str, str]:
     """Return what a number of a parameter is, and what it is still divided by.
 
-    Parameters
-    ----------
-    parameter : str
-        As in `UNITS`.
-    unit : str
-        Of the number: the one that motion alone gives, or that with the mass, and the arm where it is known.
-
     Returns
     -------
     tuple of str
@@ -391,14 +384,7 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
 
 
 def _conclude(sheet: _Sheet, air: float) -> Finding | None:
-    """Put the headline of every parameter in; return the finding where methods disagree.
-
-    Parameters
-    ----------
-    sheet : _Sheet
-    air : float
-        Relative standard uncertainty of the air's density, which methods share.
-    """
+    """Put the headline of every parameter in; return the finding where methods disagree."""
     stated: dict[str, list[Statement]] = {}
     for (parameter, method), row in sheet.rows.items():
         value, sigma = float(row["value"]), float(row["sigma"])

@@ -100,17 +100,7 @@ class TorqueCurve:
 
     @classmethod
     def of(cls, vehicle: Vehicle, expo: float, variance: float) -> TorqueCurve:
-        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain.
-
-        Parameters
-        ----------
-        vehicle : Vehicle
-            With the curve of the parameters (`thrust_expo`).
-        expo : float
-            Curve of the fit.
-        variance : float
-            Of it.
-        """
+        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain."""
         part = EXPO_SIGMA**2 / (EXPO_SIGMA**2 + variance)
         return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
 
@@ -132,17 +122,7 @@ def levers(motors: Sequence[Motor]) -> dict[str, Floats]:
 
 
 def thrust_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Floats:
-    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors).
-
-    Parameters
-    ----------
-    record : Experiment
-        With voltage and density in its context.
-    vehicle : Vehicle
-        PWM range and thrust curve.
-    voltage : float or None
-        Reference voltage, V; None leaves the voltage out.
-    """
+    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors)."""
     assert record.context is not None
     thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
     voltages = record.context["voltage"].to_numpy(np.float64)
@@ -159,15 +139,6 @@ def centre_of_gravity(
 
     Over a flight the craft does not turn faster and faster, so that the thrust's moment vanishes on average; motors
     that pull unequally show in the same way.
-
-    Parameters
-    ----------
-    records : sequence of Experiment
-        Flights of one craft.
-    vehicle : Vehicle
-        Whose frame is known.
-    voltage : float or None
-        Reference voltage, V; None leaves the voltage out.
     """
     ahead, right = [], []
     for record in records:
@@ -188,16 +159,6 @@ def torque_commands(
     record: Experiment, vehicle: Vehicle, voltage: float | None, expo: float
 ) -> tuple[Floats, Floats, str]:
     """Torque commands and rates about the three axes.
-
-    Parameters
-    ----------
-    record : Experiment
-        Inputs PWM of the motors, in the order of ``vehicle.motors``; with context.
-    vehicle : Vehicle
-    voltage : float or None
-        Reference, V.
-    expo : float
-        Curvature of thrust over command, which need not be what the autopilot inverts.
 
     Returns
     -------
@@ -235,16 +196,6 @@ def fit_rotation(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> RotationFit | None:
     """Estimate effectiveness and damping about each axis.
-
-    Parameters
-    ----------
-    records : sequence of Experiment
-        Alike, with context, all motors logged.
-    vehicle : Vehicle
-    voltage : float or None
-        Reference, V.
-    expo : float, optional
-        Curvature of thrust over command; default: that of the parameters.
 
     Returns
     -------
@@ -305,8 +256,6 @@ def run_rates(
         1/s.
     lead : ndarray, shape (3,)
         s.
-    lag, delay, horizon : float
-        s.
     """
     dt = float((t[-1] - t[0]) / (len(t) - 1))
     steps = min(max(round(horizon / dt), 1), len(t) - 1)
@@ -338,10 +287,6 @@ def rotation_spectra(
     Parameters
     ----------
     commands, rates : sequence of ndarray, shape (N_r, k) and (N_r, 3)
-    dt : float
-        s.
-    top : float
-        Highest frequency, Hz, where logs are slower than the records.
 
     Returns
     -------

@@ -47,19 +47,6 @@ class FlightData:
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> FlightData:
         """Read what the equations need from a record.
 
-        Parameters
-        ----------
-        record : Experiment
-            The record.
-        law : Law
-            What thrust goes with.
-        voltage : float or None
-            Reference voltage, V; None leaves the voltage out.
-        expo : float
-            Curvature of thrust over command.
-        time_constant : float
-            First-order lag of the motors, s.
-
         Raises
         ------
         MissingDataError
@@ -142,17 +129,7 @@ def gyroscopic(data: FlightData, inertia: tuple[float, float, float] | None) -> 
 
 
 def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float, float, float] | None) -> list[Window]:
-    """Cut a flight into windows with outputs and sensitivities; without inertia products of rates are projected out.
-
-    Parameters
-    ----------
-    data : FlightData
-        The flight.
-    geometry : MotorGeometry
-        Where the motors are.
-    inertia : (float, float, float) or None
-        About x, y and z, kg m^2; None where not known.
-    """
+    """Cut a flight into windows with outputs and sensitivities; without inertia products of rates are projected out."""
     size = min(max(round(WINDOW / data.dt), 8), len(data.t))
     result = []
     for first in range(0, len(data.t) - size + 1, size):
@@ -211,14 +188,8 @@ def output_error(
 
     Parameters
     ----------
-    windows : sequence of Window
-        Of all flights.
     share : ndarray, shape (q, n)
         Which of the q coefficients each of the n motors has.
-    known : (float, float) or None
-        Levers of roll and pitch; None to fit them.
-    start : Estimate, optional
-        Where to start.
     """
     q = len(share)
     all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
@@ -332,10 +303,6 @@ def _covariance(
         Of `_triangle`.
     parts : sequence of (ndarray of shape (N, q), ndarray of shape (N,))
         Sensitivities and residual of each output.
-    weights : ndarray
-        Of each output.
-    lengths : sequence of int
-        Samples of each window.
     """
     triangle = triangle[:, :-1]
     size = _norms(triangle)

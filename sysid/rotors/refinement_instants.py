@@ -97,10 +97,6 @@ class Motion:
 
         Parameters
         ----------
-        record : Experiment
-            With the trajectory in its context.
-        geometry : MotorGeometry
-            Where the motors are.
         signals : ndarray, shape (N, n)
             What the thrust of each motor goes with, s.
         rates : ndarray, shape (N, 3)
@@ -243,8 +239,6 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
         Estimates of the instants.
     kept : ndarray of bool, shape (M,)
         Which are not degenerate.
-    reason : str
-        Why instants are degenerate.
     """
     used = values[kept]
     number = _events(t[kept])
@@ -285,21 +279,7 @@ def motors_explain(motion: Sequence[Motion]) -> dict[str, float]:
 
 
 def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bool) -> dict[str, StackedEstimate]:
-    """Estimate all parameters from all instants at once.
-
-    Parameters
-    ----------
-    motion : sequence of Motion
-        One per record.
-    air : float
-        Relative standard uncertainty of the density.
-    press : float
-        Part of the thrust by which the air presses on the leaning craft (`thrust_regression.pressed`).
-    measured : bool
-        Whether signals are measured speeds. Commands differ from what motors do by lag and filters, which bias the
-        effectiveness by up to the part of the angular acceleration that it does not explain; that part is added to the
-        standard errors.
-    """
+    """Estimate all parameters from all instants at once."""
     lags = max(round(CORRELATED / motion[0].dt), 2)
     translation = [
         np.vstack(
@@ -359,13 +339,7 @@ def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bo
 
 
 def best_lag(motion: Sequence[Motion]) -> float:
-    """Find the lag with which roll and pitch moments explain most of the angular acceleration.
-
-    Parameters
-    ----------
-    motion : sequence of Motion
-        With motors that follow their signals at once.
-    """
+    """Find the lag with which roll and pitch moments explain most of the angular acceleration."""
     # Moments are sums of the signals: a lag of these is a lag of them.
     moments = [np.column_stack([m.roll, m.pitch]) for m in motion]
     aims = [np.concatenate([m.acceleration[:, axis] for m in motion]) for axis in range(2)]

@@ -219,13 +219,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
 
 
 def thrust_changes(record: Experiment) -> list[Finding]:
-    """Ask of a flight, without fitting more than that takes, whether its thrust per mass changed (a load dropped).
-
-    Parameters
-    ----------
-    record : Experiment
-        As `fit_thrust` takes it.
-    """
+    """Ask of a flight, without fitting more than that takes, whether its thrust per mass changed (a load dropped)."""
     vehicle, reference, _ = conditions_of([record])
     if reference is None:
         return []

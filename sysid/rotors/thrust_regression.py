@@ -110,21 +110,7 @@ def body_down(record: Experiment) -> Floats:
 def blocks_of(
     record: Experiment, vehicle: Vehicle, voltage: float | None, law: Law = Law.COMMAND, expo: float | None = None
 ) -> Blocks:
-    """Average a record over seconds in which every motor stays inside its range (or does not move at all).
-
-    Parameters
-    ----------
-    record : Experiment
-        The record.
-    vehicle : Vehicle
-        PWM range and thrust curve.
-    voltage : float or None
-        Reference voltage, V; None leaves the voltage out.
-    law : Law
-        What thrust goes with.
-    expo : float, optional
-        Curvature of thrust over command; None for that of the parameters.
-    """
+    """Average a record over seconds in which every motor stays inside its range (or does not move at all)."""
     command = motor_commands(record.u, vehicle)
     inside = np.all((command > 0.0) & (command < 1.0), axis=1) | (np.ptp(record.u, axis=0) == 0.0).any()
     size = max(round(BLOCK_SECONDS / record.dt), 1)
@@ -173,8 +159,6 @@ def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], mos
     ----------
     regressors : sequence of ndarray, shape (N_r, q)
     residuals : sequence of ndarray, shape (N_r,)
-    most_lags : int
-        How far residuals are taken to be correlated, samples.
     """
     x = np.vstack(regressors)
     size = np.linalg.norm(x, axis=0)
@@ -220,19 +204,7 @@ def air_sigma_of(records: Sequence[Experiment]) -> float:
 
 
 def coefficient(value: float, sigma: float, air: float, mass: float | None, reason: str = "") -> ThrustCoefficient:
-    """Judge an estimate: determined, or why not.
-
-    Parameters
-    ----------
-    value, sigma : float
-        k/m and its standard error in known air.
-    air : float
-        Relative standard uncertainty of the density.
-    mass : float or None
-        kg.
-    reason : str
-        Why it cannot be determined whatever its standard error.
-    """
+    """Judge an estimate: determined, or why not."""
     sigma = float(np.hypot(sigma, air * value))
     if not reason and not value > 0.0:
         reason = "the estimate is not positive"
@@ -265,8 +237,6 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
 
     Parameters
     ----------
-    blocks : Blocks
-        Of one flight.
     fitted : ndarray, shape (M,)
         Its specific thrust by a model of the whole flight.
     """
@@ -301,14 +271,7 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
 
 
 def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[Finding]:
-    """Name motors that give less thrust than the others at the same signal.
-
-    Parameters
-    ----------
-    per_motor : mapping
-    air : float
-        Relative uncertainty of the density, which is in every standard error and common to the motors.
-    """
+    """Name motors that give less thrust than the others at the same signal."""
     known = {
         motor: (each.per_mass, float(np.sqrt(max(each.sigma**2 - (air * each.per_mass) ** 2, 0.0))))
         for motor, each in per_motor.items()

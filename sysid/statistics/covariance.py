@@ -20,8 +20,6 @@ def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     Parameters
     ----------
     residuals : sequence of ndarray, shape (N_r,)
-    lags : int
-        Number of lags including 0.
 
     Returns
     -------
@@ -85,7 +83,6 @@ def lagged_information(signals: Sequence[Floats], lags: int, covariance: Floats)
     ----------
     signals : sequence of ndarray, shape (N_r,)
         u, one array per record, of more than `lags` samples; residuals start at the sample `lags`.
-    lags : int
     covariance : ndarray, shape (reach,)
 
     Returns

@@ -79,13 +79,10 @@ def examine_residuals(
 
     Parameters
     ----------
-    output : str
     errors : sequence of ndarray, shape (N_r,)
         One-sample-ahead prediction errors, one array per record.
     inputs : sequence of ndarray, shape (N_r, m)
         At the same samples.
-    names : sequence of str
-        Of the inputs.
     """
     longest = max((len(error) for error in errors), default=0)
     lags = min(LAGS, longest // SAMPLES_PER_LAG)

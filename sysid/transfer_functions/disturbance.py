@@ -45,10 +45,6 @@ class Disturbance:
         Parameters
         ----------
         residual : ndarray, shape (N,)
-        dt : float
-            s.
-        steps : int
-            At least 1.
 
         Returns
         -------
@@ -107,8 +103,6 @@ def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
     ----------
     residuals : sequence of ndarray, shape (N,)
         One per record.
-    dt : float
-        s.
     """
     steps = max(round(1.0 / dt), 1)
     long = [residual for residual in residuals if len(residual) > steps]

@@ -18,15 +18,6 @@ CHANCE = 0.001
 def few_samples(records: Sequence[Experiment], parameters: int, order: int) -> list[Finding]:
     """Return a finding where samples are few for the coefficients of an output.
 
-    Parameters
-    ----------
-    records : sequence of Experiment
-        Those to fit.
-    parameters : int
-        Coefficients of an output.
-    order : int
-        Poles.
-
     Raises
     ------
     ExperimentError
@@ -65,17 +56,7 @@ def remarks(
     reports: Mapping[str, FitReport],
     functions: Mapping[str, Mapping[str, TransferFunction]],
 ) -> list[Finding]:
-    """Return findings about the fit of each output.
-
-    Parameters
-    ----------
-    records : sequence of Experiment
-        Those that were fitted.
-    reports : mapping of str to FitReport
-        Of each output.
-    functions : mapping of str to mapping of str to TransferFunction
-        By output and input.
-    """
+    """Return findings about the fit of each output."""
     findings = []
     longest = max(record.duration for record in records)
     for output, report in reports.items():

@@ -87,8 +87,6 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
 
     Parameters
     ----------
-    problem : Problem
-        The records.
     theta : ndarray, shape (groups, lags)
         Parameters of the poles (`sysid.transfer_functions.sections`).
     delays : ndarray, shape (m,)
@@ -106,14 +104,8 @@ def squares_of(problem: Problem, basis: Basis, u: Floats, part: Part) -> Floats:
 
     Parameters
     ----------
-    problem : Problem
-        What the records share.
-    basis : Basis
-        Responses at the poles.
     u : ndarray, shape (N, m)
         Inputs of the record.
-    part : Part
-        The record, which keeps them.
     """
     if part.squares is None:
         part.squares = basis.system.through_another(u, problem.group, part.states, basis.delays)
@@ -125,10 +117,6 @@ def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
 
     Parameters
     ----------
-    problem : Problem
-        What the records share.
-    basis : Basis
-        Responses at the poles.
     u : ndarray, shape (N, m)
         Inputs of the record.
     y : ndarray, shape (N,)
@@ -164,10 +152,6 @@ def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Float
 
     Parameters
     ----------
-    problem : Problem
-        What the records share.
-    basis : Basis
-        Responses at the poles.
     numerators : ndarray, shape (numerators, m)
         Coefficients.
 
@@ -190,18 +174,10 @@ def jacobian(
 
     Parameters
     ----------
-    problem : Problem
-        What the records share.
-    basis : Basis
-        Responses at the poles.
-    slopes : tuple of ndarray
-        Of `slopes_at`.
     numerators : ndarray, shape (numerators, m)
         Coefficients.
     u : ndarray, shape (N, m)
         Inputs of the record.
-    part : Part
-        The record, finished.
     """
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
     forced, weights = slopes
@@ -234,10 +210,6 @@ def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tu
 
     Parameters
     ----------
-    problem : Problem
-    basis : Basis
-    part : Part
-        Finished.
     columns : ndarray, shape (N, lags groups + delay parameters)
         The record's `jacobian`.
 
@@ -345,10 +317,6 @@ def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
 
     Parameters
     ----------
-    basis : Basis
-        Responses at the poles.
-    part : Part
-        The record.
     columns : ndarray, shape (N, p)
         Further regressors, such as those of `jacobian`.
     """

@@ -84,13 +84,10 @@ def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: fl
 
     Parameters
     ----------
-    division : Division
     theta : ndarray, shape (groups, lags)
         Poles to start from, found without the part held back.
     delays : ndarray, shape (m,)
         Likewise, s.
-    deadline : float
-        On `time.monotonic`.
     """
     if division.held_back is None:
         return Choice(CAUTIOUS, theta, delays, 0)

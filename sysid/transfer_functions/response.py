@@ -97,8 +97,6 @@ class Discretised:
             Before the record they are taken to have been as at its first sample.
         group : sequence of int, shape (lanes,)
             Which denominator each input passes.
-        sensitivities : bool
-            Also the states over A^2.
         delays : ndarray, shape (lanes,), optional
             Of each input, s; exact for parts of a sample too.
 
@@ -118,8 +116,6 @@ class Discretised:
 
         Parameters
         ----------
-        inputs, group, delays
-            As `forced` takes them.
         first : ndarray, shape (N, n, lanes)
             States over A.
 
@@ -215,12 +211,8 @@ def delayed(inputs: Floats, dt: float, delays: Floats, more: int = 0) -> Floats:
     ----------
     inputs : ndarray, shape (N, m)
         The record.
-    dt : float
-        s.
     delays : ndarray, shape (m,)
         Of each input, s.
-    more : int
-        Further samples.
     """
     rows = np.arange(len(inputs))[:, None] - whole_and_part(delays, dt)[0] - more
     return np.ascontiguousarray(np.take_along_axis(inputs, np.clip(rows, 0, len(inputs) - 1), axis=0))
@@ -240,11 +232,6 @@ def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = N
     ----------
     a : ndarray, shape (groups, n)
         Denominators, ascending powers; zeros in front are integrators, as many for all.
-    dt : float
-        s.
-    hold : {"zoh", "foh"}
-    orders : sequence of int, optional
-        Poles of each denominator where not all have n; above, `a` is padded with zeros.
     """
     groups, n = a.shape
     orders = (n,) * groups if orders is None else tuple(orders)
@@ -298,10 +285,6 @@ def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
     ----------
     a : ndarray, shape (groups, n)
         Denominators, each in its own unit of frequency.
-    orders : sequence of int
-        Poles of each.
-    integrators : int
-        How many poles of every denominator are zero; here they leak, lest the products be infinite.
 
     Returns
     -------
@@ -403,29 +386,13 @@ def free_run(
 
     Parameters
     ----------
-    numerators, denominators : sequence of ndarray
-        Per input, highest power first; denominators that end in zeros have integrators, as many for all inputs, and a
-        denominator ``[1]`` marks an input without effect.
     u : ndarray, shape (N, m)
         About the trim.
     y : ndarray, shape (N,)
         Only its first `INITIAL_SECONDS` are looked at, and only when `initial` is not given.
-    origin : float
-        Output about which the offset counts.
-    dt : float
-        s.
-    hold : {"zoh", "foh"}
-    shared : bool
-        All inputs pass one denominator, so that there is one initial response only.
-    sigma : float
-        Standard deviation of what the model does not explain, in the output's unit.
-    initial_energy : float
-        Energy that the response to the initial state of one denominator is expected to have, in squared units times s.
     initial : ndarray, shape (1 + integrators + n groups,), optional
         The polynomial in time (`trends`) and the coefficients of the normalised initial responses, power-major; empty
         for a start at rest.
-    delays : sequence of float, optional
-        Of each input, s.
 
     Returns
     -------

@@ -104,19 +104,7 @@ def search(
     deadline: float,
     report: Progress,
 ) -> Found:
-    """Find starts and regularisation without the flight time held back, then fit to all of it.
-
-    Parameters
-    ----------
-    common : Problem
-        With one denominator for all inputs.
-    plan : Plan
-    rng : Generator
-        Of the scattered starts.
-    deadline : float
-        On `time.monotonic`.
-    report : callable
-    """
+    """Find starts and regularisation without the flight time held back, then fit to all of it."""
     own = plan.own and len(common.group) > 1
     steps, by_channel = 0, None
     few = portion(common, max(SEARCHED * _coefficients(common, plan), LEAST_SEARCHED))
@@ -245,12 +233,8 @@ def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Gen
 
     Parameters
     ----------
-    problem : Problem
-        With own denominators.
     common : ndarray, shape (lags,)
         The best common denominator.
-    starts : int
-    rng : Generator
 
     Returns
     -------
@@ -265,15 +249,6 @@ def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Gen
 
 def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Floats:
     """Sections spread over the band; the first attempt evenly, later ones at random.
-
-    Parameters
-    ----------
-    problem : Problem
-        Whose band it is.
-    rng : Generator
-        Source of the random numbers.
-    attempt : int
-        Number of the attempt, from 0.
 
     Returns
     -------

@@ -44,10 +44,6 @@ def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
     ----------
     theta : ndarray, shape (groups, n)
         Logarithms of frequency and damping.
-    band : Band
-        Where frequencies may lie.
-    orders : sequence of int
-        Order of each denominator; empty when all have n.
     """
     lower, upper = _bounds(band, theta.shape[1], tuple(orders) or (theta.shape[1],))
     return np.asarray(np.minimum(np.maximum(theta, lower), upper))

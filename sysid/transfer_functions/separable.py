@@ -91,8 +91,6 @@ def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Poin
 
     Parameters
     ----------
-    problem : Problem
-        The records.
     theta : ndarray, shape (groups, lags)
         Parameters of the poles.
     delays : ndarray, shape (m,), optional
@@ -111,14 +109,8 @@ def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tupl
 
     Parameters
     ----------
-    problem : Problem
-        The records, with the ridge to use.
-    basis : Basis
-        Responses at the poles.
     information : ndarray, shape (numerators m + 1, numerators m + 1)
         Sum of what the records contribute.
-    parts : tuple of Part
-        The records.
     """
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
@@ -177,15 +169,6 @@ def reduced_information(
 ) -> tuple[Floats, Floats]:
     """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
 
-    Parameters
-    ----------
-    problem : Problem
-        The records.
-    point : Point
-        Poles and linear parameters.
-    jacobians : tuple of ndarray, optional
-        Of each record (`sensitivities`); None to compute them.
-
     Returns
     -------
     information : ndarray, shape (q, q)
@@ -241,19 +224,10 @@ def descend(
 
     Parameters
     ----------
-    problem : Problem
     theta : ndarray, shape (groups, lags)
         Start.
-    iterations : int
-        Most steps to take.
-    deadline : float
-        On `time.monotonic`; reached, the best point so far is returned as not converged.
     delays : ndarray, shape (m,), optional
         Start; by default the problem's.
-    settled : float
-        Take a step that lowers the cost by no more than this part for the last.
-    hopeless : float
-        End, not converged, where the cost is above this after `ATTEMPT` steps.
     """
     point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
     if problem.lags == 0 and not problem.delay_parameters:

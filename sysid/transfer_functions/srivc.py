@@ -39,17 +39,7 @@ class Start:
 
 
 def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start:
-    """Find the common denominator of all inputs.
-
-    Parameters
-    ----------
-    problem : Problem
-        With one denominator.
-    bandwidth : float
-        Of the first filter, rad/s: in the range of the poles, within a factor of about ten.
-    deadline : float
-        On `time.monotonic`.
-    """
+    """Find the common denominator of all inputs."""
     lags = problem.lags
     theta = np.zeros((1, lags))
     theta[0, : lags - lags % 2 : 2] = np.log(bandwidth)
@@ -75,15 +65,6 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
 
 def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats | None:
     """Iterate once: the coefficients of A by instrumental variables.
-
-    Parameters
-    ----------
-    problem : Problem
-        With one denominator.
-    point : Point
-        The last model, whose denominator filters and whose output makes the instruments.
-    noisy : bool
-        Let the output be its own instrument: least squares, for the first iteration.
 
     Returns
     -------

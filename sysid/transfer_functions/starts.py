@@ -83,16 +83,6 @@ class Separated:
 def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: float) -> Iterator[Separated]:
     """Find starts for own denominators, without any guess of them.
 
-    Parameters
-    ----------
-    problem : Problem
-        With a denominator for each input; delays are taken as they are.
-    band : Band
-        Where poles are to be expected.
-    rng : Generator
-    deadline : float
-        On `time.monotonic`.
-
     Yields
     ------
     Separated
@@ -138,14 +128,6 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
 
     The likelihood with numerators at their best and initial states integrated out (empirical Bayes): records that begin
     at rest say so, and initial states are then not left to explain what noise or wrong poles did.
-
-    Parameters
-    ----------
-    problem : Problem
-    point : Point
-        Its poles and delays are used.
-    weakest : float
-        Lowest `Problem.initial` to consider.
 
     Returns
     -------

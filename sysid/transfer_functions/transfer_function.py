@@ -196,9 +196,6 @@ class FunctionsModel(Summarised):
 
         Parameters
         ----------
-        experiment : Experiment
-        horizon : float
-            s.
         simulated : ndarray, shape (N, p), optional
             The free run, where it is known already.
 

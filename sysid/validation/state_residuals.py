@@ -48,14 +48,7 @@ class PredictedStates:
 
 
 def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> tuple[Missed, ...]:
-    """Test what the model misses one sample ahead, in body axes, for colour and for dependence on the inputs.
-
-    Parameters
-    ----------
-    model : SixDofModel
-    experiments : Experiment or sequence of Experiment
-        Records that the model has not seen.
-    """
+    """Test what the model misses one sample ahead, in body axes, for colour and for dependence on the inputs."""
     bare = model.with_observer(None).with_correction(None)
     records = [bare.record(experiment) for experiment in require_alike(experiments)]
     missed = [_in_body(record, bare.missed(record))[1:] for record in records]
@@ -75,15 +68,7 @@ def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experim
 
 
 def predict_record(model: SixDofModel, experiment: Experiment, horizon: float) -> PredictedStates | None:
-    """Predict every sample from the state measured `horizon` seconds before; None for too short a record.
-
-    Parameters
-    ----------
-    model : SixDofModel
-    experiment : Experiment
-    horizon : float
-        s.
-    """
+    """Predict every sample from the state measured `horizon` seconds before; None for too short a record."""
     record = model.record(experiment)
     steps = horizon_steps(horizon, record.dt)
     if len(record.t) < 3 * steps:

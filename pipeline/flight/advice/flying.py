@@ -53,17 +53,7 @@ _TELLS = {
 
 
 def flying(flights: Sequence[FlightSummary], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
-    """Advise on flying.
-
-    Parameters
-    ----------
-    flights : sequence of FlightSummary
-        Of one craft, in order of date.
-    envelope : Envelope or None
-        What the flights that train and those that judge covered.
-    told : collection of str
-        Physical parameters that are determined.
-    """
+    """Advise on flying."""
     lost = _lost(flights)
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
     yield from _repeat(flights, lost)

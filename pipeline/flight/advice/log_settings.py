@@ -40,15 +40,7 @@ _GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-ho
 
 
 def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
-    """Advise on logging.
-
-    Parameters
-    ----------
-    flights : sequence of FlightSummary
-        Of one craft, in order of date.
-    told : collection of str
-        Physical parameters that are determined.
-    """
+    """Advise on logging."""
     yield from _on_board(flights)
     yield from _settings(flights, told)
     yield from _lost(flights)

@@ -36,17 +36,6 @@ def for_craft(
 ) -> tuple[Advice, ...]:
     """Advise on the next flights of a craft.
 
-    Parameters
-    ----------
-    entries : sequence of FlightSummary
-        Of one craft.
-    envelope : Envelope, optional
-        What its training and judging flights covered.
-    drift : Drift, optional
-        Its parameters over flights.
-    parameters : PhysicalParameters, optional
-        As determined from its flights jointly: what one flight alone does not tell, several may.
-
     Returns
     -------
     tuple of Advice

@@ -20,14 +20,7 @@ _ALIKE = "excite-axes"
 
 
 def turning(result: FlightResult, given: Collection[str]) -> Iterator[Advice]:
-    """Advise on two minutes of flying for what a flight does not tell of its axes.
-
-    Parameters
-    ----------
-    result : FlightResult
-    given : collection of str
-        Names of the advice that is given anyway.
-    """
+    """Advise on two minutes of flying for what a flight does not tell of its axes."""
     if isinstance(result.rotation, Failure):
         return
     unknown = [axis for axis in result.rotation.axes if not axis.rate_determined]

@@ -34,11 +34,6 @@ def carry(
     measured : ndarray, shape (K, 3)
     noise : ndarray, shape (3,)
         Variances.
-    gate : float
-        Measurements beyond so many standard deviations count with the noise that puts them there.
-    memory : float
-        Steps over which measurements are compared with what was expected of them; where they scatter more, the noise
-        is taken to be the larger.
     mean, covariance : ndarray, shape (n,), (n, n)
         Before the first step.
     means, covariances : ndarray, shape (K + 1, n), (K + 1, n, n)

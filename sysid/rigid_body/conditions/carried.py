@@ -66,11 +66,8 @@ def carry_states(
 
     Parameters
     ----------
-    flight : Motion
     shared : ndarray, shape (SHARED,)
         Parameters of the craft.
-    law : int
-        Of drag.
     known : tuple of ndarray, shape (4,), optional
         Wind exponent, thrust scale and wind of the flight as known beforehand, and their standard deviations; what is
         known of any flight when not given.

@@ -39,19 +39,12 @@ def drift_sigma(
 
     Parameters
     ----------
-    flight : Motion
-        From the first sample of the run.
     run : ndarray, shape (N, 6)
         Positions and velocities of the run.
     theta : ndarray, shape (16,)
         Parameters with the mean wind.
-    law : int
-        Of drag.
     errors : ndarray, shape (STATES + SHARED, STATES + SHARED)
         Mean squares of errors of the flight's states and of the craft's parameters where the run begins.
-    wander : Wander
-    highest : float
-        Height up to which the profile of the wind was looked at, m: above it, its exponent is that of any day.
     """
     size = max(round(BLOCK_SECONDS / flight.dt), 1)
     edges = np.arange(0, len(run), size)

@@ -46,8 +46,6 @@ def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats
     ----------
     shapes : int
         How many coefficients there are for each direction.
-    wind : float
-        Mean wind, m/s, which gusts go with.
     """
     gust = TURBULENCE * max(wind, LIGHT)
     more = 2 * (shapes - 1)
@@ -64,14 +62,6 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
 
     Parameters
     ----------
-    flight : Motion
-        Its beginning.
-    shared : ndarray
-        Parameters of the craft, in the order of `body_motion.THETA`.
-    law : int
-        Of drag.
-    source : str
-        For the result.
     doubt : ndarray, shape (SHARED, SHARED), optional
         Covariance of the craft's parameters, which a trim makes up for; left out of the standard errors when not given.
     """
@@ -87,13 +77,6 @@ def whole_trim(
 
     The start and the wind's exponent are those of the filter (`early_trim`), and so are standard errors, because one
     free run has no scatter to tell errors from; what lies between the two is added.
-
-    Parameters
-    ----------
-    flight, shared, law, source, doubt
-        As for `early_trim`.
-    spacing : float or None
-        Time between the points of a varying wind, s; None for a constant one.
     """
     told = carry_states(flight, shared, law)
     start = told.own[-1]
@@ -157,7 +140,6 @@ def trim_from(values: Floats, covariance: Floats, knots: Floats, source: str) ->
         Of all values, or of the first four.
     knots : ndarray, shape (k,)
         s.
-    source : str
     """
     exponent, scale = map(float, values[:_WIND])
     mean, parts = values[_WIND : _WIND + 2], values[_WIND + 2 :].reshape(-1, 2)

@@ -84,12 +84,8 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
 
     Parameters
     ----------
-    blocks : Increments
-        Of the flight at some parameters.
     mean, sigma : ndarray, shape (4,)
         What is known beforehand of the flight's parameters, the former counted from those of the blocks.
-    wind : float
-        Mean wind, m/s, which gusts go with.
     """
     design, known = own_design(blocks.jacobian), np.log(_EXPECTED)
     known[2] += np.log(TURBULENCE * max(wind, LIGHT))

@@ -24,16 +24,6 @@ def whiten(columns: Matrix, dt: float, gust: float, tau: float, jolt: float, noi
     ----------
     columns : ndarray, shape (n, m)
         m/s; every column is filtered by itself.
-    dt : float
-        s.
-    gust : float
-        Standard deviation of the acceleration by gusts, m/s^2.
-    tau : float
-        Its correlation time, s.
-    jolt : float
-        Spectral density of the white part of the acceleration, m/s^2 sqrt(s).
-    noise : float
-        Standard deviation of a measured velocity, m/s.
     out : ndarray, shape (n, m)
         Receives the innovations.
 

@@ -24,19 +24,6 @@ def fit_best_law(
     under the disturbances of the first. Laws that can hardly be told from the best may each be the true one: the
     covariance is that of their mixture, the mean of theirs and of what they find otherwise.
 
-    Parameters
-    ----------
-    motions : sequence of Motion
-        The flights.
-    prior : Prior
-        What is known beforehand.
-    rough : EquationErrorFit
-        Start values, and the laws that may be true, likeliest first.
-    deadline : float
-        `time.monotonic` at which to stop, s.
-    report : callable
-        Takes a stage and the share of the whole that is done.
-
     Returns
     -------
     FilterErrorFit

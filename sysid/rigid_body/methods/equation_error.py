@@ -44,10 +44,8 @@ def fit_equation_error(
 
     Parameters
     ----------
-    motions : sequence of Motion
     shapes : sequence of ndarray, shape (N, w)
     start : ndarray, shape (n,)
-    prior : Prior
     """
     measured = [_means(_acceleration(motion), _block(motion)) for motion in motions]
     values, sigma = _fit(motions, shapes, start, prior, LAWS[0], measured, None)

@@ -135,19 +135,8 @@ def fit_filter_error(
 
     Parameters
     ----------
-    motions : sequence of Motion
     start : ndarray, shape (n,)
         Shared parameters, then wind exponent, thrust scale and wind of each flight.
-    prior : Prior
-        Of the same.
-    law : int
-        Of drag (`_rigid_kernels`).
-    disturbances : sequence of Disturbances, optional
-        To hold, such as for another law of drag under the same weights; default: the likeliest.
-    rival : float
-        Cost of another law's fit: steps end where this one will not come near it.
-    deadline : float
-        On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
@@ -199,15 +188,6 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
 
     Over a whole flight the velocity changes by what the mean forces make it. The wind parameter of the fit is the mean
     of a process of which the flight is a sample; this is the sample's.
-
-    Parameters
-    ----------
-    motions : sequence of Motion
-        The flights.
-    fit : FilterErrorFit
-        Of these flights.
-    law : int
-        Law of drag, as the kernels number it.
 
     Returns
     -------

@@ -155,18 +155,10 @@ def fit_output_error(
 
     Parameters
     ----------
-    motions : sequence of Motion
     shapes : sequence of ndarray, shape (N, w)
         How the wind of each flight may vary with time; w alike for all.
     start : ndarray, shape (n,)
         Shared parameters, then wind exponent, thrust scale and wind of each flight.
-    prior : Prior
-    law : int
-        Of drag (`_rigid_kernels`).
-    window_seconds : float or None
-        None runs freely through each record from its measured first state, which then is not estimated.
-    deadline : float
-        On `time.monotonic`; reached, the best values so far are returned as not converged.
     """
     free = np.flatnonzero(prior.sigma > 0.0)
     windows = _windows(motions, shapes, window_seconds, free)
@@ -232,8 +224,6 @@ def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats,
         Of the cost, by Gauss and Newton.
     uphill : ndarray, shape (n,)
         Direction of descent, the negative gradient of the cost.
-    damping : float
-        Of Levenberg and Marquardt, relative to the hessian's diagonal.
     values, low, high : ndarray, shape (n,)
         Parameters and their limits.
 
@@ -370,7 +360,6 @@ def _meat(now: _Linearised, total: Floats) -> Floats:
 
     Parameters
     ----------
-    now : _Linearised
     total : ndarray, shape (n, n)
         Information of data and prior knowledge.
     """

@@ -59,8 +59,6 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
 
     Parameters
     ----------
-    motions : sequence of Motion
-    fit : FilterErrorFit
     held : ndarray, shape (SHARED,)
         Parameters that were given and not estimated.
     """
@@ -184,11 +182,8 @@ def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
 
     Parameters
     ----------
-    motion : Motion
     wind : ndarray, shape (2,)
         m/s; a yaw that is off turns it.
-    drag : float
-        Deceleration per speed about the flight's mean, 1/s.
     """
     lean = STANDARD_GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
     turned = float(np.hypot(*wind)) * float(motion.attitude_sigma[2])

@@ -208,9 +208,6 @@ def accelerations(
         m above the place of take-off.
     velocities : ndarray, shape (N, 3)
         NED, m/s.
-    law : int
-        Sum of `ROTOR_DRAG` and `AXIS_DRAG` as they hold.
-    stride : int
     out : ndarray, shape (n, 3)
         Receives accelerations, NED, m/s^2; n stride < N.
     jacobian : ndarray, shape (n, 3, q)
@@ -309,12 +306,6 @@ def path(
     ----------
     theta, rotation, density, late, shapes, law
         As for `accelerations`.
-    dt : float
-        s.
-    ground : float
-        Down coordinate of the place of take-off, m.
-    start : int
-        Sample at which the run starts.
     initial : ndarray, shape (6,)
     out : ndarray, shape (n, 6)
         Receives samples `start` to `start + n - 1`.
@@ -348,15 +339,10 @@ def ahead(
     ----------
     thetas : ndarray, shape (R, q)
         Parameters as they are known at each restart, at samples 0, `every`, 2 `every`, ...
-    rotation, density, late, dt, ground, law
-        As for `path`.
     shapes : ndarray, shape (steps + 1, w)
         Of the wind over the time since a restart.
     states : ndarray, shape (N, 6)
         Measured positions and velocities, NED.
-    steps : int
-    every : int
-        Restart at every so many-th sample only.
     out : ndarray, shape (N, 3)
         Receives positions, NED; samples that no restart leads to are left alone.
     """

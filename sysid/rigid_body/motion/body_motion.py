@@ -115,14 +115,8 @@ class Motion:
 
         Parameters
         ----------
-        theta : ndarray
-            Shared parameters (`THETA`), then wind exponent, thrust scale and wind of the flight.
         shapes : ndarray, shape (N, w)
             Functions of time that the wind is a sum of.
-        law : int
-            Law of drag, as the kernels number it.
-        start, stop : int
-            First sample, and the one after the last; None for all.
 
         Returns
         -------
@@ -138,18 +132,6 @@ class Motion:
 
 def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> Motion:
     """Read from a record what the equations of motion read.
-
-    Parameters
-    ----------
-    record : Experiment
-        Inputs PWM of the motors, outputs x, y, z (north, east, up), with context.
-    vehicle : Vehicle
-        The autopilot's output scaling.
-    voltage : float or None
-        Reference, V; None to leave voltage out of account.
-    joined : bool
-        Whether slow rows of motor outputs are joined smoothly (`sysid.records.slow_rows`), which looks at rows to come:
-        for fits. Predictions run on straight lines.
 
     Raises
     ------

@@ -35,11 +35,8 @@ def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
 
     Parameters
     ----------
-    flight : Motion
     theta : ndarray, shape (q,)
         Parameters in the order of `_rigid_kernels`.
-    law : int
-        Of drag.
     """
     count = len(flight.t)
     size = min(max(round(BLOCK_SECONDS / flight.dt), 1), count - 1)
@@ -55,16 +52,10 @@ def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, 
 
     Parameters
     ----------
-    flight : Motion
-        N samples.
     theta : ndarray, shape (q,)
         Parameters in the order of `_rigid_kernels`.
     shapes : ndarray, shape (N, w)
         Of the wind over time; q = 14 + 2 w.
-    law : int
-        Of drag.
-    stride : int
-        Samples over which means are taken, from each edge to the next (trapezoids).
 
     Returns
     -------

@@ -152,9 +152,6 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
         NED, m/s.
     push : ndarray, shape (6,)
         Acceleration in the world [m/s^2] and angular acceleration in the body [rad/s^2] added from outside.
-    dt : float
-        s.
-    substeps : int
     state : ndarray, shape (18,)
         Position, velocity (NED), rotation from body to world by rows, rates (body).
     """
@@ -225,11 +222,6 @@ def ahead(
     starts : ndarray, shape (S,)
     marks : ndarray, shape (M,)
         Increasing, at least 1.
-    dt : float
-        s.
-    substeps : int
-    given : bool
-        Attitude and rates are those of `states` at every sample.
 
     Returns
     -------
@@ -275,11 +267,6 @@ def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
     Parameters
     ----------
     values : ndarray, shape (N,)
-    delay, lag : float
-        Samples. Between samples the curve is that of its second differences, of which the mean over the sample interval
-        around the place is taken; the ends are held. What is returned is the mean of the lag's answer over that
-        interval, which is what a body integrates, and not its end: that would be half a sample early, and a delay that
-        is fitted would be as much too long.
 
     Returns
     -------

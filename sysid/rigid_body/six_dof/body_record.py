@@ -148,12 +148,6 @@ def input_kinds(record: Experiment) -> InputKinds:
 def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
     """Bring an experiment into the form of the equations of motion.
 
-    Parameters
-    ----------
-    record : Experiment
-        Outputs x, y, z (north, east, up, m); context with velocity, attitude and rates.
-    kinds : InputKinds
-
     Raises
     ------
     MissingDataError
@@ -187,10 +181,6 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
 
     Parameters
     ----------
-    record : BodyRecord
-        The record.
-    kinds : InputKinds
-        How its inputs act.
     shape : InputShape
         Delays, lags, shares and thrust curve.
     """

@@ -66,14 +66,11 @@ class HorizonCorrection:
 
         Parameters
         ----------
-        record : BodyRecord
         starts : ndarray, shape (S,)
         marks : ndarray, shape (M,)
         predicted : ndarray, shape (S, M, 18)
         missed : ndarray, shape (N, 6), or None
             See `observer.missed_accelerations`; None without a memory.
-        given : bool
-            Attitude and rates are inputs.
         """
         inside = np.flatnonzero((marks <= self.steps) & (marks >= 1))
         usable = starts + self.steps < len(record.t)
@@ -111,18 +108,10 @@ def features(
 
     Parameters
     ----------
-    record : BodyRecord
-        The record.
     starts : ndarray of int, shape (S,)
         Samples at which predictions start.
-    steps : int
-        Samples of the horizon.
-    memory : float
-        Samples over which errors are averaged; 0 for none.
     missed : ndarray, shape (N, 6), or None
         See `observer.missed_accelerations`; None without a memory.
-    given : bool
-        Attitude and rates are inputs.
     """
     n = len(record.t)
     state = record.states[starts]

@@ -476,17 +476,6 @@ def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: floa
     What the inputs do is held over the sample interval that begins there, so that the fit's own delay is half a sample
     less. Rotor speeds are measured, and may be late themselves: what is stated is how late their telemetry is.
 
-    Parameters
-    ----------
-    name : str
-        Of the delay.
-    value, error : float
-        Of the fit, with its 1-sigma, s.
-    kinds : InputKinds
-        What the inputs are.
-    dt : float
-        Sampling interval, s.
-
     Returns
     -------
     (str, float, str)

@@ -163,10 +163,6 @@ def gains_of_order(
         Features of each record.
     goals : sequence of ndarray, shape (S, steps, states, 3)
         Errors of each record, S as in `table`.
-    states : sequence of int
-        Which of the states to learn.
-    ridge : float
-        Weight of the ridge regression.
     """
     every = max(sum(map(len, table)) // _TRIED, 1)
     gains = np.zeros((len(table), len(states)))

@@ -37,13 +37,8 @@ def missed_accelerations(
 
     Parameters
     ----------
-    theta : ndarray
     drives : ndarray, shape (N, 8 + e)
     wind : ndarray, shape (N, 3)
-    record : BodyRecord
-    substeps : int
-    given : bool
-        Attitude and rates are inputs.
     """
     n, dt = len(record.t), record.dt
     starts = np.arange(n - 1, dtype=np.int64)
@@ -61,10 +56,7 @@ def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
 
     Parameters
     ----------
-    observer : Observer
     missed : ndarray, shape (N, 6)
-    dt : float
-        s.
     """
     out = missed.copy()
     lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory

@@ -97,16 +97,11 @@ def minimise(
     Parameters
     ----------
     start : ndarray, shape (P,)
-    errors_of : callable
-        Errors of every record for given parameters, each (S_r, M, 12).
     prior_mean, prior_sigma : ndarray, shape (P,)
         Wide normal priors; infinite where there is none.
     limits : pair of ndarray, shape (P,)
     steps : ndarray, shape (P,)
         For finite differences.
-    block : int
-        Runs of one block of the sandwich: errors of different blocks count as independent.
-    iterations : int
     """
     values = np.clip(start, *limits)
     errors = errors_of(values)

@@ -22,12 +22,7 @@ _TOGETHER = (
 
 
 def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, BodyParameter]:
-    """Return the parameters, those of the air that are below zero not determined, with the reason.
-
-    Parameters
-    ----------
-    parameters : mapping of str to BodyParameter
-    """
+    """Return the parameters, those of the air that are below zero not determined, with the reason."""
     out = dict(parameters)
     for names in _TOGETHER:
         wrong = [name for name in names if name in out and _below_zero(out[name])]
@@ -46,15 +41,7 @@ def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, Body
 
 
 def wrong_turns(parameters: Mapping[str, BodyParameter], spread: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made.
-
-    Parameters
-    ----------
-    parameters : mapping of str to BodyParameter
-    spread : mapping of str to float
-        Standard errors, also of what is not determined: a gain that is wrong by less than chance explains is no sign of
-        anything (elevons pitch a tail-sitter, and leave its motors nothing to show).
-    """
+    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made."""
     gains = {axis: parameters[f"{axis}_gain"] for axis in ("roll", "pitch", "yaw")}
     wrong = [axis for axis, gain in gains.items() if gain.used < -_BEYOND * spread.get(gain.name, 0.0)]
     if not wrong:
