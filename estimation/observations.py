@@ -16,10 +16,22 @@ from logparse import Geodetic, Tables
 Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 #: Sensor names of the kernel's kinds, in their order.
-KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag", "gps2_position", "gps2_velocity", "range_finder")
+KIND_NAMES = (
+    "gps_position",
+    "gps_height",
+    "gps_velocity",
+    "gps_climb",
+    "baro",
+    "mag",
+    "gps2_position",
+    "gps2_velocity",
+    "range_finder",
+)
 #: How often the variance of a wander known to both receivers must be counted, so that two agree no better than half of
 #: it allows: with half of each variance common to both, the mean of two has 3/4 of the variance of one.
 COMMON_WANDER = 3.0
+#: Axes that a block of the receiver holds.
+LEVEL, VERTICAL = np.array([1.0, 1.0, np.nan]), np.array([np.nan, np.nan, 1.0])
 #: Ranges that are used, m: nearer than the first is the blind zone of many sensors (and the craft's own legs), farther
 #: than the second the ground is no longer that of the place.
 SHORTEST_RANGE, LONGEST_RANGE = 0.3, 10.0
@@ -192,8 +204,10 @@ def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> l
     velocity = fixes[["v_n", "v_e", "v_d"]].to_numpy(float)
     speed = np.repeat(reported(fixes, "s_acc", noise.s_acc)[:, None], 3, axis=1)
     return [
-        (_kernels.GPS_POSITION, t, position, sigma**2),
-        (_kernels.GPS_VELOCITY, t, velocity, speed**2),
+        (_kernels.GPS_POSITION, t, position * LEVEL, sigma**2),
+        (_kernels.GPS_HEIGHT, t, position * VERTICAL, sigma**2),
+        (_kernels.GPS_VELOCITY, t, velocity * LEVEL, speed**2),
+        (_kernels.GPS_CLIMB, t, velocity * VERTICAL, speed**2),
     ]
 
 
@@ -201,9 +215,10 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
     """Turn a second receiver's fixes into measurements.
 
     Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
-    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its velocities do the work.
+    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its horizontal velocities do the work.
     """
-    (_, t, position, white), (_, _, velocity, speed) = observe_gps(fixes, frame, noise)
+    (_, t, level, white), (_, _, height, _), (_, _, velocity, speed), _ = observe_gps(fixes, frame, noise)
+    position = np.column_stack([level[:, :2], height[:, 2]])
     step = float(np.median(np.diff(t))) if len(t) > 1 else noise.gps_error_time
     share = noise.gps_error_share / noise.gps_white_share
     wander = COMMON_WANDER * white * share**2 * max(2.0 * noise.gps_error_time / step, 1.0)

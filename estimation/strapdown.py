@@ -338,7 +338,7 @@ class _Plan:
         )
 
     def relinearise(self, observations: Observations, x: np.ndarray) -> np.ndarray:
-        """Return the start with the attitude that its first minutes find, shape (27,)."""
+        """Return the start with the attitude that its first minutes find, shape (29,)."""
         start, levelled = self.signal.start, self.aligned.levelled
         for _ in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
             first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)

@@ -52,7 +52,9 @@ CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass
 #: What each sensor is called in a sentence.
 SPOKEN: Mapping[str, str] = {
     "gps_position": "GPS positions",
+    "gps_height": "GPS heights",
     "gps_velocity": "GPS velocities",
+    "gps_climb": "vertical velocities of the GPS",
     "baro": "barometer readings",
     "mag": "compass readings",
     "gps2_position": "positions of the second GPS",

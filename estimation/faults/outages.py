@@ -18,9 +18,10 @@ from estimation.observations import Observations
 LONGEST_SILENCE = 5.0
 #: For how long fixes are held back, and are given before they are held back again, s.
 HELD_BACK, GIVEN = (8.0, 20.0), 8.0
-#: Kinds of measurement that are held back, and those that are foretold.
-RECEIVERS = (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY, _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
-FORETOLD = (_kernels.GPS_VELOCITY, _kernels.GPS2_VELOCITY)
+#: Kinds of measurement that are held back, those of them without which a receiver is out, and those foretold.
+RECEIVERS = (*range(_kernels.BARO), _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
+LEVEL = (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY, _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
+FORETOLD = (_kernels.GPS_VELOCITY, _kernels.GPS_CLIMB, _kernels.GPS2_VELOCITY)
 #: How many times faster variances grow than stated on a craft of which nothing is known yet, which counts for one
 #: outage: real craft show 1 to 16.
 CLASS_EXCESS = 4.0
@@ -36,7 +37,7 @@ def outages(observations: Observations, start: float, stop: float) -> list[tuple
     start, stop : float
         Between which times, s.
     """
-    t = observations.t[np.isin(observations.kind, RECEIVERS) & observations.admitted]
+    t = observations.t[np.isin(observations.kind, LEVEL) & observations.admitted]
     if t.size == 0:
         return []
     return [(a, b) for a, b in pairwise([start, *t.tolist(), stop]) if b - a > LONGEST_SILENCE]

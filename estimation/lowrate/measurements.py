@@ -54,8 +54,13 @@ def measurements_of(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[
     if fixes is not None:
         assert origin is not None  # made from the first fix if not logged
         frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
-        (_, fixed, position, p_variance), (_, _, velocity, v_variance) = observe_gps(fixes, frame, noise)
-        both = np.hstack([position, velocity]), np.hstack([p_variance, v_variance])
+        (_, fixed, level, p_variance), (_, _, height, _), (_, _, speed, v_variance), (_, _, climb, _) = observe_gps(
+            fixes, frame, noise
+        )
+        both = (
+            np.hstack([level[:, :2], height[:, 2:], speed[:, :2], climb[:, 2:]]),
+            np.hstack([p_variance, v_variance]),
+        )
         for when, z, variance in zip(fixed, *both, strict=True):
             there = np.isfinite(z)
             rows.append(Measured(when, "gps_position", selector[there], z[there], variance[there]))

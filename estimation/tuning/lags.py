@@ -33,7 +33,7 @@ BARO_LAGS = (*FINE_LAGS, 2.0, 2.7, 3.6, 4.8, 6.4)
 #: Sensors whose lag is looked for, and their kinds of measurement.
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
-    "gps": (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY),
+    "gps": (_kernels.GPS_POSITION, _kernels.GPS_HEIGHT, _kernels.GPS_VELOCITY, _kernels.GPS_CLIMB),
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
     "baro": (_kernels.BARO,),
 }

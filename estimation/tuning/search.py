@@ -16,7 +16,7 @@ from estimation.trust import LATE
 from estimation.tuning.ladders import DECISIVE, Passes, climb
 from estimation.tuning.lags import ENDS, FAR_LAGS, FINE_LAGS, LAGGING, RECEIVERS, find_lag, refine_lag
 from estimation.tuning.linearisation import RELINEARISED, is_sought, moves_bias, relinearised, settled
-from estimation.tuning.noise import GPS_ERROR_SHARES, HIDDEN_WALKS, LADDERS, scale_imu, set_noise, split_gps_error
+from estimation.tuning.noise import GPS_ERROR_SHARES, HIDDEN_WANDERS, LADDERS, scale_imu, set_noise, split_gps_error
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
 WINDOW = 180.0
@@ -36,7 +36,7 @@ class Tuned:
     """Settings found for one log."""
 
     noise: SensorNoise
-    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    white_scale: np.ndarray  #: shape (9,): Factor on the white variance of each kind of measurement.
     imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
     lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
     yaw_scale: float  #: Factor on the rate about the down axis that makes it true.
@@ -187,14 +187,17 @@ class _Search:
             self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
         start = replace(self.aligned, x=self.x)
         for setting, ladder in LADDERS.items():
-            if setting == "baro_walk" and self.found.late_barometer:
-                ladder = HIDDEN_WALKS
+            if setting == "baro_wander" and self.found.late_barometer:
+                ladder = HIDDEN_WANDERS
             problem = set_noise(problem, start, setting, ladder, self.passes)
+        wandering = ()
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
-            problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
-            problem = split_gps_error(problem, self.passes)
+            wandering = (_kernels.GPS_POSITION, _kernels.GPS_HEIGHT)
+            for kind, name in zip(wandering, ("gps_error", "gps_height"), strict=True):
+                problem = set_noise(problem, start, f"{name}_share", GPS_ERROR_SHARES, self.passes)
+                problem = split_gps_error(problem, kind, f"{name}_time", self.passes)
         matched = matched_scale(problem, run(problem, keep=False))
-        matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
+        matched[[*wandering]] = problem.white_scale[[*wandering]]
         self._take(replace(problem, white_scale=matched))
         # A start whose tilt is still sought makes up for a lag, or the lag for it.
         if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
