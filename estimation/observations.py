@@ -106,6 +106,14 @@ class Observations:
         t = self.t - lag * np.isin(self.kind, kinds)
         return self._chosen(np.argsort(t, kind="stable"), t)
 
+    def thinned(self, kinds: Sequence[int], apart: float) -> "Observations":
+        """Keep of some kinds only the first reading in every `apart` seconds."""
+        keep = np.ones(len(self.t), np.bool_)
+        for kind in kinds:
+            mine = np.flatnonzero(self.kind == kind)
+            keep[mine] = np.diff(np.floor(self.t[mine] / apart), prepend=-np.inf) > 0.0
+        return self._chosen(np.flatnonzero(keep), self.t)
+
     def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
         """Leave out the groups of some kinds that lie outside a span of time.
 

@@ -19,8 +19,6 @@ STRONG = 5.0
 #: lost nothing else says how velocity drifts. A prior may only widen: that the three numbers which it is about came out
 #: small proves nothing.
 LADDERS: Mapping[str, tuple[float, ...]] = {
-    "baro_wander": (0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
-    "gps_climb_share": (0.02, 0.05, 0.1, 0.2, 0.5, 1.0),
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4, 6e-4, 2e-3),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8, 2e-7, 6e-7, 2e-6, 6e-6),
     "hard_iron": (3e-6, 1e-5, 3e-5),
@@ -28,8 +26,16 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
+#: Ladders of what wanders in heights. Judged by readings so far apart, s, and not by all: these errors are smooth, so
+#: that from one reading to the next the steadiest receiver is the one that drifts by 7 m in 30 s (pypi 00000081).
+HEIGHT_LADDERS: Mapping[str, tuple[float, ...]] = {
+    "gps_height_share": (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0, 5.0),
+    "gps_climb_share": (0.02, 0.05, 0.1, 0.2, 0.5, 1.0),
+    "baro_wander": (0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
+}
+HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
 #: Those of a late barometer: the filter that makes it late hides its wander from the innovations.
-HIDDEN_WANDERS = LADDERS["baro_wander"][3:]
+HIDDEN_WANDERS = HEIGHT_LADDERS["baro_wander"][3:]
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
@@ -76,11 +82,12 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
     return at(documented) if unsure and (quieter or setting in PRIORS) else likeliest
 
 
-def split_gps_error(problem: Problem, kind: int, setting: str, passes: Passes) -> Problem:
-    """Find how the error of GPS positions or heights divides into white noise and slow wander, of a size known already.
+def split_gps_error(problem: Problem, passes: Passes) -> Problem:
+    """Find how the GPS position error divides into white noise and slow wander, whose size is known already.
 
-    Both fill the same innovations, so each correlation time (`setting`) is judged with the white noise that suits it.
+    Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
     """
+    kind = _kernels.GPS_POSITION
     observations = problem.observations
     variance = float(np.median(observations.variance[observations.scalar_kind == kind]))
     ladder = tuple(scale for scale in GPS_WHITE_SCALES[:-1] if scale * variance > 0.99 * BEST_FIX**2)
@@ -92,12 +99,11 @@ def split_gps_error(problem: Problem, kind: int, setting: str, passes: Passes) -
         return replace(problem, white_scale=scale)
 
     def at(time: float) -> Problem:
-        changed: dict[str, Any] = {setting: time}
-        wandering = replace(problem, noise=replace(problem.noise, **changed))
+        wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
         start = nearest(ladder, problem.white_scale[kind])
         return climb(lambda factor: with_white(wandering, factor), ladder, start, passes)[1]
 
-    return climb(at, GPS_ERROR_TIMES, nearest(GPS_ERROR_TIMES, getattr(problem.noise, setting)), passes)[1]
+    return climb(at, GPS_ERROR_TIMES, nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time), passes)[1]
 
 
 def scale_imu(problem: Problem, column: int, passes: Passes) -> tuple[float, Problem]:

@@ -16,7 +16,17 @@ from estimation.trust import LATE
 from estimation.tuning.ladders import DECISIVE, Passes, climb
 from estimation.tuning.lags import ENDS, FAR_LAGS, FINE_LAGS, LAGGING, RECEIVERS, find_lag, refine_lag
 from estimation.tuning.linearisation import RELINEARISED, is_sought, moves_bias, relinearised, settled
-from estimation.tuning.noise import GPS_ERROR_SHARES, HIDDEN_WANDERS, LADDERS, scale_imu, set_noise, split_gps_error
+from estimation.tuning.noise import (
+    FAR_APART,
+    GPS_ERROR_SHARES,
+    HEIGHT_LADDERS,
+    HEIGHTS,
+    HIDDEN_WANDERS,
+    LADDERS,
+    scale_imu,
+    set_noise,
+    split_gps_error,
+)
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
 WINDOW = 180.0
@@ -187,17 +197,20 @@ class _Search:
             self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
         start = replace(self.aligned, x=self.x)
         for setting, ladder in LADDERS.items():
-            if setting == "baro_wander" and self.found.late_barometer:
-                ladder = HIDDEN_WANDERS
             problem = set_noise(problem, start, setting, ladder, self.passes)
-        wandering = ()
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
-            wandering = (_kernels.GPS_POSITION, _kernels.GPS_HEIGHT)
-            for kind, name in zip(wandering, ("gps_error", "gps_height"), strict=True):
-                problem = set_noise(problem, start, f"{name}_share", GPS_ERROR_SHARES, self.passes)
-                problem = split_gps_error(problem, kind, f"{name}_time", self.passes)
+            problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
+            problem = split_gps_error(problem, self.passes)
+        self._take(problem)
+        sparse = self.lay_out(self.observations.thinned(HEIGHTS, FAR_APART))
+        for _ in range(2):
+            for setting, ladder in HEIGHT_LADDERS.items():
+                if setting == "baro_wander" and self.found.late_barometer:
+                    ladder = HIDDEN_WANDERS
+                sparse = set_noise(sparse, start, setting, ladder, self.passes)
+        problem = replace(problem, noise=sparse.noise, P=sparse.P)
         matched = matched_scale(problem, run(problem, keep=False))
-        matched[[*wandering]] = problem.white_scale[[*wandering]]
+        matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
         self._take(replace(problem, white_scale=matched))
         # A start whose tilt is still sought makes up for a lag, or the lag for it.
         if not moves_bias(self.aligned.P, levelled=self.aligned.levelled):
