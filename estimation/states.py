@@ -73,8 +73,8 @@ class SensorNoise:
     baro_walk: float = 0.04
     #: 1-sigma of what propeller wash, ground effect and airspeed make of it, m, and for how long they last, s. It is
     #: bounded: as a walk of 0.6 m/sqrt(s) it left a climb of 20 m to a receiver's velocity (peterbarker 1.BIN).
-    baro_wander: float = 0.2
-    baro_wander_time: float = 20.0
+    baro_wander: float = 0.5
+    baro_wander_time: float = 60.0
     baro_bias: float = 30.0  #: 1-sigma offset of the baro's zero from the origin, m.
     mag: float = 5.0e-7  #: White noise of the magnetometer, T: noise, quantisation, motor currents.
     hard_iron: float = 3.0e-6  #: 1-sigma hard iron left by the calibration, T.
@@ -92,7 +92,7 @@ class SensorNoise:
     #: The same of the vertical velocity, and how long it lasts, s: real receivers climb or sink by 0.05 to 0.25 m/s for
     #: minutes, at a stated 0.3 to 0.6. Taken for white it outvoted barometer and height together, by 25 m in six
     #: minutes (erlerobot 5-12-2014_218).
-    gps_climb_share: float = 0.2
+    gps_climb_share: float = 0.5
     gps_climb_time: float = 100.0
     #: Share of the reported accuracy that is white from sample to sample; squares of both shares add up to one.
     gps_white_share: float = 0.2

@@ -12,8 +12,9 @@ from estimation.timing import TICK
 #: vertically (climbs).
 TIMES = (3.0, 3.0, 1.0)
 #: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS
-#: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
-GPS_ERROR_TIME = 1000.0
+#: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course. Heights
+#: have the barometer to tell them from (north, east, down).
+GPS_ERROR_TIMES = (1000.0, 1000.0, 100.0)
 #: What lasts of its velocity's error: 1-sigma at least, m/s, and for how long, s. Taken for white, an error of 0.1 m/s
 #: over minutes outvoted a receiver by 80 m.
 EKF_LASTING, EKF_TIME = 0.2, 30.0
@@ -125,13 +126,13 @@ def transitions(
     step, driven = np.diff(t), driven[1:]
     n = len(step)
     F, B, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.zeros((n, SIZE, 3)), np.zeros((n, SIZE, SIZE))
-    stay, lasts = np.exp(-step / GPS_ERROR_TIME), np.exp(-step / EKF_TIME)
+    lasts = np.exp(-step / EKF_TIME)
     # White noise drives d; steps are short against the correlation time, so the leading terms do.
     powers = step[:, None, None] ** np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
     spread = powers / np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
     for axis, time in enumerate(TIMES):
         p, v, d, e, autopilot = axis, 3 + axis, 6 + axis, 9 + axis, 13 + axis
-        a = np.exp(-step / time)
+        a, stay = np.exp(-step / time), np.exp(-step / GPS_ERROR_TIMES[axis])
         # Exact integrals of a disturbance that decays with a.
         to_v = time * (1.0 - a)
         to_p = time * (step - to_v)

@@ -26,19 +26,13 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
-#: Ladders of what wanders in heights. Judged by readings so far apart, s, and not by all: these errors are smooth, so
-#: that from one reading to the next the steadiest receiver is the one that drifts by 7 m in 30 s (pypi 00000081).
-HEIGHT_LADDERS: Mapping[str, tuple[float, ...]] = {
-    "gps_height_share": (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0, 5.0),
-    "gps_climb_share": (0.02, 0.05, 0.1, 0.2, 0.5, 1.0),
-    "baro_wander": (0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
-}
-HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
-#: Those of a late barometer: the filter that makes it late hides its wander from the innovations.
-HIDDEN_WANDERS = HEIGHT_LADDERS["baro_wander"][3:]
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
+#: Heights are judged by readings so far apart, s, and not by all: their error is smooth, so that from one reading to the
+#: next the steadiest receiver is one that drifts by 7 m in 30 s (pypi 00000081).
+GPS_HEIGHT_SHARES = (*GPS_ERROR_SHARES, 5.0)
+HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
 #: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m beside the IMU

@@ -19,9 +19,8 @@ from estimation.tuning.linearisation import RELINEARISED, is_sought, moves_bias,
 from estimation.tuning.noise import (
     FAR_APART,
     GPS_ERROR_SHARES,
-    HEIGHT_LADDERS,
+    GPS_HEIGHT_SHARES,
     HEIGHTS,
-    HIDDEN_WANDERS,
     LADDERS,
     scale_imu,
     set_noise,
@@ -201,14 +200,10 @@ class _Search:
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
             problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
             problem = split_gps_error(problem, self.passes)
-        self._take(problem)
-        sparse = self.lay_out(self.observations.thinned(HEIGHTS, FAR_APART))
-        for _ in range(2):
-            for setting, ladder in HEIGHT_LADDERS.items():
-                if setting == "baro_wander" and self.found.late_barometer:
-                    ladder = HIDDEN_WANDERS
-                sparse = set_noise(sparse, start, setting, ladder, self.passes)
-        problem = replace(problem, noise=sparse.noise, P=sparse.P)
+            self._take(problem)
+            sparse = self.lay_out(self.observations.thinned(HEIGHTS, FAR_APART))
+            sparse = set_noise(sparse, start, "gps_height_share", GPS_HEIGHT_SHARES, self.passes)
+            problem = replace(problem, noise=sparse.noise, P=sparse.P)
         matched = matched_scale(problem, run(problem, keep=False))
         matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
         self._take(replace(problem, white_scale=matched))
