@@ -26,6 +26,7 @@ from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import (
+    LATE,
     contradicted_receiver,
     doubtful_sensors,
     impossible_biases,
@@ -35,7 +36,7 @@ from estimation.trust import (
     scaled_gyro,
     wandering_compass,
 )
-from estimation.tuning import LAGGING, RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
+from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -84,10 +85,9 @@ class _Known:
             )
         longest = _longest(found)
         tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
-        if tuned.late_barometer:
-            # An IMU that agreed better with a barometer of another time was chosen for nothing.
-            timely = observations.earlier(LAGGING["baro"], tuned.lags["baro"])
-            found, before = find_segments(tables, place, timely, noise), longest.imu
+        if max(map(abs, tuned.lags.values()), default=0.0) > LATE:
+            # An IMU that agreed better with a sensor of another time was chosen for nothing.
+            found, before = find_segments(tables, place, tuned.in_time(observations), noise), longest.imu
             longest = _longest(found)
             if longest.imu != before:
                 tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)

@@ -196,6 +196,9 @@ class _Search:
             self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
         start = replace(self.aligned, x=self.x)
         for setting, ladder in LADDERS.items():
+            if setting == "baro_wander" and self.found.late_barometer:
+                # The filter that makes a barometer late hides its wander from the innovations.
+                continue
             problem = set_noise(problem, start, setting, ladder, self.passes)
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
             problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)

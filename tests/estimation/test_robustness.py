@@ -318,7 +318,7 @@ def test_barometer_spikes_leave_no_trace(flight, truth, clean):
 @pytest.mark.parametrize("seed", [41, 42])
 def test_a_barometer_that_wanders_in_flight_does_not_lend_its_error_to_the_climb(seed):
     """Propeller wash and airspeed move a real craft's barometer by decimetres within seconds, with or without GPS."""
-    wandering = fly(seed, duration=150.0, sensors=Sensors(baro_walk=0.4))
+    wandering = fly(seed, duration=150.0, sensors=Sensors(baro_wander=1.0))
     gps = wandering.tables.gps
     for tables in (wandering.tables, replace(wandering.tables, gps=gps[gps.index < 90.0])):
         estimated = estimate(tables, rate=10.0)
