@@ -73,7 +73,7 @@ class SensorNoise:
     baro_walk: float = 0.04
     #: 1-sigma of what propeller wash, ground effect and airspeed make of it, m, and for how long they last, s. It is
     #: bounded: as a walk of 0.6 m/sqrt(s) it left a climb of 20 m to a receiver's velocity (peterbarker 1.BIN).
-    baro_wander: float = 0.7
+    baro_wander: float = 0.1
     baro_wander_time: float = 5.0
     baro_bias: float = 30.0  #: 1-sigma offset of the baro's zero from the origin, m.
     mag: float = 5.0e-7  #: White noise of the magnetometer, T: noise, quantisation, motor currents.

@@ -19,7 +19,7 @@ STRONG = 5.0
 #: lost nothing else says how velocity drifts. A prior may only widen: that the three numbers which it is about came out
 #: small proves nothing.
 LADDERS: Mapping[str, tuple[float, ...]] = {
-    "baro_wander": (0.1, 0.2, 0.4, 0.7),
+    "baro_wander": (0.1, 0.2, 0.5),
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4, 6e-4, 2e-3),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8, 2e-7, 6e-7, 2e-6, 6e-6),
     "hard_iron": (3e-6, 1e-5, 3e-5),

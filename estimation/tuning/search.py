@@ -198,7 +198,7 @@ class _Search:
         for setting, ladder in LADDERS.items():
             if setting == "baro_wander" and self.found.late_barometer:
                 # The filter that makes a barometer late hides its wander from the innovations.
-                continue
+                ladder = ladder[-1:]
             problem = set_noise(problem, start, setting, ladder, self.passes)
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
             problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
