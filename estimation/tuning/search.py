@@ -8,7 +8,7 @@ import numpy as np
 from estimation import _kernels
 from estimation.alignment import Alignment, with_priors
 from estimation.faults.shocks import believed
-from estimation.filter import COARSE, Problem, World, assemble, matched_scale, run
+from estimation.filter import COARSE, LOUDEST, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.states import SensorNoise
 from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
@@ -98,7 +98,8 @@ def tune(
     far_off = _Search(signal, observations, with_priors(aligned, noise, wide), world, wide)
     looks_better = far_off.begin() - known.begin() > DECISIVE
     known.search()
-    if not looks_better:
+    # A sensor as loud as none of its class: what contradicts it may be the IMU.
+    if not looks_better and known.white_scale.max() < LOUDEST**2:
         return known.found
     far_off.search()
     return far_off.found if far_off.likelihood() - known.likelihood() > DECISIVE else known.found
