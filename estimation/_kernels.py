@@ -204,7 +204,7 @@ def _observe(
     magnetic field, at which the rows of the magnetometer are taken.
     Gives the prediction, the number of entries and how fast the prediction changes with time.
     """
-    if kind == GPS_POSITION or kind == GPS_HEIGHT:
+    if kind in (GPS_POSITION, GPS_HEIGHT):
         index[0], value[0] = axis, 1.0
         index[1], value[1] = 19 + axis, 1.0
         return x[axis] + x[20 + axis], 2, x[3 + axis]

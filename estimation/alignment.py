@@ -76,23 +76,7 @@ def align(
     *,
     heading_known: bool = True,
 ) -> Alignment:
-    """Find the start of a segment from its first seconds.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    imu : DataFrame
-        The segment's IMU samples.
-    frame : LocalFrame or None
-        None without any known place.
-    field : ndarray, shape (3,), or None
-        World magnetic field, NED, T; None without magnetometer.
-    noise : SensorNoise
-        What to believe of the sensors.
-    heading_known : bool
-        Whether the autopilot's heading can be believed: not when its compass is stuck.
-    """
+    """Find the start of a segment from its first seconds."""
     start = float(imu.index[0])
     span = still_span(imu)
     still = span >= STILL_SHORTEST and not _under_way(tables, start, start + span)
@@ -181,17 +165,7 @@ def _under_way(tables: Tables, start: float, stop: float) -> bool:
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
-    """Return an alignment with another heading and its 1-sigma, rad.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        The start as it was.
-    yaw : float
-        Heading from true north, rad.
-    yaw_sigma : float
-        Its 1-sigma, rad.
-    """
+    """Return an alignment with another heading and its 1-sigma, rad."""
     x, P = aligned.x.copy(), aligned.P.copy()
     roll, pitch, _ = euler_from_quat(x[6:10])
     x[6:10] = quat_from_euler(roll, pitch, yaw)
@@ -211,15 +185,7 @@ def lost(aligned: Alignment) -> Alignment:
 
 
 def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> Alignment:
-    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        A start made with the noise settings `before`.
-    before, noise : SensorNoise
-        Old and new noise settings.
-    """
+    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`."""
     factors = np.ones(SIZE)
     factors[GYRO_BIAS : GYRO_BIAS + 3] = noise.gyro_bias / before.gyro_bias
     factors[ACCEL_BIAS : ACCEL_BIAS + 3] = noise.accel_bias / before.accel_bias
@@ -232,21 +198,7 @@ def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> 
 
 
 def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
-    """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        The start as the segment itself gives it.
-    last : Filtered
-        Of the segment before.
-    gap : float
-        From its end to this one's start, s.
-    noise : SensorNoise
-        How fast the errors wander.
-    same_imu : bool
-        Whether the biases of gyro and accelerometer are those of the same IMU.
-    """
+    """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between."""
     first = GYRO_BIAS if same_imu else BARO_BIAS
     kept = np.arange(first, TERRAIN)
     block = np.ix_(kept, kept)

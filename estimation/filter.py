@@ -123,37 +123,7 @@ def assemble(
     prior: np.ndarray | None = None,
     shocks: Shocks | None = None,
 ) -> Problem:
-    """Lay out nodes and sub-steps of one segment, or of a piece of it.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        What the aiding sensors measured.
-    outputs : ndarray
-        Times within the piece, s.
-    x, P : ndarray, shapes (29,), (28, 28)
-        State and covariance at the beginning of the piece.
-    world : World
-        Gravity and Earth's rotation.
-    noise : SensorNoise
-        What to believe of the sensors.
-    white_scale : ndarray, shape (9,), optional
-        Factor on the white variance of each kind of measurement.
-    imu_scale : ndarray, shape (2,), optional
-        Factor on the variance that the IMU's increments add to attitude and to velocity.
-    start, stop : float
-        The piece, s: what is measured before `stop` belongs to it.
-    finest : float
-        IMU samples nearer to each other than this, s, share a sub-step.
-    moves : bool, optional
-        Whether the craft turns anywhere in the segment, where it is known already.
-    prior : ndarray, shape (28,), optional
-        Variances at the beginning of the segment, if the piece begins later.
-    shocks : Shocks, optional
-        Steps that the IMU may have missed.
-    """
+    """Lay out nodes and sub-steps of one segment, or of a piece of it."""
     first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
     asked = ticks(outputs)
@@ -216,17 +186,6 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
 
     Who smooths does better to fuse what is beyond the gate with little weight and to judge it by the past and the
     future (`smoother.refused`): a gate that knows the past only, once wrong, locks itself out.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment or piece.
-    keep : bool
-        Whether to keep what smoothing needs.
-    hard : bool
-        Whether to refuse at once what is beyond the gate.
-    memory : ndarray, optional
-        Carried over from the piece before, and brought up to date in place; None for `new_memory`.
     """
     o = problem.observations
     nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs

@@ -115,15 +115,7 @@ class Observations:
         return self._chosen(np.flatnonzero(keep), self.t)
 
     def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
-        """Leave out the groups of some kinds that lie outside a span of time.
-
-        Parameters
-        ----------
-        kinds : sequence of int
-            Kinds of measurement that the span is for; others stay.
-        start, stop : float
-            The span, s, ends included.
-        """
+        """Leave out the groups of some kinds that lie outside a span of time."""
         kept = ~np.isin(self.kind, kinds) | ((self.t >= start) & (self.t <= stop))
         return self._chosen(np.flatnonzero(kept), self.t)
 
@@ -168,15 +160,6 @@ def find_origin(tables: Tables) -> Geodetic | None:
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
     """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0.
 
-    Parameters
-    ----------
-    table : DataFrame
-        GPS fixes.
-    column : str
-        Accuracy: h_acc, v_acc [m] or s_acc [m/s].
-    default : float
-        In the unit of the column.
-
     Returns
     -------
     ndarray, shape (n,)
@@ -188,15 +171,6 @@ def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
 
 def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
     """Turn GPS fixes into position and velocity measurements at their times of validity.
-
-    Parameters
-    ----------
-    fixes : DataFrame
-        Usable fixes as in `Tables.gps`, indexed by t, s.
-    frame : LocalFrame
-        Frame of the positions.
-    noise : SensorNoise
-        Accuracies where the receiver states none, and the part of them that is white.
 
     Returns
     -------
@@ -223,7 +197,7 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
     """Turn a second receiver's fixes into measurements.
 
     Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
-    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its horizontal velocities do the work.
+    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its level velocities do the work.
     """
     (_, t, level, white), (_, _, height, _), (_, _, velocity, speed), _ = observe_gps(fixes, frame, noise)
     position = np.column_stack([level[:, :2], height[:, 2]])
@@ -237,17 +211,7 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
 
 
 def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Observations:
-    """Collect everything that GPS receivers, baro, magnetometer and range finder measured.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    frame : LocalFrame or None
-        Frame of the positions; None leaves GPS out.
-    noise : SensorNoise
-        Variances of the sensors.
-    """
+    """Collect everything that GPS receivers, baro, magnetometer and range finder measured."""
     blocks: list[Block] = []
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:

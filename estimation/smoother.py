@@ -49,13 +49,6 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
     """Walk back over a piece of a segment.
 
-    Parameters
-    ----------
-    problem, result : Problem, ForwardPass
-        Of the piece, its history kept.
-    adjoint : pair of ndarray
-        Of the piece behind it; becomes that before this one.
-
     Returns
     -------
     Estimates

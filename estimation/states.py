@@ -135,6 +135,6 @@ class SensorNoise:
         return np.array([position, position, self.gps_height_time, self.gps_climb_time, self.baro_wander_time])
 
     def wander_sizes(self) -> np.ndarray:
-        """1-sigma of each of the errors `WANDERING`, by the accuracy stated, except the barometer's in m; shape (5,)."""
+        """1-sigma of each of the errors `WANDERING`: by the accuracy stated, the barometer's in m; shape (5,)."""
         position = self.gps_error_share
         return np.array([position, position, self.gps_height_share, self.gps_climb_share, self.baro_wander])

@@ -131,23 +131,7 @@ def estimate_strapdown(
     noise: SensorNoise,
     smoothed: bool,
 ) -> Trajectory:
-    """Filter and smooth every segment of the IMU.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of a log with an IMU of 15 Hz or more.
-    rate : float
-        Rows of the trajectory per second.
-    start, stop : float or None
-        Span of time to give, s; None for all of it.
-    date : datetime or None
-        When the log was flown, for the magnetic field.
-    noise : SensorNoise
-        What to believe of the sensors.
-    smoothed : bool
-        False gives the forward filter.
-    """
+    """Filter and smooth every segment of the IMU."""
     place = Surroundings.of(tables, date)
     mag = usable_field(tables.mag) is not None
     findings = stuck_magnetometer() if place.compass_useless else []

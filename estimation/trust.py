@@ -43,8 +43,9 @@ SCALE_OFF = 0.01
 
 #: No craft flies on after its velocity stepped by so much so many times, m/s: such steps are not of the craft.
 WRECKING_STEP, WRECKED = 5.0, 3
-#: Steps in more seconds than this share, four fifths of them over more than that share of a log, are no impacts.
-STEPPING, SPREAD = 0.05, 0.2
+#: Steps in more seconds than this share, four fifths of them over more than that share of a log, are no impacts: honest
+#: logs of chirps near instability have 5.1 % (methodic_quad15_roll40), those with axes exchanged 6 % and more.
+STEPPING, SPREAD = 0.055, 0.2
 
 #: What sensors whose lag is looked for are called.
 CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
@@ -107,13 +108,7 @@ def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Findi
 
 
 def impossible_biases(states: pd.DataFrame) -> list[Finding]:
-    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale, or its own heading, for a mere bias.
-
-    Parameters
-    ----------
-    states : DataFrame
-        `Trajectory.states`.
-    """
+    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale, or its own heading, for a mere bias."""
     found = []
     for what, columns, farthest, unit in (
         ("accelerometer", ["b_ax", "b_ay", "b_az"], FARTHEST_ACCEL_BIAS, "m/s²"),
@@ -145,21 +140,7 @@ def impossible_biases(states: pd.DataFrame) -> list[Finding]:
 def contradicted_receiver(
     tables: Tables, states: pd.DataFrame, origin: Geodetic, lag: float, *, velocities: bool = True
 ) -> list[Finding]:
-    """Compare a trajectory with the GPS by the accuracy that the receiver states.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    states : DataFrame
-        `Trajectory.states`.
-    origin : Geodetic
-        Of the local frame.
-    lag : float
-        By which the receiver was found later than its tables say, s.
-    velocities : bool
-        Whether the velocities of the receiver were used.
-    """
+    """Compare a trajectory with the GPS by the accuracy that the receiver states."""
     fixes = usable_fixes(tables.gps)
     if fixes is None or not np.isfinite(origin.lat):
         return []

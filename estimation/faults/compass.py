@@ -93,25 +93,7 @@ def compass_turn(
     tuned: Tuned,
     noise: SensorNoise,
 ) -> Turn | None:
-    """Find the turn of the compass against the heading that all other sensors give; None where there is too little.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        At the times that were found.
-    aligned : Alignment
-        The start.
-    world : World
-        Gravity and Earth's rotation.
-    field : ndarray, shape (3,)
-        World magnetic field, NED, T.
-    tuned : Tuned
-        Settings, with or without the compass.
-    noise : SensorNoise
-        Settings that the start `aligned` was made with.
-    """
+    """Find the turn of the compass against the heading that all other sensors give; None where there is too little."""
     begin, stop = window(signal)
     seen = observations.between(max(begin, signal.start), min(stop, signal.stop))
     readings = np.flatnonzero((seen.kind == _kernels.MAG) & (np.diff(seen.start) == 3))

@@ -88,15 +88,7 @@ def _changed(change: ClockChange) -> Finding:
 
 
 def clock_change(gps: pd.DataFrame, t: Array, velocity: Array) -> ClockChange | None:
-    """Return how the lag of a receiver changes within the log; None where it does not, or nothing tells.
-
-    Parameters
-    ----------
-    gps : DataFrame
-        Its table.
-    t, velocity : ndarray, shapes (n,), (n, 2)
-        What `_velocity_felt` returns.
-    """
+    """Return how the lag of a receiver changes within the log; None where it does not, or nothing tells."""
     fixes = usable(gps, ["v_n", "v_e"])
     if fixes is None:
         return None

@@ -36,22 +36,6 @@ def filter_telemetry(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back.
 
-    Parameters
-    ----------
-    t : (n,) ndarray
-        Times of the nodes, s.
-    thrust : scipy.interpolate.Akima1DInterpolator
-        Acceleration that the attitude tells over time, NED, m/s^2.
-    measured : list of Measured
-        In order of time, each at a node.
-    gps_sigma : (3,) ndarray
-        1-sigma of what lasts in the receiver's position, m.
-    noise : SensorNoise
-    driven : (n, 6) ndarray
-        1-sigma of the acceleration that attitude does not tell, m/s^2, and of the autopilot's velocity, m/s.
-    smoothed : bool
-        False gives the forward filter.
-
     Returns
     -------
     x : (n, 16) ndarray
@@ -108,16 +92,6 @@ def transitions(
     t: np.ndarray, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """F, B and Q from node to node: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows.
-
-    Parameters
-    ----------
-    t : (n,) ndarray
-        Times of the nodes, s.
-    driven : (n, 6) ndarray
-        As `filter_telemetry` takes it.
-    gps_sigma : (3,) ndarray
-        m.
-    noise : SensorNoise
 
     Returns
     -------

@@ -34,21 +34,7 @@ PASSES = 6
 def estimate_low_rate(
     tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise, smoothed: bool
 ) -> Trajectory:
-    """Filter and smooth telemetry.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of a log with attitude and positions.
-    rate : float
-        Rows of the trajectory per second.
-    start, stop : float or None
-        Span of time to give, s; None for all of it.
-    noise : SensorNoise
-        What to believe of the sensors.
-    smoothed : bool
-        False gives the forward filter.
-    """
+    """Filter and smooth telemetry."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     assert attitude is not None  # the caller asked for it
     origin, measured, gps_sigma, source = measurements_of(tables, noise)

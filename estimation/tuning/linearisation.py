@@ -18,15 +18,6 @@ def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np
 
     The prior moves along. That does no harm to a heading, of which it says little. Tilt moves too where nothing but the
     force in flight told it, and it is as wide; and along with the accelerometer's bias where that is.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment, with its prior.
-    result : ForwardPass
-        The filter's pass over it.
-    levelled : bool
-        Whether tilt was read off the accelerometer (`Alignment.levelled`).
     """
     x = problem.x.copy()
     smoothed = smooth(problem, result).x[0]

@@ -30,12 +30,12 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
-#: Heights are judged by readings so far apart, s, and not by all: their error is smooth, so that from one reading to the
-#: next the steadiest receiver is one that drifts by 7 m in 30 s (pypi 00000081).
-GPS_HEIGHT_SHARES = (*GPS_ERROR_SHARES, 5.0)
-HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
+#: The same of heights. They are judged by readings so far apart, s, and not by all: their error is smooth, so that from
+#: one reading to the next the steadiest receiver is one that drifts by 7 m in 30 s (pypi 00000081).
+GPS_HEIGHT_SHARES = (*GPS_ERROR_SHARES, 5.0)
+HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
 #: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m beside the IMU
 #: is 3 cm elsewhere in a tilt of 0.3 rad. Innovations do not show it, since it is not white, nor do averages end it.
 BEST_FIX = 0.03
@@ -48,19 +48,6 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
     never becomes narrower: that it was wide is why the start, about which it is now, was found at all.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment with the settings found so far.
-    start : Alignment
-        The start, about the attitude found.
-    setting : str
-        A field of `SensorNoise`.
-    ladder : Sequence[float]
-        Its values, rising.
-    passes : Passes
-        Likelihoods known so far.
     """
 
     def at(value: float) -> Problem:
@@ -102,17 +89,7 @@ def split_gps_error(problem: Problem, passes: Passes) -> Problem:
 
 
 def scale_imu(problem: Problem, column: int, passes: Passes) -> tuple[float, Problem]:
-    """Find the factor on the noise of gyro or accelerometer, and the problem with it.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment with the settings found so far.
-    column : int
-        0 for the gyro, 1 for the accelerometer.
-    passes : Passes
-        Likelihoods known so far.
-    """
+    """Find the factor on the noise of gyro or accelerometer, and the problem with it."""
 
     def at(factor: float) -> Problem:
         factors = np.ones(2)

@@ -78,19 +78,6 @@ def tune(
     looks better: they need a start of their own. With settings of the class that start also makes up for whatever else
     is worse than its class, as a compass beside motors, and one fix more or less decided on it. So where it looks
     better, settings are found about both, and it must still be decisively likelier.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        What the aiding sensors measured, at the times that their tables state.
-    aligned : Alignment
-        The start.
-    world : World
-        Gravity and Earth's rotation.
-    noise : SensorNoise
-        Settings to begin with, those that `aligned` was made with.
     """
     wide = replace(noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
     known = _Search(signal, observations, aligned, world, noise)
