@@ -53,7 +53,7 @@ def stuck_magnetometer() -> list[Finding]:
     """Report a magnetometer whose readings never change although the craft turns."""
     return [
         Finding(
-            "magnetometer-stuck",
+            "compass-doubtful",
             Severity.WARNING,
             "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
             "from the movement of the craft.",
@@ -88,7 +88,7 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
     )
     return [
         Finding(
-            "other-imu",
+            "imu-doubtful",
             Severity.WARNING,
             f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
             "Look at the mounting, calibration and temperature of the first IMU.",
@@ -119,11 +119,11 @@ def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> li
         start, stop = when[run[[0, -1]]].tolist()
         findings.append(
             Finding(
-                "gps-glitch",
+                "sensor-refused",
                 Severity.WARNING,
                 f"GPS positions up to {size:.0f} m off were refused from t = {start:.1f} to {stop:.1f} s.",
                 "Look at satellites and HDOP there; a mast and distance from power cables help.",
-                {"start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
+                {"sensor": "gps_position", "start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
             )
         )
     return findings

@@ -197,7 +197,7 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
     """Turn a second receiver's fixes into measurements.
 
     Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
-    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its level velocities do the work.
+    frequencies, ``2 tau / dt`` times its variance. So it bounds drift while its level velocities do the work.
     """
     (_, t, level, white), (_, _, height, _), (_, _, velocity, speed), _ = observe_gps(fixes, frame, noise)
     position = np.column_stack([level[:, :2], height[:, 2]])

@@ -34,6 +34,7 @@ from estimation.trust import (
     missed_steps,
     only_one_withdrawal,
     scaled_gyro,
+    swinging_heights,
     wandering_compass,
 )
 from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
@@ -164,6 +165,7 @@ def estimate_strapdown(
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
+    doubts += swinging_heights(tuned.noise.gps_height_share)
     doubts += wandering_compass(tuned.noise.hard_iron_walk)
     doubts += scaled_gyro(tuned.yaw_scale)
     lag = tuned.lags.get("gps", 0.0)

@@ -79,11 +79,11 @@ def _changed(change: ClockChange) -> Finding:
         else f"come {abs(change.later):.2f} s {later} from t = {change.t:.0f} s on than before"
     )
     return Finding(
-        "gps-clock",
+        "sensor-late",
         Severity.WARNING,
         f"The receiver's fixes {how}, by the IMU's movement: they are used at the times found.",
         "Look at the receiver's cable and rate, and at what else its port is used for.",
-        {"t": change.t, "later_s": change.later, "drift": change.drift},
+        {"sensor": "gps", "t": change.t, "later_s": change.later, "drift": change.drift},
     )
 
 
