@@ -13,8 +13,8 @@ from estimation.timing import TICK
 TIMES = (3.0, 3.0, 1.0)
 #: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS
 #: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course. Heights
-#: have the barometer to tell them from (north, east, down).
-GPS_ERROR_TIMES = (1000.0, 1000.0, 100.0)
+#: have the barometer to tell them from (`SensorNoise.gps_height_time`), where there is one.
+GPS_ERROR_TIME = 1000.0
 #: What lasts of its velocity's error: 1-sigma at least, m/s, and for how long, s. Taken for white, an error of 0.1 m/s
 #: over minutes outvoted a receiver by 80 m.
 EKF_LASTING, EKF_TIME = 0.2, 30.0
@@ -101,12 +101,13 @@ def transitions(
     n = len(step)
     F, B, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.zeros((n, SIZE, 3)), np.zeros((n, SIZE, SIZE))
     lasts = np.exp(-step / EKF_TIME)
+    lasting = (GPS_ERROR_TIME, GPS_ERROR_TIME, noise.gps_height_time)
     # White noise drives d; steps are short against the correlation time, so the leading terms do.
     powers = step[:, None, None] ** np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
     spread = powers / np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
     for axis, time in enumerate(TIMES):
         p, v, d, e, autopilot = axis, 3 + axis, 6 + axis, 9 + axis, 13 + axis
-        a, stay = np.exp(-step / time), np.exp(-step / GPS_ERROR_TIMES[axis])
+        a, stay = np.exp(-step / time), np.exp(-step / lasting[axis])
         # Exact integrals of a disturbance that decays with a.
         to_v = time * (1.0 - a)
         to_p = time * (step - to_v)

@@ -264,7 +264,7 @@ def test_each_segment_takes_its_own_imu(flight):
     tables = replace(flight.tables, imu=with_hole(loose), further={"imu": (with_hole(imu),)})
     result = estimate(tables)
     assert result.diagnostics["imu"] == [0, 1]
-    assert sorted(f.id for f in result.findings) == ["imu-hole", "imu-doubtful"]
+    assert sorted(f.id for f in result.findings) == ["imu-doubtful", "imu-hole"]
     whole = estimate(replace(tables, further={"imu": (imu,)}))
     assert whole.diagnostics["imu"] == [1]
     assert [f.id for f in whole.findings] == ["imu-doubtful"]
