@@ -1,8 +1,8 @@
 """Estimation: canonical tables to a trajectory with honest uncertainty.
 
 Frames: positions and velocities in a local NED frame (`LocalFrame`), body axes FRD; ``quat_nb`` turns body vectors to
-NED. The nominal state of the filter is one array ``x`` (27 numbers: position, velocity, quaternion, then the sensor
-errors of `SENSOR_ERROR_COLUMNS`), its error the 26 numbers of `states`.
+NED. The nominal state of the filter is one array ``x`` (29 numbers: position, velocity, quaternion, then the sensor
+errors of `SENSOR_ERROR_COLUMNS`), its error the 28 numbers of `states`.
 """
 
 from estimation.consistency import Comparison, compare, errors, nees

@@ -4,7 +4,7 @@ A *node* is a time at which something is measured or asked for. Between nodes th
 sub-steps of the IMU; covariance moves from node to node only. With ``S`` the velocity gained by specific force in NED,
 ``C`` the integral of the body-to-NED matrix and ``T`` the time between two nodes, the transition of the error state is
 
-    p' = p + T v;  v' = v - [S]x phi - C b_a;  phi' = phi - C b_g;  e' = a e
+    p' = p + T v;  v' = v - [S]x phi - C b_a;  phi' = phi - C b_g;  e' = a e (what wanders, `WANDERS`)
 
 and identity elsewhere: only these entries are ever multiplied. Measurements are scalar with at most seven entries in
 their row of H, so no matrix is inverted. The smoother is the modified Bryson-Frazier form (Bierman 1973), which runs on
@@ -22,7 +22,7 @@ from core.kernel_types import Blocks, Flags, Int64Rows, Int64s, Matrix, Stack, V
 
 Array = np.ndarray
 
-N = 26  # states.SIZE; a literal so that loops have constant bounds
+N = 28  # states.SIZE; a literal so that loops have constant bounds
 SLOW = 9  # states from here on are sensor errors, which change slowly
 SLOW_EVERY = 8  # their smoothed values are worked out for every eighth output row
 ENTRIES = 7  # most entries that a row of H has
@@ -31,13 +31,15 @@ FARTHEST = 0.3  # rad; headings further than this from the first one are a new f
 # What the filter remembers from node to node besides state and covariance: how long each kind has not been believed,
 # whether its last reading was beyond the gate, the heading since the first one, the field at the start, rate and
 # acceleration now.
-DOUBTED, BEYOND, HEADING, FIELD, RATE, ACCELERATION, MEMORY = 0, 7, 14, 15, 18, 21, 24
+DOUBTED, BEYOND, HEADING, FIELD, RATE, ACCELERATION, MEMORY = 0, 9, 18, 19, 22, 25, 28
+# First of the error states that wander about zero (Gauss-Markov), and the first behind them.
+WANDERS, STEADY = 19, 24
 
 # Kinds of measurement groups.
-GPS_POSITION, GPS_VELOCITY, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(7)
-KINDS = 7
+GPS_POSITION, GPS_HEIGHT, GPS_VELOCITY, GPS_CLIMB, BARO, MAG, GPS2_POSITION, GPS2_VELOCITY, RANGE = range(9)
+KINDS = 9
 # The receiver or sensor that each kind comes from: what one of them measures may be wrong together.
-SOURCES = np.array([0, 0, 1, 2, 3, 3, 4])
+SOURCES = np.array([0, 0, 0, 0, 1, 2, 3, 3, 4])
 # Innovations beyond so many sigma pull less the further out they are, s.d.
 BOUND = 3.0
 # What attitude is widened by when several sensors speak against the state, rad^2.
@@ -93,8 +95,8 @@ def _turn(state: Array, rx: float, ry: float, rz: float, in_body: bool) -> None:
 
 
 @inner(nogil=True, fastmath=_FLAGS)
-def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float, fast: int) -> None:
-    """P <- F P F' in place; the first nine rows and columns (`fast` of them) and those of the GPS error change."""
+def _propagate_covariance(P: Array, T: float, S: Array, C: Array, stay: Array, fast: int) -> None:
+    """P <- F P F' in place; the first nine rows and columns (`fast` of them) and those of what wanders change."""
     # Numbers, not entries of arrays that P might overlap: so the loops work on several columns at once.
     s0, s1, s2 = S[0], S[1], S[2]
     c00, c01, c02 = C[0, 0], C[0, 1], C[0, 2]
@@ -110,9 +112,10 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float, fast
         P[6, k] -= c00 * P[9, k] + c01 * P[10, k] + c02 * P[11, k]
         P[7, k] -= c10 * P[9, k] + c11 * P[10, k] + c12 * P[11, k]
         P[8, k] -= c20 * P[9, k] + c21 * P[10, k] + c22 * P[11, k]
-        P[19, k] *= a
-        P[20, k] *= a
-        P[21, k] *= a
+    for i in range(WANDERS, STEADY):
+        a = stay[i - WANDERS]
+        for k in range(N):
+            P[i, k] *= a
     for i in range(fast):
         r = P[i]
         r[0] += T * r[3]
@@ -124,19 +127,17 @@ def _propagate_covariance(P: Array, T: float, S: Array, C: Array, a: float, fast
         r[6] -= c00 * r[9] + c01 * r[10] + c02 * r[11]
         r[7] -= c10 * r[9] + c11 * r[10] + c12 * r[11]
         r[8] -= c20 * r[9] + c21 * r[10] + c22 * r[11]
-        r[19] *= a
-        r[20] *= a
-        r[21] *= a
+        for k in range(WANDERS, STEADY):
+            r[k] *= stay[k - WANDERS]
     for i in range(fast, N):
         for k in range(9):
             P[i, k] = P[k, i]
-        P[i, 19] *= a
-        P[i, 20] *= a
-        P[i, 21] *= a
+        for k in range(WANDERS, STEADY):
+            P[i, k] *= stay[k - WANDERS]
 
 
 @inner(nogil=True, fastmath=_FLAGS)
-def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: float, states: int) -> None:
+def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, stay: Array, states: int) -> None:
     """Compute lam <- F' lam and Lam <- F' Lam F in place, the transpose of `_propagate_covariance`."""
     s0, s1, s2 = S[0], S[1], S[2]
     c00, c01, c02 = C[0, 0], C[0, 1], C[0, 2]
@@ -155,11 +156,12 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
         Lam[3, k] += T * Lam[0, k]
         Lam[4, k] += T * Lam[1, k]
         Lam[5, k] += T * Lam[2, k]
-        Lam[19, k] *= a
-        Lam[20, k] *= a
-        Lam[21, k] *= a
+    for i in range(WANDERS, STEADY):
+        a = stay[i - WANDERS]
+        for k in range(N):
+            Lam[i, k] *= a
     # From both sides in these rows only, since Lam stays symmetric; behind them once for lam.
-    for i in range(3, states - 10):
+    for i in range(3, states - 12):
         r = Lam[i] if i < 15 else lam
         r[9] -= c00 * r[6] + c10 * r[7] + c20 * r[8]
         r[10] -= c01 * r[6] + c11 * r[7] + c21 * r[8]
@@ -177,10 +179,10 @@ def _propagate_adjoint(lam: Array, Lam: Array, T: float, S: Array, C: Array, a: 
         if i < 3 or i >= 15:
             for k in range(3, 15):
                 Lam[i, k] = Lam[k, i]
-        for k in range(19, 22):
-            Lam[i, k] *= a
-    for k in range(19, 22):
-        lam[k] *= a
+        for k in range(WANDERS, STEADY):
+            Lam[i, k] *= stay[k - WANDERS]
+    for k in range(WANDERS, STEADY):
+        lam[k] *= stay[k - WANDERS]
 
 
 @inner(nogil=True)
@@ -202,14 +204,19 @@ def _observe(
     magnetic field, at which the rows of the magnetometer are taken.
     Gives the prediction, the number of entries and how fast the prediction changes with time.
     """
-    if kind == GPS_POSITION:
+    if kind in (GPS_POSITION, GPS_HEIGHT):
         index[0], value[0] = axis, 1.0
         index[1], value[1] = 19 + axis, 1.0
         return x[axis] + x[20 + axis], 2, x[3 + axis]
+    if kind == GPS_CLIMB:
+        index[0], value[0] = 5, 1.0
+        index[1], value[1] = 22, 1.0
+        return x[5] + x[23], 2, acceleration[2]
     if kind == BARO:
         index[0], value[0] = 2, -1.0
         index[1], value[1] = 15, 1.0
-        return x[16] - x[2], 2, x[5]
+        index[2], value[2] = 23, 1.0
+        return x[16] + x[24] - x[2], 3, x[5]
     if kind == MAG:
         # R' exp(-[phi]x) m = R' m + R' [m]x phi. Heading and hard iron of a craft that does not turn cannot be told
         # apart; rows of H taken at ever new headings would pretend that they can (Huang, Mourikis & Roumeliotis 2010).
@@ -223,10 +230,10 @@ def _observe(
         index[1], value[1] = 7, r2 * m0 - r0 * m2
         index[2], value[2] = 8, r0 * m1 - r1 * m0
         index[3], value[3] = 16 + axis, 1.0
-        index[4], value[4] = 22, r0
-        index[5], value[5] = 23, r1
-        index[6], value[6] = 24, r2
-        m0, m1, m2 = x[23], x[24], x[25]
+        index[4], value[4] = 24, r0
+        index[5], value[5] = 25, r1
+        index[6], value[6] = 26, r2
+        m0, m1, m2 = x[25], x[26], x[27]
         j, k = (axis + 1) % 3, (axis + 2) % 3
         b_j = R[0, j] * m0 + R[1, j] * m1 + R[2, j] * m2
         b_k = R[0, k] * m0 + R[1, k] * m1 + R[2, k] * m2
@@ -236,13 +243,13 @@ def _observe(
         index[0], value[0] = axis, 1.0
         return x[axis], 1, x[3 + axis]
     if kind == RANGE:
-        # Distance along the body's down axis to level ground at height x[26].
+        # Distance along the body's down axis to level ground at height x[28].
         cosine = max(R[2, 2], 0.5)
-        distance = (-x[2] - x[26]) / cosine
+        distance = (-x[2] - x[28]) / cosine
         index[0], value[0] = 2, -1.0 / cosine
         index[1], value[1] = 6, -distance * R[1, 2] / cosine
         index[2], value[2] = 7, distance * R[0, 2] / cosine
-        index[3], value[3] = 25, -1.0 / cosine
+        index[3], value[3] = 27, -1.0 / cosine
         return distance, 4, -x[5] / cosine
     index[0], value[0] = 3 + axis, 1.0
     return x[3 + axis], 1, acceleration[axis]
@@ -250,7 +257,7 @@ def _observe(
 
 @inner(nogil=True)
 def _inject(x: Array, dx: Array) -> None:
-    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m h, 27 numbers)."""
+    """Add an error state to the nominal state (p v q b_g b_a b_baro b_m e m h, 29 numbers)."""
     for i in range(6):
         x[i] += dx[i]
     _turn(x, dx[6], dx[7], dx[8], False)
@@ -348,7 +355,7 @@ def _fuse(
     PH: Array,
     states: int,
 ) -> tuple[float, float]:
-    """Fuse one scalar innovation in place and fill the gain; PH (26,) is scratch.
+    """Fuse one scalar innovation in place and fill the gain; PH (28,) is scratch.
 
     Returns the inverse variance that the innovation was given, and its variance by the filter's own account.
     """
@@ -428,9 +435,9 @@ def _doubt_state(P: Array, kind: int, axis: int, nu: float) -> None:
     elif kind == BARO:
         P[15, 15] += nu * nu
     elif kind == RANGE:
-        P[25, 25] += nu * nu
+        P[27, 27] += nu * nu
     else:
-        row = axis + (0 if kind in (GPS_POSITION, GPS2_POSITION) else 3)
+        row = axis + (0 if kind in (GPS_POSITION, GPS_HEIGHT, GPS2_POSITION) else 3)
         P[row, row] += nu * nu
 
 
@@ -465,7 +472,8 @@ def forward(
     scalar_z: Vector,
     scalar_var: Vector,
     walk: Vector,
-    gps_error: Vector,
+    wander_time: Vector,
+    wander_variance: Vector,
     gravity: float,
     earth_rate: Vector,
     scale: Vector,
@@ -491,10 +499,10 @@ def forward(
     out_P: Stack,
     slow_P: Stack,
 ) -> float:
-    """Run the filter over all nodes; x (27,) and covariance (26, 26) are the start and are left at the end.
+    """Run the filter over all nodes; x (29,) and covariance (28, 28) are the start and are left at the end.
 
     Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
-    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (24,) is
+    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (28,) is
     what else the filter knows at the start, and is left at the end, so that a long segment can be filtered in pieces.
     ``keep`` tells whether the history for the smoother is written. ``admitted`` (g,) tells which groups may be fused;
     ``hard`` refuses those beyond the gate as well, for who cannot look back over the whole log.
@@ -514,6 +522,7 @@ def forward(
     C = np.empty((3, 3))
     gain = np.empty(N)
     scratch = np.empty(N)
+    stay = np.empty(STEADY - WANDERS)
     index = np.zeros(ENTRIES, np.int64)
     value = np.zeros(ENTRIES)
     doubted = memory[DOUBTED:BEYOND]
@@ -538,17 +547,19 @@ def forward(
             v_var += sub_noise[k, 1]
             _advance(x, R, sub_dt[k], sub_angle[k], sub_velocity[k], gravity, earth_rate, S, C, rate, acceleration)
         if T > 0.0:
-            a = np.exp(-T / gps_error[0])
-            _propagate_covariance(P, T, S, C, a, out_P.shape[1])
+            for i in range(STEADY - WANDERS):
+                stay[i] = np.exp(-T / wander_time[i])
+            _propagate_covariance(P, T, S, C, stay, out_P.shape[1])
             for i in range(3):
                 P[3 + i, 3 + i] += v_var
                 P[6 + i, 6 + i] += phi_var
-                x[20 + i] *= a
-                P[19 + i, 19 + i] += (1.0 - a * a) * gps_error[1 + i]
+            for i in range(STEADY - WANDERS):
+                x[WANDERS + 1 + i] *= stay[i]
+                P[WANDERS + i, WANDERS + i] += (1.0 - stay[i] * stay[i]) * wander_variance[i]
             for i in range(9, N - 1):
                 P[i, i] += T * walk[i]
             # The ground changes as the craft moves over it.
-            P[25, 25] += T * walk[25] * np.sqrt(x[3] * x[3] + x[4] * x[4])
+            P[27, 27] += T * walk[27] * np.sqrt(x[3] * x[3] + x[4] * x[4])
             for kind in range(KINDS):
                 doubted[kind] += T
         if keep:
@@ -628,10 +639,10 @@ def forward(
 @inner(nogil=True, fastmath=_FLAGS)
 def _row_times_adjoint(row: Array, Lam: Array, product: Array, states: int) -> None:
     """Fill the product of a row with Lam, eight rows at a time, so that it is not read and written for each."""
-    a, b = row[0], row[1]
+    a, b, c, d = row[0], row[1], row[2], row[3]
     for j in range(N):
-        product[j] = a * Lam[0, j] + b * Lam[1, j]
-    for i in range(2, states, 8):
+        product[j] = a * Lam[0, j] + b * Lam[1, j] + c * Lam[2, j] + d * Lam[3, j]
+    for i in range(4, states, 8):
         a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
         e, f, g, h = row[i + 4], row[i + 5], row[i + 6], row[i + 7]
         for j in range(N):
@@ -651,7 +662,7 @@ def _row_times_adjoint(row: Array, Lam: Array, product: Array, states: int) -> N
 def _unfuse(
     lam: Array, Lam: Array, nu: float, inv: float, S: float, K: Array, index: Array, value: Array, u: Array, states: int
 ) -> tuple[float, float]:
-    """Propagate the adjoint back over one scalar measurement with gain K, in place; u (26,) is scratch.
+    """Propagate the adjoint back over one scalar measurement with gain K, in place; u (28,) is scratch.
 
     Returns what the measurement differs by from all the others together, and the variance of that by the filter's own
     account (the deletion residual: de Jong & Penzer 1998). One that was not fused, ``inv`` 0, leaves the adjoint.
@@ -686,15 +697,11 @@ def _smooth_three(
 ) -> None:
     """Fill the corrections of three states from `state` on, and their smoothed covariance P - P Lam P'.
 
-    The first three rows of P are those of the filter's; product (3, 26) is scratch.
+    The first three rows of P are those of the filter's; product (3, 28) is scratch.
     """
-    a0, a1, a2 = P[0, 0], P[1, 0], P[2, 0]
-    b0, b1, b2 = P[0, 1], P[1, 1], P[2, 1]
     for j in range(N):
-        product[0, j] = a0 * Lam[0, j] + b0 * Lam[1, j]
-        product[1, j] = a1 * Lam[0, j] + b1 * Lam[1, j]
-        product[2, j] = a2 * Lam[0, j] + b2 * Lam[1, j]
-    for i in range(2, states, 4):
+        product[0, j] = product[1, j] = product[2, j] = 0.0
+    for i in range(0, states, 4):
         a0, a1, a2 = P[0, i], P[1, i], P[2, i]
         b0, b1, b2 = P[0, i + 1], P[1, i + 1], P[2, i + 1]
         c0, c1, c2 = P[0, i + 2], P[1, i + 2], P[2, i + 2]
@@ -741,7 +748,7 @@ def backward(
     scalar_K: Matrix,
     scalar_index: Int64Rows,
     scalar_value: Matrix,
-    gps_error_time: float,
+    wander_time: Vector,
     lam: Vector,
     adjoint: Matrix,
     out_x: Matrix,
@@ -753,7 +760,7 @@ def backward(
     shock: Matrix,
     shock_size: Matrix,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariances of p, v, phi (n, 3, 3, 3), slow variances (m, 17).
+    """Smooth what `forward` kept: ``out_x`` in place, covariances of p, v, phi (n, 3, 3, 3), slow variances (m, 19).
 
     ``deletion`` (s,) becomes how far each scalar lies from what all the others say, squared and over its variance;
     the variance of the sensor's class counts in it. ``shock`` (n, 2) becomes the largest step of attitude and of
@@ -761,7 +768,7 @@ def backward(
     ``shock_size`` (n, 2)
     how large such a step would be.
 
-    ``lam`` (26,) and ``adjoint`` (26, 26) are lam and Lam behind the last node, zero at the end of a segment, and are
+    ``lam`` (28,) and ``adjoint`` (28, 28) are lam and Lam behind the last node, zero at the end of a segment, and are
     left as those before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
     `SLOW_EVERY`.
     """
@@ -772,6 +779,7 @@ def backward(
     dx = np.empty(N)
     product = np.empty((3, N))
     smoothed = np.empty((3, 3))
+    stay = np.empty(STEADY - WANDERS)
     for node in range(node_out.shape[0] - 1, -1, -1):
         out = node_out[node]
         if out >= 0:
@@ -813,5 +821,7 @@ def backward(
                     shock[node, block] = lam[i] * lam[i] / Lam[i, i]
                     shock_size[node, block] = abs(lam[i]) / Lam[i, i]
         if T > 0.0:
-            _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], np.exp(-T / gps_error_time), states)
+            for i in range(STEADY - WANDERS):
+                stay[i] = np.exp(-T / wander_time[i])
+            _propagate_adjoint(lam, Lam, T, node_S[node], node_C[node], stay, states)
     _copy(Lam, adjoint)

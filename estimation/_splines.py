@@ -10,15 +10,6 @@ from core.kernel_types import Matrix, Vector
 def along_spline(knots: Vector, values: Matrix, at: Vector, integrate: bool) -> Matrix:
     """Follow the natural cubic spline through samples: its values, or its integrals from one time to the next.
 
-    Parameters
-    ----------
-    knots : ndarray, shape (n,)
-        Ascending, two or more.
-    values : ndarray, shape (n, 3)
-    at : ndarray, shape (m,)
-        Ascending; outside of the knots the outermost cubics go on.
-    integrate : bool
-
     Returns
     -------
     ndarray, shape (m, 3), or (m - 1, 3) of integrals

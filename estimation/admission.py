@@ -21,15 +21,6 @@ PASSES = 6
 def admit(observations: Observations, deletion: np.ndarray, gate: float) -> np.ndarray:
     """Choose the groups of measurements for the next pass.
 
-    Parameters
-    ----------
-    observations : Observations
-        Of all kinds, with those that the last pass admitted.
-    deletion : ndarray, shape (m,)
-        Of each scalar (see `smoother.Estimates`).
-    gate : float
-        s.d. of the narrowest gate.
-
     Returns
     -------
     ndarray of bool, shape (g,)

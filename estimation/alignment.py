@@ -8,20 +8,20 @@ import pandas as pd
 from core.units import STANDARD_GRAVITY
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
-from estimation.observations import usable_field, usable_fixes, usable_ranges
+from estimation.observations import reported, usable_field, usable_fixes, usable_ranges
 from estimation.place.local_frame import LocalFrame
 from estimation.states import (
     ACCEL_BIAS,
     ATTITUDE,
     BARO_BIAS,
     FIELD,
-    GPS_ERROR,
     GYRO_BIAS,
     HARD_IRON,
     POSITION,
     SIZE,
     TERRAIN,
     VELOCITY,
+    WANDERING,
     SensorNoise,
 )
 from estimation.timing import ACCEL, GYRO, usable
@@ -46,9 +46,9 @@ UNSEEN_SHARE = 0.1
 class Alignment:
     """The start of one segment."""
 
-    #: shape (27,): Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
+    #: shape (29,): Nominal state: position, velocity, quaternion, sensor errors in the order of `states`.
     x: np.ndarray
-    P: np.ndarray  #: shape (26, 26): Covariance of its error.
+    P: np.ndarray  #: shape (28, 28): Covariance of its error.
     still: bool  #: Found standing still before flight.
     yaw_source: str  #: ``"magnetometer"``, ``"autopilot"``, ``"movement"`` or ``"unknown"``.
     levelled: bool  #: Whether tilt was read off the accelerometer, and is as wrong as its bias makes it.
@@ -76,23 +76,7 @@ def align(
     *,
     heading_known: bool = True,
 ) -> Alignment:
-    """Find the start of a segment from its first seconds.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    imu : DataFrame
-        The segment's IMU samples.
-    frame : LocalFrame or None
-        None without any known place.
-    field : ndarray, shape (3,), or None
-        World magnetic field, NED, T; None without magnetometer.
-    noise : SensorNoise
-        What to believe of the sensors.
-    heading_known : bool
-        Whether the autopilot's heading can be believed: not when its compass is stuck.
-    """
+    """Find the start of a segment from its first seconds."""
     start = float(imu.index[0])
     span = still_span(imu)
     still = span >= STILL_SHORTEST and not _under_way(tables, start, start + span)
@@ -125,7 +109,7 @@ def align(
 
     _place(tables, start, still, frame, noise, x, sigma)
     if field is not None:
-        x[23:26] = field
+        x[FIELD + 1 : TERRAIN + 1] = field
         sigma[HARD_IRON : HARD_IRON + 3] = noise.hard_iron
         sigma[FIELD : FIELD + 3] = noise.field
     P = np.diag(sigma**2)
@@ -142,7 +126,7 @@ def _attitude_of_bias(x: np.ndarray, yaw_source: str) -> np.ndarray:
     """
     R = matrix_from_quat(x[6:10])
     J = np.array([R[1], -R[0], np.zeros(3)]) / STANDARD_GRAVITY
-    m_n, m_e, m_d = x[23:26]
+    m_n, m_e, m_d = x[FIELD + 1 : TERRAIN + 1]
     if yaw_source == "magnetometer":
         J[2] = m_d * (m_n * J[0] + m_e * J[1]) / (m_n**2 + m_e**2)
     return J
@@ -181,17 +165,7 @@ def _under_way(tables: Tables, start: float, stop: float) -> bool:
 
 
 def turned(aligned: Alignment, yaw: float, yaw_sigma: float) -> Alignment:
-    """Return an alignment with another heading and its 1-sigma, rad.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        The start as it was.
-    yaw : float
-        Heading from true north, rad.
-    yaw_sigma : float
-        Its 1-sigma, rad.
-    """
+    """Return an alignment with another heading and its 1-sigma, rad."""
     x, P = aligned.x.copy(), aligned.P.copy()
     roll, pitch, _ = euler_from_quat(x[6:10])
     x[6:10] = quat_from_euler(roll, pitch, yaw)
@@ -211,52 +185,28 @@ def lost(aligned: Alignment) -> Alignment:
 
 
 def with_priors(aligned: Alignment, before: SensorNoise, noise: SensorNoise) -> Alignment:
-    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        A start made with the noise settings `before`.
-    before, noise : SensorNoise
-        Old and new noise settings.
-    """
-    P = aligned.P.copy()
-    for block, factor in (
-        (GYRO_BIAS, noise.gyro_bias / before.gyro_bias),
-        (ACCEL_BIAS, noise.accel_bias / before.accel_bias),
-        (HARD_IRON, noise.hard_iron / before.hard_iron),
-        (GPS_ERROR, noise.gps_error_share / before.gps_error_share),
-    ):
-        P[block : block + 3, block : block + 3] *= factor**2
+    """Return a start with the sensor errors' priors of other noise settings than it was made with `before`."""
+    factors = np.ones(SIZE)
+    factors[GYRO_BIAS : GYRO_BIAS + 3] = noise.gyro_bias / before.gyro_bias
+    factors[ACCEL_BIAS : ACCEL_BIAS + 3] = noise.accel_bias / before.accel_bias
+    factors[HARD_IRON : HARD_IRON + 3] = noise.hard_iron / before.hard_iron
+    factors[WANDERING] = noise.wander_sizes() / before.wander_sizes()
+    P = aligned.P * np.outer(factors, factors)
     if aligned.levelled:
         _levelled(P, aligned.x, aligned.yaw_source, _own(aligned.P, aligned.x, aligned.yaw_source))
     return replace(aligned, P=P)
 
 
 def carried_over(aligned: Alignment, last: Filtered, gap: float, noise: SensorNoise, *, same_imu: bool) -> Alignment:
-    """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between.
-
-    Parameters
-    ----------
-    aligned : Alignment
-        The start as the segment itself gives it.
-    last : Filtered
-        Of the segment before.
-    gap : float
-        From its end to this one's start, s.
-    noise : SensorNoise
-        How fast the errors wander.
-    same_imu : bool
-        Whether the biases of gyro and accelerometer are those of the same IMU.
-    """
+    """Start a segment with what the one before learned of the sensors' errors, made less sure by the hole between."""
     first = GYRO_BIAS if same_imu else BARO_BIAS
     kept = np.arange(first, TERRAIN)
     block = np.ix_(kept, kept)
     stay = np.ones(SIZE)
-    stay[GPS_ERROR : GPS_ERROR + 3] = np.exp(-gap / noise.gps_error_time)
+    stay[WANDERING] = np.exp(-gap / noise.wander_times())
     prior = np.diag(aligned.P)
     grown = gap * noise.random_walks() + UNSEEN_SHARE**2 * prior
-    grown[GPS_ERROR : GPS_ERROR + 3] += (1.0 - stay[GPS_ERROR] ** 2) * prior[GPS_ERROR : GPS_ERROR + 3]
+    grown[WANDERING] += (1.0 - stay[WANDERING] ** 2) * prior[WANDERING]
     x, P = aligned.x.copy(), aligned.P.copy()
     x[kept + 1] = stay[kept] * last.last_state[kept + 1]
     own = _own(P, x, aligned.yaw_source) if aligned.levelled else None
@@ -316,6 +266,7 @@ def _place(
     position, velocity = slice(POSITION, POSITION + 3), slice(VELOCITY, VELOCITY + 3)
     sigma[position] = 1.0
     sigma[velocity] = 0.1 if still else 5.0
+    accuracies = np.zeros(5)
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:
         later = fixes[fixes["t_valid"] >= start]
@@ -329,16 +280,18 @@ def _place(
             sigma[velocity] = 1.0 + 3.0 * lag
         if not still and lag >= 2.0:
             sigma[velocity] = 10.0
-        accuracy = fixes[["h_acc", "h_acc", "v_acc"]].to_numpy(float)
-        typical = np.array([noise.h_acc, noise.h_acc, noise.v_acc])
-        accuracy = np.where(np.isfinite(accuracy) & (accuracy > 0.0), accuracy, typical)
-        sigma[GPS_ERROR : GPS_ERROR + 3] = noise.gps_error_share * np.median(accuracy, axis=0)
+        h_acc, v_acc, s_acc = (
+            float(np.median(reported(fixes, name, getattr(noise, name)))) for name in ("h_acc", "v_acc", "s_acc")
+        )
+        accuracies[:4] = h_acc, h_acc, v_acc, s_acc
     baro = usable(tables.baro, ["alt"])
     if baro is not None:
         near = int(np.argmin(np.abs(baro.index.to_numpy(float) - start)))
         x[16] = float(baro["alt"].iloc[near]) + x[2]
         sigma[BARO_BIAS] = noise.baro_bias
+        accuracies[4] = 1.0
+    sigma[WANDERING] = accuracies * noise.wander_sizes()
     ranges = usable_ranges(tables.rangefinder)
     if ranges is not None:
-        x[26] = -x[2] - float(ranges["distance"].iloc[0])
+        x[TERRAIN + 1] = -x[2] - float(ranges["distance"].iloc[0])
         sigma[TERRAIN] = noise.terrain

@@ -5,13 +5,7 @@ import scipy
 
 
 def quat_from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
-    """Body-to-NED quaternion of Euler angles [rad] (rotations about z, then y, then x), shape (..., 4).
-
-    Parameters
-    ----------
-    roll, pitch, yaw : ndarray or float
-        Body to NED, rad; of shapes that broadcast.
-    """
+    """Body-to-NED quaternion of Euler angles [rad] (rotations about z, then y, then x), shape (..., 4)."""
     cr, sr = np.cos(np.asarray(roll) / 2), np.sin(np.asarray(roll) / 2)
     cp, sp = np.cos(np.asarray(pitch) / 2), np.sin(np.asarray(pitch) / 2)
     cy, sy = np.cos(np.asarray(yaw) / 2), np.sin(np.asarray(yaw) / 2)

@@ -7,7 +7,7 @@ import numpy as np
 from estimation import _kernels
 from estimation.faults.shocks import Shocks
 from estimation.observations import Observations
-from estimation.states import GPS_ERROR, SIZE, SensorNoise
+from estimation.states import FIELD, SIZE, TERRAIN, WANDERING, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal
 
 #: Nodes are never further apart than this, s: the error state's transition is of first order in time.
@@ -48,13 +48,13 @@ class Problem:
     observations: Observations
     world: World
     noise: SensorNoise
-    #: shapes (27,), (26, 26): The start.
+    #: shapes (29,), (28, 28): The start.
     x: np.ndarray
     P: np.ndarray
-    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    white_scale: np.ndarray  #: shape (9,): Factor on the white variance of each kind of measurement.
     moves: bool  #: Whether the craft turns, and so can learn its heading.
-    #: shape (26,): Variances at the beginning of the segment, of a piece that begins later; the GPS error wanders with
-    #: its own.
+    #: shape (28,): Variances at the beginning of the segment, of a piece that begins later; what wanders does so
+    #: with its own.
     prior: np.ndarray | None = None
 
     @property
@@ -67,9 +67,9 @@ class Problem:
 class ForwardPass:
     """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back."""
 
-    x: np.ndarray  #: shape (m, 27): Filtered nominal states at the outputs.
-    rows: np.ndarray  #: shape (m, 9, 26): Rows of their covariances that belong to position, velocity and attitude.
-    sensor_rows: np.ndarray  #: shape (ceil(m / 8), 17, 26): The other rows, of every eighth output.
+    x: np.ndarray  #: shape (m, 29): Filtered nominal states at the outputs.
+    rows: np.ndarray  #: shape (m, 9, 28): Rows of their covariances that belong to position, velocity and attitude.
+    sensor_rows: np.ndarray  #: shape (ceil(m / 8), 19, 28): The other rows, of every eighth output.
     #: shape (s,): Of each scalar measurement; inverse variance 0 where it was refused.
     innovation: np.ndarray
     inverse_variance: np.ndarray
@@ -79,11 +79,11 @@ class ForwardPass:
     transition_time: np.ndarray
     transition_velocity: np.ndarray
     transition_rotation: np.ndarray
-    #: shapes (s, 26), (s, 7), (s, 7): Kalman gain of each scalar measurement and its row of H.
+    #: shapes (s, 28), (s, 7), (s, 7): Kalman gain of each scalar measurement and its row of H.
     gain: np.ndarray
     index: np.ndarray
     value: np.ndarray
-    #: shapes (27,), (26, 26): State and covariance after the last measurement.
+    #: shapes (29,), (28, 28): State and covariance after the last measurement.
     last_state: np.ndarray
     last_covariance: np.ndarray
 
@@ -93,13 +93,13 @@ class Filtered:
     """What the filter has to say of a whole segment."""
 
     observations: Observations
-    white_scale: np.ndarray  #: shape (7,)
+    white_scale: np.ndarray  #: shape (9,)
     stop: float  #: Its end, s.
     #: shape (s,)
     innovation: np.ndarray
     inverse_variance: np.ndarray
     log_likelihood: float
-    #: shapes (27,), (26, 26): As of `ForwardPass`.
+    #: shapes (29,), (28, 28): As of `ForwardPass`.
     last_state: np.ndarray
     last_covariance: np.ndarray
     shocks: Shocks  #: Steps that the IMU missed.
@@ -123,37 +123,7 @@ def assemble(
     prior: np.ndarray | None = None,
     shocks: Shocks | None = None,
 ) -> Problem:
-    """Lay out nodes and sub-steps of one segment, or of a piece of it.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        What the aiding sensors measured.
-    outputs : ndarray
-        Times within the piece, s.
-    x, P : ndarray, shapes (27,), (26, 26)
-        State and covariance at the beginning of the piece.
-    world : World
-        Gravity and Earth's rotation.
-    noise : SensorNoise
-        What to believe of the sensors.
-    white_scale : ndarray, shape (7,), optional
-        Factor on the white variance of each kind of measurement.
-    imu_scale : ndarray, shape (2,), optional
-        Factor on the variance that the IMU's increments add to attitude and to velocity.
-    start, stop : float
-        The piece, s: what is measured before `stop` belongs to it.
-    finest : float
-        IMU samples nearer to each other than this, s, share a sub-step.
-    moves : bool, optional
-        Whether the craft turns anywhere in the segment, where it is known already.
-    prior : ndarray, shape (26,), optional
-        Variances at the beginning of the segment, if the piece begins later.
-    shocks : Shocks, optional
-        Steps that the IMU may have missed.
-    """
+    """Lay out nodes and sub-steps of one segment, or of a piece of it."""
     first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
     asked = ticks(outputs)
@@ -207,7 +177,7 @@ def ticks(t: np.ndarray) -> np.ndarray:
 def new_memory(x: np.ndarray) -> np.ndarray:
     """Return what the filter remembers of a segment that begins with state x (see `_kernels`)."""
     memory = np.zeros(_kernels.MEMORY)
-    memory[_kernels.FIELD : _kernels.RATE] = x[23:26]
+    memory[_kernels.FIELD : _kernels.RATE] = x[FIELD + 1 : TERRAIN + 1]
     return memory
 
 
@@ -216,17 +186,6 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
 
     Who smooths does better to fuse what is beyond the gate with little weight and to judge it by the past and the
     future (`smoother.refused`): a gate that knows the past only, once wrong, locks itself out.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment or piece.
-    keep : bool
-        Whether to keep what smoothing needs.
-    hard : bool
-        Whether to refuse at once what is beyond the gate.
-    memory : ndarray, optional
-        Carried over from the piece before, and brought up to date in place; None for `new_memory`.
     """
     o = problem.observations
     nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs
@@ -250,7 +209,6 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
         last_covariance=P,
     )
     prior = np.diag(problem.P) if problem.prior is None else problem.prior
-    gps_error = np.concatenate([[problem.noise.gps_error_time], prior[GPS_ERROR : GPS_ERROR + 3]])
     likelihood = _kernels.forward(
         x,
         P,
@@ -268,7 +226,8 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
         o.variance,
         # A sensor that is not there has no error to wander.
         problem.noise.random_walks() * (prior > 0.0),
-        gps_error,
+        problem.noise.wander_times(),
+        prior[WANDERING],
         problem.world.gravity,
         problem.world.earth_rate,
         problem.white_scale,
@@ -315,7 +274,7 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (7,)
+    ndarray, shape (9,)
         For `Problem.white_scale`.
     """
     o = problem.observations

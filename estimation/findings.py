@@ -17,13 +17,7 @@ GLITCH_PAUSE = 2.0
 
 
 def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
-    """Report which aiding sensors are not there, each flag telling whether it is.
-
-    Parameters
-    ----------
-    gps, mag, baro : bool
-        Whether the log has the sensor.
-    """
+    """Report which aiding sensors are not there, each flag telling whether it is."""
     findings = []
     if not gps:
         findings.append(
@@ -59,7 +53,7 @@ def stuck_magnetometer() -> list[Finding]:
     """Report a magnetometer whose readings never change although the craft turns."""
     return [
         Finding(
-            "magnetometer-stuck",
+            "compass-doubtful",
             Severity.WARNING,
             "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
             "from the movement of the craft.",
@@ -85,17 +79,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
 
 
 def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
-    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one).
-
-    Parameters
-    ----------
-    imu : int
-        Number of the IMU that carries the segment, from 0.
-    gain : float
-        By how much its log-likelihood is above that of the first; inf where the first has a hole.
-    piece : DataFrame
-        The segment's IMU samples, indexed by t, s.
-    """
+    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
     if imu == 0:
         return []
     start, stop = float(piece.index[0]), float(piece.index[-1])
@@ -104,7 +88,7 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
     )
     return [
         Finding(
-            "other-imu",
+            "imu-doubtful",
             Severity.WARNING,
             f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
             "Look at the mounting, calibration and temperature of the first IMU.",
@@ -114,17 +98,7 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
 
 
 def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> list[Finding]:
-    """Report where GPS positions stayed away or were refused, in one segment.
-
-    Parameters
-    ----------
-    segment : Filtered
-        What the filter has to say of it.
-    t : ndarray, shape (n,)
-        Times of the trajectory's rows in it, s.
-    covariance : ndarray, shape (n, 3, 3, 3)
-        See `Trajectory.covariance`.
-    """
+    """Report where GPS positions stayed away or were refused, in one segment."""
     o = segment.observations
     mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
     if mine.size == 0:
@@ -145,11 +119,11 @@ def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> li
         start, stop = when[run[[0, -1]]].tolist()
         findings.append(
             Finding(
-                "gps-glitch",
+                "sensor-refused",
                 Severity.WARNING,
                 f"GPS positions up to {size:.0f} m off were refused from t = {start:.1f} to {stop:.1f} s.",
                 "Look at satellites and HDOP there; a mast and distance from power cables help.",
-                {"start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
+                {"sensor": "gps_position", "start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
             )
         )
     return findings

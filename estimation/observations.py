@@ -16,10 +16,22 @@ from logparse import Geodetic, Tables
 Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 #: Sensor names of the kernel's kinds, in their order.
-KIND_NAMES = ("gps_position", "gps_velocity", "baro", "mag", "gps2_position", "gps2_velocity", "range_finder")
+KIND_NAMES = (
+    "gps_position",
+    "gps_height",
+    "gps_velocity",
+    "gps_climb",
+    "baro",
+    "mag",
+    "gps2_position",
+    "gps2_velocity",
+    "range_finder",
+)
 #: How often the variance of a wander known to both receivers must be counted, so that two agree no better than half of
 #: it allows: with half of each variance common to both, the mean of two has 3/4 of the variance of one.
 COMMON_WANDER = 3.0
+#: Axes that a block of the receiver holds.
+LEVEL, VERTICAL = np.array([1.0, 1.0, np.nan]), np.array([np.nan, np.nan, 1.0])
 #: Ranges that are used, m: nearer than the first is the blind zone of many sensors (and the craft's own legs), farther
 #: than the second the ground is no longer that of the place.
 SHORTEST_RANGE, LONGEST_RANGE = 0.3, 10.0
@@ -94,16 +106,16 @@ class Observations:
         t = self.t - lag * np.isin(self.kind, kinds)
         return self._chosen(np.argsort(t, kind="stable"), t)
 
-    def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
-        """Leave out the groups of some kinds that lie outside a span of time.
+    def thinned(self, kinds: Sequence[int], apart: float) -> "Observations":
+        """Keep of some kinds only the first reading in every `apart` seconds."""
+        keep = np.ones(len(self.t), np.bool_)
+        for kind in kinds:
+            mine = np.flatnonzero(self.kind == kind)
+            keep[mine] = np.diff(np.floor(self.t[mine] / apart), prepend=-np.inf) > 0.0
+        return self._chosen(np.flatnonzero(keep), self.t)
 
-        Parameters
-        ----------
-        kinds : sequence of int
-            Kinds of measurement that the span is for; others stay.
-        start, stop : float
-            The span, s, ends included.
-        """
+    def within(self, kinds: Sequence[int], start: float, stop: float) -> "Observations":
+        """Leave out the groups of some kinds that lie outside a span of time."""
         kept = ~np.isin(self.kind, kinds) | ((self.t >= start) & (self.t <= stop))
         return self._chosen(np.flatnonzero(kept), self.t)
 
@@ -148,15 +160,6 @@ def find_origin(tables: Tables) -> Geodetic | None:
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
     """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0.
 
-    Parameters
-    ----------
-    table : DataFrame
-        GPS fixes.
-    column : str
-        Accuracy: h_acc, v_acc [m] or s_acc [m/s].
-    default : float
-        In the unit of the column.
-
     Returns
     -------
     ndarray, shape (n,)
@@ -168,15 +171,6 @@ def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
 
 def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
     """Turn GPS fixes into position and velocity measurements at their times of validity.
-
-    Parameters
-    ----------
-    fixes : DataFrame
-        Usable fixes as in `Tables.gps`, indexed by t, s.
-    frame : LocalFrame
-        Frame of the positions.
-    noise : SensorNoise
-        Accuracies where the receiver states none, and the part of them that is white.
 
     Returns
     -------
@@ -192,8 +186,10 @@ def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> l
     velocity = fixes[["v_n", "v_e", "v_d"]].to_numpy(float)
     speed = np.repeat(reported(fixes, "s_acc", noise.s_acc)[:, None], 3, axis=1)
     return [
-        (_kernels.GPS_POSITION, t, position, sigma**2),
-        (_kernels.GPS_VELOCITY, t, velocity, speed**2),
+        (_kernels.GPS_POSITION, t, position * LEVEL, sigma**2),
+        (_kernels.GPS_HEIGHT, t, position * VERTICAL, sigma**2),
+        (_kernels.GPS_VELOCITY, t, velocity * LEVEL, speed**2),
+        (_kernels.GPS_CLIMB, t, velocity * VERTICAL, speed**2),
     ]
 
 
@@ -201,9 +197,10 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
     """Turn a second receiver's fixes into measurements.
 
     Its position wanders too, but has no state of its own: the wander is taken for white noise that is as strong at low
-    frequencies, ``2 tau / dt`` times its variance. So it bounds drift over minutes while its velocities do the work.
+    frequencies, ``2 tau / dt`` times its variance. So it bounds drift while its level velocities do the work.
     """
-    (_, t, position, white), (_, _, velocity, speed) = observe_gps(fixes, frame, noise)
+    (_, t, level, white), (_, _, height, _), (_, _, velocity, speed), _ = observe_gps(fixes, frame, noise)
+    position = np.column_stack([level[:, :2], height[:, 2]])
     step = float(np.median(np.diff(t))) if len(t) > 1 else noise.gps_error_time
     share = noise.gps_error_share / noise.gps_white_share
     wander = COMMON_WANDER * white * share**2 * max(2.0 * noise.gps_error_time / step, 1.0)
@@ -214,17 +211,7 @@ def _observe_second_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoi
 
 
 def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Observations:
-    """Collect everything that GPS receivers, baro, magnetometer and range finder measured.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    frame : LocalFrame or None
-        Frame of the positions; None leaves GPS out.
-    noise : SensorNoise
-        Variances of the sensors.
-    """
+    """Collect everything that GPS receivers, baro, magnetometer and range finder measured."""
     blocks: list[Block] = []
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:

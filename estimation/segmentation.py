@@ -51,19 +51,7 @@ class Segment:
 
 
 def find_segments(tables: Tables, place: Surroundings, observations: Observations, noise: SensorNoise) -> list[Segment]:
-    """Cut the log at the holes that no IMU fills, and choose one IMU for each segment, in order of time.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of the log.
-    place : Surroundings
-        Gravity, magnetic field and frame.
-    observations : Observations
-        Of the aiding sensors, by which rival IMUs are compared.
-    noise : SensorNoise
-        What to believe of the sensors.
-    """
+    """Cut the log at the holes that no IMU fills, and choose one IMU for each segment, in order of time."""
     pieces = [(number, piece) for number, imu in _imus(tables) for piece in segments(imu)]
     found = []
     for rivals in cover(pieces):

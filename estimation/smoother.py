@@ -10,7 +10,7 @@ from estimation.states import SIZE
 
 #: Rows that are filled in at a time, a multiple of `_kernels.SLOW_EVERY`: few enough to stay in the cache.
 FILLED = 1024
-#: lam and Lam of the modified Bryson-Frazier smoother, shapes (26,), (26, 26).
+#: lam and Lam of the modified Bryson-Frazier smoother, shapes (28,), (28, 28).
 Adjoint = tuple[np.ndarray, np.ndarray]
 
 
@@ -18,9 +18,9 @@ Adjoint = tuple[np.ndarray, np.ndarray]
 class Estimates:
     """What a segment gives at its outputs."""
 
-    x: np.ndarray  #: shape (m, 27): Nominal states at the outputs.
+    x: np.ndarray  #: shape (m, 29): Nominal states at the outputs.
     covariance: np.ndarray  #: shape (m, 3, 3, 3): Covariances of position, of velocity and of attitude errors.
-    slow_variance: np.ndarray  #: shape (ceil(m / 8), 17), or (m, 17) of `smooth`: Variance of each sensor error.
+    slow_variance: np.ndarray  #: shape (ceil(m / 8), 19), or (m, 19) of `smooth`: Variance of each sensor error.
     #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
     #: Jong & Penzer 1998); NaN where nothing was smoothed.
     deletion: np.ndarray
@@ -49,13 +49,6 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
     """Walk back over a piece of a segment.
 
-    Parameters
-    ----------
-    problem, result : Problem, ForwardPass
-        Of the piece, its history kept.
-    adjoint : pair of ndarray
-        Of the piece behind it; becomes that before this one.
-
     Returns
     -------
     Estimates
@@ -81,7 +74,7 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
         result.gain,
         result.index,
         result.value,
-        problem.noise.gps_error_time,
+        problem.noise.wander_times(),
         *adjoint,
         x,
         result.rows,
@@ -97,7 +90,7 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
 
 
 def fill_in(x: np.ndarray) -> None:
-    """Fill in the sensor errors of smoothed states, shape (m, 27), of which every eighth row is known."""
+    """Fill in the sensor errors of smoothed states, shape (m, 29), of which every eighth row is known."""
     for first in range(0, len(x), FILLED):
         rows = min(FILLED, len(x) - first)
         known = x[first : first + FILLED + 1 : _kernels.SLOW_EVERY, 10:]

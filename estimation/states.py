@@ -17,9 +17,13 @@ ACCEL_BIAS = 12
 BARO_BIAS = 15
 HARD_IRON = 16
 GPS_ERROR = 19
-FIELD = 22
-TERRAIN = 25
-SIZE = 26
+CLIMB_ERROR = 22
+BARO_WANDER = 23
+FIELD = 24
+TERRAIN = 27
+SIZE = 28
+#: What wanders about zero (Gauss-Markov) from `GPS_ERROR` on: three of the receiver's position, climb, barometer.
+WANDERING = slice(GPS_ERROR, FIELD)
 
 #: Column names of the sensor errors in `Trajectory.states` and `.sigma`, in the order of the error state.
 SENSOR_ERROR_COLUMNS: dict[str, str] = {
@@ -36,6 +40,8 @@ SENSOR_ERROR_COLUMNS: dict[str, str] = {
     "e_n": "m; slowly varying GPS position error, north",
     "e_e": "m; east",
     "e_d": "m; down",
+    "e_vd": "m/s; slowly varying error of the vertical velocity of the GPS",
+    "w_baro": "m; what pressure about the flying craft makes of the baro altitude, beside b_baro",
     "m_n": "T; Earth's magnetic field at the place, north",
     "m_e": "T; east",
     "m_d": "T; down",
@@ -63,9 +69,12 @@ class SensorNoise:
     gyro_bias: float = 0.01
     accel_bias: float = 0.1
     baro: float = 0.15  #: White noise of the pressure altitude, m.
-    #: Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes. Propeller wash and
-    #: airspeed make it 0.1 to 0.6 on real craft, which the log tells (`tuning.noise.LADDERS`).
+    #: Drift of the pressure altitude, m/sqrt(s): weather and warming, about 1 m in ten minutes.
     baro_walk: float = 0.04
+    #: 1-sigma of what propeller wash, ground effect and airspeed make of it, m, and for how long they last, s. It is
+    #: bounded: as a walk of 0.6 m/sqrt(s) it left a climb of 20 m to a receiver's velocity (peterbarker 1.BIN).
+    baro_wander: float = 0.1
+    baro_wander_time: float = 5.0
     baro_bias: float = 30.0  #: 1-sigma offset of the baro's zero from the origin, m.
     mag: float = 5.0e-7  #: White noise of the magnetometer, T: noise, quantisation, motor currents.
     hard_iron: float = 3.0e-6  #: 1-sigma hard iron left by the calibration, T.
@@ -73,10 +82,18 @@ class SensorNoise:
     #: 1-sigma of the world magnetic field's model north, east and down, T: the World Magnetic Model's own error at the
     #: ground, crust included (Chulliat et al. 2020, WMM2020 report, section 3).
     field: tuple[float, float, float] = (1.31e-7, 0.94e-7, 1.57e-7)
-    #: Correlation time of the Gauss-Markov position error of the GPS, s: the carrier-smoothed single-frequency
+    #: Correlation time of the Gauss-Markov error of GPS positions and heights, s: the carrier-smoothed single-frequency
     #: receivers of this class wander over one to a few minutes.
     gps_error_time: float = 100.0
-    gps_error_share: float = 0.98  #: Share of the reported accuracy that is the slowly varying error.
+    gps_height_time: float = 100.0
+    #: Share of the reported accuracy that is the slowly varying error, of positions and of heights.
+    gps_error_share: float = 0.98
+    gps_height_share: float = 0.98
+    #: The same of the vertical velocity, and how long it lasts, s: real receivers climb or sink by 0.05 to 0.25 m/s for
+    #: minutes, at a stated 0.3 to 0.6. Taken for white it outvoted barometer and height together, by 25 m in six
+    #: minutes (erlerobot 5-12-2014_218).
+    gps_climb_share: float = 0.5
+    gps_climb_time: float = 100.0
     #: Share of the reported accuracy that is white from sample to sample; squares of both shares add up to one.
     gps_white_share: float = 0.2
     #: White noise of the range finder, m: the lidars of this class read to 0.02-0.1 m over grass and concrete.
@@ -95,7 +112,7 @@ class SensorNoise:
     gate: float = 5.0  #: Innovations beyond this many sigma are refused.
 
     def random_walks(self) -> np.ndarray:
-        """Growth of each error state's variance per second, without the IMU's white noise, shape (26,).
+        """Growth of each error state's variance per second, without the IMU's white noise, shape (28,).
 
         That of the ground is per metre flown.
         """
@@ -108,6 +125,16 @@ class SensorNoise:
         return q
 
     def jitter(self) -> np.ndarray:
-        """Uncertainty of the time of each kind of measurement (see `observations.KIND_NAMES`), s, shape (7,)."""
+        """Uncertainty of the time of each kind of measurement (see `observations.KIND_NAMES`), s, shape (9,)."""
         gps = self.gps_jitter
-        return np.array([gps, gps, self.baro_jitter, self.mag_jitter, gps, gps, self.range_jitter])
+        return np.array([gps, gps, gps, gps, self.baro_jitter, self.mag_jitter, gps, gps, self.range_jitter])
+
+    def wander_times(self) -> np.ndarray:
+        """Correlation time of each of the errors `WANDERING`, s, shape (5,)."""
+        position = self.gps_error_time
+        return np.array([position, position, self.gps_height_time, self.gps_climb_time, self.baro_wander_time])
+
+    def wander_sizes(self) -> np.ndarray:
+        """1-sigma of each of the errors `WANDERING`: by the accuracy stated, the barometer's in m; shape (5,)."""
+        position = self.gps_error_share
+        return np.array([position, position, self.gps_height_share, self.gps_climb_share, self.baro_wander])

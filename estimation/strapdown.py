@@ -26,6 +26,7 @@ from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import (
+    LATE,
     contradicted_receiver,
     doubtful_sensors,
     impossible_biases,
@@ -33,9 +34,10 @@ from estimation.trust import (
     missed_steps,
     only_one_withdrawal,
     scaled_gyro,
+    swinging_heights,
     wandering_compass,
 )
-from estimation.tuning import LAGGING, RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
+from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
@@ -84,10 +86,9 @@ class _Known:
             )
         longest = _longest(found)
         tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
-        if tuned.late_barometer:
-            # An IMU that agreed better with a barometer of another time was chosen for nothing.
-            timely = observations.earlier(LAGGING["baro"], tuned.lags["baro"])
-            found, before = find_segments(tables, place, timely, noise), longest.imu
+        if max(map(abs, tuned.lags.values()), default=0.0) > LATE:
+            # An IMU that agreed better with a sensor of another time was chosen for nothing.
+            found, before = find_segments(tables, place, tuned.in_time(observations), noise), longest.imu
             longest = _longest(found)
             if longest.imu != before:
                 tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
@@ -131,23 +132,7 @@ def estimate_strapdown(
     noise: SensorNoise,
     smoothed: bool,
 ) -> Trajectory:
-    """Filter and smooth every segment of the IMU.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of a log with an IMU of 15 Hz or more.
-    rate : float
-        Rows of the trajectory per second.
-    start, stop : float or None
-        Span of time to give, s; None for all of it.
-    date : datetime or None
-        When the log was flown, for the magnetic field.
-    noise : SensorNoise
-        What to believe of the sensors.
-    smoothed : bool
-        False gives the forward filter.
-    """
+    """Filter and smooth every segment of the IMU."""
     place = Surroundings.of(tables, date)
     mag = usable_field(tables.mag) is not None
     findings = stuck_magnetometer() if place.compass_useless else []
@@ -180,6 +165,7 @@ def estimate_strapdown(
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
+    doubts += swinging_heights(tuned.noise.gps_height_share)
     doubts += wandering_compass(tuned.noise.hard_iron_walk)
     doubts += scaled_gyro(tuned.yaw_scale)
     lag = tuned.lags.get("gps", 0.0)
@@ -338,7 +324,7 @@ class _Plan:
         )
 
     def relinearise(self, observations: Observations, x: np.ndarray) -> np.ndarray:
-        """Return the start with the attitude that its first minutes find, shape (27,)."""
+        """Return the start with the attitude that its first minutes find, shape (29,)."""
         start, levelled = self.signal.start, self.aligned.levelled
         for _ in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
             first = self.lay_out(observations, np.array([start]), x, self.aligned.P, start, start + WINDOW)

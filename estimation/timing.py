@@ -97,17 +97,7 @@ class InertialSignal:
 
     @classmethod
     def of(cls, imu: pd.DataFrame, parameters: Mapping[str, float], floor: tuple[float, float]) -> "InertialSignal":
-        """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel).
-
-        Parameters
-        ----------
-        imu : DataFrame
-            The segment's rates [rad/s] and specific forces [m/s^2], indexed by t, s.
-        parameters : mapping of str to float
-            The autopilot's, for the delays and cutoffs of its filters.
-        floor : (float, float)
-            The sensors' own density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
-        """
+        """Make the signal of one segment of the IMU table; `floor` is the sensors' own noise density (gyro, accel)."""
         known = imu if list(imu.columns) == GYRO + ACCEL else imu[GYRO + ACCEL]
         t, values, hole = _regular(imu.index.to_numpy(float), known.to_numpy(float))
         density = noise_density(t, values, imu_cutoffs(parameters), floor)
@@ -233,17 +223,6 @@ def noise_density(
     integral. So the noise is the median over four seconds; what a sample misfits beyond three sigma of that is a step
     of the rate or force, and counts by the share of a step's power at the sampling frequency (`_aliased_share`).
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        s
-    values : ndarray, shape (n, 6)
-        Rates, then specific forces.
-    cutoffs : (float, float)
-        Of the low-pass filters on either, Hz; 0 for none.
-    floor : (float, float)
-        The sensors' own density, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
-
     Returns
     -------
     ndarray, shape (n, 2)
@@ -305,11 +284,6 @@ def _aliased_share(cutoff: float, step: float, stride: int) -> float:
 
 def _misfit_of_white(cutoff: float) -> float:
     """Power of the misfit of samples whose noise was white before a second-order Butterworth filter.
-
-    Parameters
-    ----------
-    cutoff : float
-        As a fraction of the sampling rate; 0 for no filter.
 
     Returns
     -------

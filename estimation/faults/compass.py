@@ -93,25 +93,7 @@ def compass_turn(
     tuned: Tuned,
     noise: SensorNoise,
 ) -> Turn | None:
-    """Find the turn of the compass against the heading that all other sensors give; None where there is too little.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        At the times that were found.
-    aligned : Alignment
-        The start.
-    world : World
-        Gravity and Earth's rotation.
-    field : ndarray, shape (3,)
-        World magnetic field, NED, T.
-    tuned : Tuned
-        Settings, with or without the compass.
-    noise : SensorNoise
-        Settings that the start `aligned` was made with.
-    """
+    """Find the turn of the compass against the heading that all other sensors give; None where there is too little."""
     begin, stop = window(signal)
     seen = observations.between(max(begin, signal.start), min(stop, signal.stop))
     readings = np.flatnonzero((seen.kind == _kernels.MAG) & (np.diff(seen.start) == 3))
@@ -232,7 +214,7 @@ def turned_compass(turn: Turn) -> Finding:
         return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
     if turn.doubtful:
         return Finding(
-            "heading-doubtful",
+            "compass-doubtful",
             Severity.WARNING,
             f"The compass shows {shown}: too little to turn it or the IMU by, and headings are no better known than "
             "that.",
@@ -241,7 +223,7 @@ def turned_compass(turn: Turn) -> Finding:
             evidence,
         )
     return Finding(
-        "compass-turned",
+        "compass-doubtful",
         Severity.WARNING,
         f"The compass shows {shown}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
         "compass is turned back by so much: if it is the IMU, headings are still off by that.",

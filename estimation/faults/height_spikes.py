@@ -31,15 +31,6 @@ CLIMB_KNOWN = 0.5
 def steady_heights(alt: pd.Series, reference: pd.Series, climb: pd.Series | None = None) -> np.ndarray:
     """Return which readings of a barometer are no spikes.
 
-    Parameters
-    ----------
-    alt : Series
-        Height by the barometer, m, over time in s.
-    reference : Series
-        Height by another sensor, m, over time in s, with any constant offset; may be empty.
-    climb : Series, optional
-        Speed upwards by the autopilot, m/s, over time in s.
-
     Returns
     -------
     ndarray of bool, shape (n,)

@@ -18,25 +18,18 @@ from estimation.observations import Observations
 LONGEST_SILENCE = 5.0
 #: For how long fixes are held back, and are given before they are held back again, s.
 HELD_BACK, GIVEN = (8.0, 20.0), 8.0
-#: Kinds of measurement that are held back, and those that are foretold.
-RECEIVERS = (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY, _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
-FORETOLD = (_kernels.GPS_VELOCITY, _kernels.GPS2_VELOCITY)
+#: Kinds of measurement that are held back, those of them without which a receiver is out, and those foretold.
+RECEIVERS = (*range(_kernels.BARO), _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
+LEVEL = (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY, _kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY)
+FORETOLD = (_kernels.GPS_VELOCITY, _kernels.GPS_CLIMB, _kernels.GPS2_VELOCITY)
 #: How many times faster variances grow than stated on a craft of which nothing is known yet, which counts for one
 #: outage: real craft show 1 to 16.
 CLASS_EXCESS = 4.0
 
 
 def outages(observations: Observations, start: float, stop: float) -> list[tuple[float, float]]:
-    """Return from when to when no receiver was believed, s; none where there is no receiver.
-
-    Parameters
-    ----------
-    observations : Observations
-        Of a segment.
-    start, stop : float
-        Between which times, s.
-    """
-    t = observations.t[np.isin(observations.kind, RECEIVERS) & observations.admitted]
+    """Return from when to when no receiver was believed, s; none where there is no receiver."""
+    t = observations.t[np.isin(observations.kind, LEVEL) & observations.admitted]
     if t.size == 0:
         return []
     return [(a, b) for a, b in pairwise([start, *t.tolist(), stop]) if b - a > LONGEST_SILENCE]
@@ -44,16 +37,6 @@ def outages(observations: Observations, start: float, stop: float) -> list[tuple
 
 def excess(surprises: Callable[[Observations], np.ndarray], observations: Observations, start: float) -> np.ndarray:
     """Find how many times faster than stated variances grow without GPS.
-
-    Parameters
-    ----------
-    surprises : callable
-        Gives of observations, shape (s,), how far each reading lies from what those before it foretell, squared and
-        over its variance.
-    observations : Observations
-        Of a segment.
-    start : float
-        When the craft began to move, s: what stands still drifts less.
 
     Returns
     -------
@@ -83,19 +66,7 @@ def excess(surprises: Callable[[Observations], np.ndarray], observations: Observ
 
 
 def widen(covariance: np.ndarray, t: np.ndarray, spans: Sequence[tuple[float, float]], excess: np.ndarray) -> None:
-    """Widen what is unknown in outages, in place.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (n, 3, 3, 3)
-        As in `Trajectory.covariance`, of rows at times `t` (n,), s.
-    t : ndarray, shape (n,)
-        Times of the rows, s.
-    spans : sequence of (float, float)
-        Outages, s.
-    excess : ndarray, shape (3,)
-        By how much variance grows faster along north, east and down; attitude errors are horizontal velocity's.
-    """
+    """Widen what is unknown in outages, in place."""
     variance = np.diagonal(covariance, axis1=2, axis2=3)
     factors = np.array([excess, excess, np.full(3, excess[0])])
     for start, stop in spans:

@@ -79,24 +79,16 @@ def _changed(change: ClockChange) -> Finding:
         else f"come {abs(change.later):.2f} s {later} from t = {change.t:.0f} s on than before"
     )
     return Finding(
-        "gps-clock",
+        "sensor-late",
         Severity.WARNING,
         f"The receiver's fixes {how}, by the IMU's movement: they are used at the times found.",
         "Look at the receiver's cable and rate, and at what else its port is used for.",
-        {"t": change.t, "later_s": change.later, "drift": change.drift},
+        {"sensor": "gps", "t": change.t, "later_s": change.later, "drift": change.drift},
     )
 
 
 def clock_change(gps: pd.DataFrame, t: Array, velocity: Array) -> ClockChange | None:
-    """Return how the lag of a receiver changes within the log; None where it does not, or nothing tells.
-
-    Parameters
-    ----------
-    gps : DataFrame
-        Its table.
-    t, velocity : ndarray, shapes (n,), (n, 2)
-        What `_velocity_felt` returns.
-    """
+    """Return how the lag of a receiver changes within the log; None where it does not, or nothing tells."""
     fixes = usable(gps, ["v_n", "v_e"])
     if fixes is None:
         return None

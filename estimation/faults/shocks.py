@@ -53,11 +53,6 @@ class Shocks:
         the gain in log-likelihood of a step there: which tells how likely each node about the largest is the one, and
         each kind of step, as a step of attitude shows in velocity too.
 
-        Parameters
-        ----------
-        nodes, shock, size : ndarray, shapes (n,), (n, 2), (n, 2)
-            See `smoother.Estimates`.
-
         Returns
         -------
         Shocks

@@ -54,8 +54,13 @@ def measurements_of(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[
     if fixes is not None:
         assert origin is not None  # made from the first fix if not logged
         frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
-        (_, fixed, position, p_variance), (_, _, velocity, v_variance) = observe_gps(fixes, frame, noise)
-        both = np.hstack([position, velocity]), np.hstack([p_variance, v_variance])
+        (_, fixed, level, p_variance), (_, _, height, _), (_, _, speed, v_variance), (_, _, climb, _) = observe_gps(
+            fixes, frame, noise
+        )
+        both = (
+            np.hstack([level[:, :2], height[:, 2:], speed[:, :2], climb[:, 2:]]),
+            np.hstack([p_variance, v_variance]),
+        )
         for when, z, variance in zip(fixed, *both, strict=True):
             there = np.isfinite(z)
             rows.append(Measured(when, "gps_position", selector[there], z[there], variance[there]))
@@ -125,11 +130,12 @@ def reversed_climb(tables: Tables) -> tuple[Finding, ...]:
     used = "is used with its sign reversed" if sign < 0.0 else "is not used"
     return (
         Finding(
-            "autopilot-climb-wrong",
+            "sensor-refused",
             Severity.WARNING,
             f"The autopilot's height changes against its vertical speed, which therefore {used}; firmware of 2013 "
             "sends it with the wrong sign.",
             "Analyse the .bin log of the same flight, or update the firmware.",
+            {"sensor": "autopilot"},
         ),
     )
 

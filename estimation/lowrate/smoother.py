@@ -12,7 +12,8 @@ from estimation.timing import TICK
 #: vertically (climbs).
 TIMES = (3.0, 3.0, 1.0)
 #: Correlation time of the GPS error here, s. Velocities at telemetry rate are too coarse to tell a wander of the GPS
-#: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course.
+#: over minutes from a wander of the craft, so it is held to be nearly constant: known in size, not in course. Heights
+#: have the barometer to tell them from (`SensorNoise.gps_height_time`), where there is one.
 GPS_ERROR_TIME = 1000.0
 #: What lasts of its velocity's error: 1-sigma at least, m/s, and for how long, s. Taken for white, an error of 0.1 m/s
 #: over minutes outvoted a receiver by 80 m.
@@ -34,22 +35,6 @@ def filter_telemetry(
     smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back.
-
-    Parameters
-    ----------
-    t : (n,) ndarray
-        Times of the nodes, s.
-    thrust : scipy.interpolate.Akima1DInterpolator
-        Acceleration that the attitude tells over time, NED, m/s^2.
-    measured : list of Measured
-        In order of time, each at a node.
-    gps_sigma : (3,) ndarray
-        1-sigma of what lasts in the receiver's position, m.
-    noise : SensorNoise
-    driven : (n, 6) ndarray
-        1-sigma of the acceleration that attitude does not tell, m/s^2, and of the autopilot's velocity, m/s.
-    smoothed : bool
-        False gives the forward filter.
 
     Returns
     -------
@@ -108,16 +93,6 @@ def transitions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """F, B and Q from node to node: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows.
 
-    Parameters
-    ----------
-    t : (n,) ndarray
-        Times of the nodes, s.
-    driven : (n, 6) ndarray
-        As `filter_telemetry` takes it.
-    gps_sigma : (3,) ndarray
-        m.
-    noise : SensorNoise
-
     Returns
     -------
     F, B, Q : ndarray, shapes (n - 1, 16, 16), (n - 1, 16, 3) and (n - 1, 16, 16)
@@ -125,13 +100,14 @@ def transitions(
     step, driven = np.diff(t), driven[1:]
     n = len(step)
     F, B, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.zeros((n, SIZE, 3)), np.zeros((n, SIZE, SIZE))
-    stay, lasts = np.exp(-step / GPS_ERROR_TIME), np.exp(-step / EKF_TIME)
+    lasts = np.exp(-step / EKF_TIME)
+    lasting = (GPS_ERROR_TIME, GPS_ERROR_TIME, noise.gps_height_time)
     # White noise drives d; steps are short against the correlation time, so the leading terms do.
     powers = step[:, None, None] ** np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
     spread = powers / np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
     for axis, time in enumerate(TIMES):
         p, v, d, e, autopilot = axis, 3 + axis, 6 + axis, 9 + axis, 13 + axis
-        a = np.exp(-step / time)
+        a, stay = np.exp(-step / time), np.exp(-step / lasting[axis])
         # Exact integrals of a disturbance that decays with a.
         to_v = time * (1.0 - a)
         to_p = time * (step - to_v)

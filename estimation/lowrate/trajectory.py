@@ -7,6 +7,8 @@ smoothers know no input, and of its two the module's function pairs the wrong F 
 Rauch-Tung-Striebel recursion stands here, on the priors that the filter itself made.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import scipy
@@ -15,7 +17,7 @@ from core.units import STANDARD_GRAVITY
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
 from estimation.lowrate.measurements import Measured, measurements_of, reversed_climb
-from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry
+from estimation.lowrate.smoother import EKF_LASTING, GPS_ERROR_TIME, filter_telemetry
 from estimation.lowrate.weights import DISTURBANCE, alike, driven_by, judged_rows, rescaled, softened
 from estimation.states import SensorNoise
 from estimation.timing import TICK, segments, usable
@@ -34,24 +36,12 @@ PASSES = 6
 def estimate_low_rate(
     tables: Tables, *, rate: float, start: float | None, stop: float | None, noise: SensorNoise, smoothed: bool
 ) -> Trajectory:
-    """Filter and smooth telemetry.
-
-    Parameters
-    ----------
-    tables : Tables
-        Of a log with attitude and positions.
-    rate : float
-        Rows of the trajectory per second.
-    start, stop : float or None
-        Span of time to give, s; None for all of it.
-    noise : SensorNoise
-        What to believe of the sensors.
-    smoothed : bool
-        False gives the forward filter.
-    """
+    """Filter and smooth telemetry."""
     attitude = usable(tables.attitude, ["roll", "pitch", "yaw"])
     assert attitude is not None  # the caller asked for it
     origin, measured, gps_sigma, source = measurements_of(tables, noise)
+    if usable(tables.baro, ["alt"]) is None:
+        noise = replace(noise, gps_height_time=GPS_ERROR_TIME)
     wrong = reversed_climb(tables)
     parts = []
     for piece in segments(attitude, LONGEST_HOLE):

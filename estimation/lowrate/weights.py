@@ -37,14 +37,6 @@ def softened(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     """Raise the variance of readings of the barometer that are off by more than `HONEST` of their sigmas.
 
     Iterated, this is the estimate by a loss that stops growing there (reweighted least squares: Holland & Welsch 1977).
-
-    Parameters
-    ----------
-    measured : list of Measured
-    t : (n,) ndarray
-        Times of the nodes, s.
-    x, P : (n, 16) and (n, 16, 16) ndarray
-        Smoothed states and their covariance.
     """
     node = nodes_of(t, measured)
     out = []
@@ -65,14 +57,6 @@ def judged_rows(
 
     As `admission.admit` does; `measured` are the rows that made the states. What is out of `given` already comes back
     only where it weighs in full.
-
-    Parameters
-    ----------
-    given, measured : list of Measured
-    t, x, P : ndarray
-        As `softened` takes them.
-    gate : float
-        How many sigmas a row may be off.
     """
     node = nodes_of(t, measured)
     worst = np.zeros(len(measured))
@@ -96,11 +80,6 @@ def driven_by(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     Root of the mean square of what was found and of its variance, as in the expectation-maximisation algorithm
     (Shumway & Stoffer 1982): of accelerations over `SPAN`, for who flies hard in a part of the log may have done so
     where a sensor is missing; of what lasts in the autopilot's velocity over all. Shape (n, 6), m/s^2 and m/s.
-
-    Parameters
-    ----------
-    t, x, P : ndarray
-        As `softened` takes them.
     """
     found = x**2 + np.diagonal(P, axis1=1, axis2=2)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(found[:, 6:9], axis=0)])
@@ -116,12 +95,6 @@ def rescaled(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
 
     A sensor that contradicts the others by more than its noise makes sigma too small, which shows where rows are left
     out: states then move by more than it. No variance is lowered: errors that last do not show in residuals.
-
-    Parameters
-    ----------
-    measured : list of Measured
-    t, x, P : ndarray
-        As `softened` takes them.
     """
     node = nodes_of(t, measured)
     found: dict[tuple[str, int], tuple[list[float], list[float], list[float]]] = {}
@@ -151,11 +124,6 @@ def variance_factor(t: np.ndarray, residuals: np.ndarray, expected: np.ndarray) 
 
     What contradicts other sensors does so for a while (lags, propeller wash), which averaging does not take away: the
     variance is that of white noise as strong at low frequencies as the residuals (Newey & West 1987).
-
-    Parameters
-    ----------
-    t, residuals, expected : (n,) ndarray
-        Time, s, residual, and the variance that it should have.
     """
     squares = float(residuals @ residuals)
     total = squares

@@ -43,15 +43,7 @@ class LocalFrame:
         return cls(origin, meridian, transverse * np.cos(origin.lat))
 
     def to_ned(self, lat: np.ndarray, lon: np.ndarray, alt: np.ndarray) -> np.ndarray:
-        """Convert latitude, longitude [rad] and altitude [m] to NED [m], shape (n, 3).
-
-        Parameters
-        ----------
-        lat, lon : ndarray, shape (n,)
-            rad.
-        alt : ndarray, shape (n,)
-            m, above the same level as the altitude of the origin.
-        """
+        """Convert latitude, longitude [rad] and altitude [m] to NED [m], shape (n, 3)."""
         east_angle = np.mod(lon - self.origin.lon + np.pi, 2.0 * np.pi) - np.pi
         return np.column_stack(
             [

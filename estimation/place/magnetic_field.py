@@ -35,15 +35,6 @@ def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime
 
     The world of the firmware's simulator has the field of the autopilot's tables, which differs from the model's by up
     to 0.5 uT and, where declination changes fast, a degree.
-
-    Parameters
-    ----------
-    place : Geodetic
-        Where: latitude, longitude [rad] and altitude [m].
-    parameters : mapping of str to float
-        The autopilot's.
-    date : datetime or None
-        When; None where it is not known.
     """
     logged = parameters.get("COMPASS_DEC", 0.0)
     if is_simulated(parameters):

@@ -40,17 +40,6 @@ def climb(
 ) -> tuple[dict[float, float], Problem]:
     """Go up and down a ladder of values from `start` as long as it gets likelier.
 
-    Parameters
-    ----------
-    variant : Callable[[float], Problem]
-        The problem with a value of the setting.
-    ladder : Sequence[float]
-        Values of the setting, rising.
-    start : float
-        The value to begin at, one of the ladder.
-    passes : Passes
-        Likelihoods known so far.
-
     Returns
     -------
     tuple[dict[float, float], Problem]

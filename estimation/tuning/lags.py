@@ -33,7 +33,7 @@ BARO_LAGS = (*FINE_LAGS, 2.0, 2.7, 3.6, 4.8, 6.4)
 #: Sensors whose lag is looked for, and their kinds of measurement.
 LAGGING: Mapping[str, tuple[int, ...]] = {
     "mag": (_kernels.MAG,),
-    "gps": (_kernels.GPS_POSITION, _kernels.GPS_VELOCITY),
+    "gps": (_kernels.GPS_POSITION, _kernels.GPS_HEIGHT, _kernels.GPS_VELOCITY, _kernels.GPS_CLIMB),
     "gps2": (_kernels.GPS2_POSITION, _kernels.GPS2_VELOCITY),
     "baro": (_kernels.BARO,),
 }
@@ -82,23 +82,6 @@ def find_lag(
 
     Tables know the lag to some hundredths of a second, so a small one is an estimate like any other; one far off must
     be decisively likelier.
-
-    Parameters
-    ----------
-    observations : Observations
-        What the lag is judged by.
-    sensor : str
-        One of `LAGGING`.
-    span : tuple[float, float]
-        What is looked at, s.
-    lay_out : Callable[[Observations], Problem]
-        Lays out that span with other observations.
-    passes : Passes
-        Likelihoods known so far.
-    least : float
-        A smaller lag is none, s.
-    far : Sequence[float]
-        Further lags to begin at, s.
     """
     kinds = LAGGING[sensor]
 
@@ -172,19 +155,7 @@ def refine_lag(
     span: tuple[float, float],
     lay_out: Callable[[Observations], Problem],
 ) -> float:
-    """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s.
-
-    Parameters
-    ----------
-    observations : Observations
-        What the lag is judged by.
-    kinds : tuple[int, ...]
-        The receiver's kinds of measurement (`LAGGING`).
-    span : tuple[float, float]
-        What is looked at, s.
-    lay_out : Callable[[Observations], Problem]
-        Lays out that span with other observations.
-    """
+    """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s."""
     compared = _compared(observations, kinds, span, PARABOLA[-1])
     values = [run(lay_out(compared.earlier(kinds, step)), keep=False).log_likelihood for step in PARABOLA.tolist()]
     bend, slope, _ = np.polyfit(PARABOLA, values, 2)

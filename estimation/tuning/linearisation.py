@@ -14,19 +14,10 @@ RELINEARISED, SETTLED = 8, np.radians(0.5)
 
 
 def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np.ndarray:
-    """Return the start to linearise about, shape (27,): that of the prior with its heading smoothed.
+    """Return the start to linearise about, shape (29,): that of the prior with its heading smoothed.
 
     The prior moves along. That does no harm to a heading, of which it says little. Tilt moves too where nothing but the
     force in flight told it, and it is as wide; and along with the accelerometer's bias where that is.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment, with its prior.
-    result : ForwardPass
-        The filter's pass over it.
-    levelled : bool
-        Whether tilt was read off the accelerometer (`Alignment.levelled`).
     """
     x = problem.x.copy()
     smoothed = smooth(problem, result).x[0]
@@ -40,7 +31,7 @@ def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np
 
 
 def settled(before: np.ndarray, after: np.ndarray) -> bool:
-    """Return whether two starts, shape (27,), linearise about the same attitude."""
+    """Return whether two starts, shape (29,), linearise about the same attitude."""
     return bool(np.linalg.norm(error_rotation(before[6:10], after[6:10])) < SETTLED)
 
 

@@ -19,7 +19,7 @@ STRONG = 5.0
 #: lost nothing else says how velocity drifts. A prior may only widen: that the three numbers which it is about came out
 #: small proves nothing.
 LADDERS: Mapping[str, tuple[float, ...]] = {
-    "baro_walk": (0.04, 0.1, 0.25, 0.6, 1.5),
+    "baro_wander": (0.1, 0.2, 0.5),
     "gyro_bias_walk": (2e-6, 6e-6, 2e-5, 6e-5, 2e-4, 6e-4, 2e-3),
     "hard_iron_walk": (2e-9, 6e-9, 2e-8, 6e-8, 2e-7, 6e-7, 2e-6, 6e-6),
     "hard_iron": (3e-6, 1e-5, 3e-5),
@@ -27,13 +27,15 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias": (0.1, 0.3, 1.0, 3.0),
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
-#: Those of a late barometer: the filter that makes it late hides its wander from the innovations.
-HIDDEN_WALKS = LADDERS["baro_walk"][2:]
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 GPS_WHITE_SCALES = (0.04, 0.1, 0.25, 1.0, 4.0, 16.0)
+#: The same of heights. They are judged by readings so far apart, s, and not by all: their error is smooth, so that from
+#: one reading to the next the steadiest receiver is one that drifts by 7 m in 30 s (pypi 00000081).
+GPS_HEIGHT_SHARES = (*GPS_ERROR_SHARES, 5.0)
+HEIGHTS, FAR_APART = (_kernels.GPS_HEIGHT, _kernels.GPS_CLIMB, _kernels.BARO), 5.0
 #: White noise of a fix is no less than this, m: rows are rounded to 1e-7 degrees, and an antenna 0.1 m beside the IMU
 #: is 3 cm elsewhere in a tilt of 0.3 rad. Innovations do not show it, since it is not white, nor do averages end it.
 BEST_FIX = 0.03
@@ -46,19 +48,6 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
     never becomes narrower: that it was wide is why the start, about which it is now, was found at all.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment with the settings found so far.
-    start : Alignment
-        The start, about the attitude found.
-    setting : str
-        A field of `SensorNoise`.
-    ladder : Sequence[float]
-        Its values, rising.
-    passes : Passes
-        Likelihoods known so far.
     """
 
     def at(value: float) -> Problem:
@@ -76,7 +65,7 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
 
 
 def split_gps_error(problem: Problem, passes: Passes) -> Problem:
-    """Find how the GPS position error divides into white noise and slow wander, whose size is as reported.
+    """Find how the GPS position error divides into white noise and slow wander, whose size is known already.
 
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
     """
@@ -100,17 +89,7 @@ def split_gps_error(problem: Problem, passes: Passes) -> Problem:
 
 
 def scale_imu(problem: Problem, column: int, passes: Passes) -> tuple[float, Problem]:
-    """Find the factor on the noise of gyro or accelerometer, and the problem with it.
-
-    Parameters
-    ----------
-    problem : Problem
-        The segment with the settings found so far.
-    column : int
-        0 for the gyro, 1 for the accelerometer.
-    passes : Passes
-        Likelihoods known so far.
-    """
+    """Find the factor on the noise of gyro or accelerometer, and the problem with it."""
 
     def at(factor: float) -> Problem:
         factors = np.ones(2)

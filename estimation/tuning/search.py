@@ -8,7 +8,7 @@ import numpy as np
 from estimation import _kernels
 from estimation.alignment import Alignment, with_priors
 from estimation.faults.shocks import believed
-from estimation.filter import COARSE, Problem, World, assemble, matched_scale, run
+from estimation.filter import COARSE, LOUDEST, Problem, World, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.states import SensorNoise
 from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
@@ -16,7 +16,16 @@ from estimation.trust import LATE
 from estimation.tuning.ladders import DECISIVE, Passes, climb
 from estimation.tuning.lags import ENDS, FAR_LAGS, FINE_LAGS, LAGGING, RECEIVERS, find_lag, refine_lag
 from estimation.tuning.linearisation import RELINEARISED, is_sought, moves_bias, relinearised, settled
-from estimation.tuning.noise import GPS_ERROR_SHARES, HIDDEN_WALKS, LADDERS, scale_imu, set_noise, split_gps_error
+from estimation.tuning.noise import (
+    FAR_APART,
+    GPS_ERROR_SHARES,
+    GPS_HEIGHT_SHARES,
+    HEIGHTS,
+    LADDERS,
+    scale_imu,
+    set_noise,
+    split_gps_error,
+)
 
 #: Seconds of flight that are looked at; more would cost time and tell little more.
 WINDOW = 180.0
@@ -36,7 +45,7 @@ class Tuned:
     """Settings found for one log."""
 
     noise: SensorNoise
-    white_scale: np.ndarray  #: shape (7,): Factor on the white variance of each kind of measurement.
+    white_scale: np.ndarray  #: shape (9,): Factor on the white variance of each kind of measurement.
     imu_scale: np.ndarray  #: shape (2,): Factor on the variance that gyro and accelerometer noise add.
     lags: Mapping[str, float]  #: Lag found beyond the time that the tables give, by sensor (`LAGGING`), s.
     yaw_scale: float  #: Factor on the rate about the down axis that makes it true.
@@ -69,19 +78,6 @@ def tune(
     looks better: they need a start of their own. With settings of the class that start also makes up for whatever else
     is worse than its class, as a compass beside motors, and one fix more or less decided on it. So where it looks
     better, settings are found about both, and it must still be decisively likelier.
-
-    Parameters
-    ----------
-    signal : InertialSignal
-        IMU samples of the segment.
-    observations : Observations
-        What the aiding sensors measured, at the times that their tables state.
-    aligned : Alignment
-        The start.
-    world : World
-        Gravity and Earth's rotation.
-    noise : SensorNoise
-        Settings to begin with, those that `aligned` was made with.
     """
     wide = replace(noise, gyro_bias=WIDE_GYRO_BIAS, accel_bias=WIDE_ACCEL_BIAS)
     known = _Search(signal, observations, aligned, world, noise)
@@ -89,7 +85,8 @@ def tune(
     far_off = _Search(signal, observations, with_priors(aligned, noise, wide), world, wide)
     looks_better = far_off.begin() - known.begin() > DECISIVE
     known.search()
-    if not looks_better:
+    # A sensor as loud as none of its class: what contradicts it may be the IMU.
+    if not looks_better and known.white_scale.max() < LOUDEST**2:
         return known.found
     far_off.search()
     return far_off.found if far_off.likelihood() - known.likelihood() > DECISIVE else known.found
@@ -187,12 +184,17 @@ class _Search:
             self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
         start = replace(self.aligned, x=self.x)
         for setting, ladder in LADDERS.items():
-            if setting == "baro_walk" and self.found.late_barometer:
-                ladder = HIDDEN_WALKS
+            if setting == "baro_wander" and self.found.late_barometer:
+                # The filter that makes a barometer late hides its wander from the innovations.
+                ladder = ladder[-1:]
             problem = set_noise(problem, start, setting, ladder, self.passes)
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
             problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
             problem = split_gps_error(problem, self.passes)
+            self._take(problem)
+            sparse = self.lay_out(self.observations.thinned(HEIGHTS, FAR_APART))
+            sparse = set_noise(sparse, start, "gps_height_share", GPS_HEIGHT_SHARES, self.passes)
+            problem = replace(problem, noise=sparse.noise, P=sparse.P)
         matched = matched_scale(problem, run(problem, keep=False))
         matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
         self._take(replace(problem, white_scale=matched))

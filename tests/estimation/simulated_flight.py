@@ -39,6 +39,8 @@ class Sensors:
     baro_rate: float = 10.0
     baro_white: float = 0.12
     baro_walk: float = 0.04
+    baro_wander: float = 0.0  # of wash and airspeed, 1-sigma, m; it lasts for `baro_wander_time`, s
+    baro_wander_time: float = 5.0
     mag_rate: float = 10.0
     mag_white: float = 3.0e-7
     hard_iron: float = 2.0e-6
@@ -204,6 +206,9 @@ def _gps(
 def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: np.ndarray) -> pd.DataFrame:
     rows = np.arange(0, len(t), round(1.0 / sensors.baro_rate / STEP))
     drift = _walk(rng, 1.0, sensors.baro_walk, len(rows), 1.0 / sensors.baro_rate)[:, 0]
+    if sensors.baro_wander > 0.0:
+        size = np.array([sensors.baro_wander, 0.0, 0.0])
+        drift += _gauss_markov(rng, size, sensors.baro_wander_time, len(rows), 1.0 / sensors.baro_rate)[:, 0]
     alt = -position[rows, 2] + drift + rng.normal(0.0, sensors.baro_white, len(rows))
     return pd.DataFrame({"alt": alt, "pressure": np.nan, "temperature": np.nan}, index=pd.Index(t[rows], name="t"))
 

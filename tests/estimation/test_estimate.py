@@ -91,7 +91,7 @@ def test_a_glitch_leaves_no_trace(flight, trajectory):
     glitched = estimate(replace(flight.tables, gps=gps))
     clean = compare(trajectory, settled(flight)).horizontal_position
     assert compare(glitched, settled(flight)).horizontal_position == pytest.approx(clean, rel=0.01)
-    assert [f.id for f in glitched.findings] == ["gps-glitch"]
+    assert [f.id for f in glitched.findings] == ["sensor-refused"]
     assert glitched.findings[0].evidence["start"] == pytest.approx(60.0, abs=0.3)
 
 
@@ -225,7 +225,7 @@ def test_the_better_imu_is_chosen(flight):
     result = estimate(tables)
     assert result.diagnostics["imu"] == [1]
     assert compare(result, settled(flight)).horizontal_velocity < 0.06
-    assert [f.id for f in result.findings] == ["other-imu"]
+    assert [f.id for f in result.findings] == ["imu-doubtful"]
 
 
 @pytest.mark.parametrize("rate", [25.0, 200.0])
@@ -264,10 +264,10 @@ def test_each_segment_takes_its_own_imu(flight):
     tables = replace(flight.tables, imu=with_hole(loose), further={"imu": (with_hole(imu),)})
     result = estimate(tables)
     assert result.diagnostics["imu"] == [0, 1]
-    assert sorted(f.id for f in result.findings) == ["imu-hole", "other-imu"]
+    assert sorted(f.id for f in result.findings) == ["imu-doubtful", "imu-hole"]
     whole = estimate(replace(tables, further={"imu": (imu,)}))
     assert whole.diagnostics["imu"] == [1]
-    assert [f.id for f in whole.findings] == ["other-imu"]
+    assert [f.id for f in whole.findings] == ["imu-doubtful"]
     assert compare(whole, settled(flight)).horizontal_velocity < 0.06
 
 

@@ -53,7 +53,7 @@ def transition(result, node):
     F[3:6, 6:9] = -np.array([[0.0, -S[2], S[1]], [S[2], 0.0, -S[0]], [-S[1], S[0], 0.0]])
     F[3:6, 12:15] = -C
     F[6:9, 9:12] = -C
-    F[19:22, 19:22] *= np.exp(-T / NOISE.gps_error_time)
+    F[19:24, 19:24] *= np.diag(np.exp(-T / NOISE.wander_times()))
     return F
 
 
@@ -62,8 +62,8 @@ def process_noise(problem, T, node):
     q = T * NOISE.random_walks() * (np.diag(problem.P) > 0.0)
     q[6:9] += problem.sub_noise[subs, 0].sum()
     q[3:6] += problem.sub_noise[subs, 1].sum()
-    gone = 1.0 - np.exp(-2.0 * T / NOISE.gps_error_time)
-    q[19:22] += gone * np.diag(problem.P)[19:22]
+    gone = 1.0 - np.exp(-2.0 * T / NOISE.wander_times())
+    q[19:24] += gone * np.diag(problem.P)[19:24]
     return np.diag(q)
 
 

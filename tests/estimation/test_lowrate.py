@@ -175,7 +175,7 @@ def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
     result = estimate(replace(telemetry, ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
-    assert [f.id for f in result.findings] == ["low-rate-trajectory", "autopilot-climb-wrong"]
+    assert [f.id for f in result.findings] == ["low-rate-trajectory", "sensor-refused"]
     error = errors(result, flight.truth[flight.truth.index > 10.0])
     assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
     right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
@@ -183,7 +183,7 @@ def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     pd.testing.assert_frame_equal(result.states, right.states)
     noise = np.random.default_rng(0).normal(0.0, 3.0, len(ekf))
     unrelated = estimate(replace(telemetry, ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)
-    assert "not used" in next(f.reason for f in unrelated.findings if f.id == "autopilot-climb-wrong")
+    assert "not used" in next(f.reason for f in unrelated.findings if f.id == "sensor-refused")
 
 
 def test_a_lasting_error_of_the_autopilots_velocity_is_no_drift(flight, telemetry):
