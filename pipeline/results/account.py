@@ -21,11 +21,11 @@ class PhaseKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A stretch of time in which the craft did one thing, s on the log's boot clock."""
+    """A stretch of time in which the craft did one thing, s on the log's boot clock; None for an end of the log."""
 
     kind: PhaseKind
-    start: float
-    stop: float
+    start: float | None
+    stop: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,9 @@ from enum import StrEnum
 
 from pipeline.results.span import Span
 
+#: What predicts shorter [s] than a person needs to react is of use to a filter only.
+HOLDS = 1.0
+
 
 class Tone(StrEnum):
     """How good an answer is, for its colour."""

@@ -88,10 +88,12 @@ def _background(result: FlightResult, layout: Drawn) -> list[Drawn]:
 
 
 def _names(result: FlightResult, around: Span) -> list[Drawn]:
-    """Name what happened above its line, the gravest first, as many as do not cover each other."""
+    """Name what happened above its line, the story first, as many as do not cover each other."""
     names: list[Drawn] = []
     taken: list[tuple[float, float]] = []
-    for event, t in _notable(result):
+    account = present(result.account)
+    story = () if account is None else account.story
+    for event, t in sorted(_notable(result), key=lambda each: each[0] not in story):
         text = event.id.replace("-", " ")
         width = _LETTER * len(text) * around.duration
         ends = t + width > around.stop

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from core.quantity import counted, duration, number, uncertain
-from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.drift import History, Step
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightInShort
 from pipeline.results.verdict import PredictionUse
 from reports.views import summary
 from reports.views.summary import ShownAnswer, thrust_known, thrust_of
-
-#: Shortest prediction that a person can act on, s: as of one flight.
-_USEFUL = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +137,7 @@ def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
 def _ahead(numbers: FleetReport) -> ShownAnswer:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = furthest(numbers)
-    if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= _USEFUL:
+    if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= HOLDS:
         craft, model = joint
         of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
         text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
@@ -149,7 +146,7 @@ def _ahead(numbers: FleetReport) -> ShownAnswer:
         own = [
             (name, shown)
             for name, shown in _said(numbers.flights, "Predict ahead")
-            if (shown.line.value or 0.0) >= _USEFUL
+            if (shown.line.value or 0.0) >= HOLDS
         ]
         if not own:
             reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])

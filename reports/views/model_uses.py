@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pipeline.flight.answer.ahead import HOLDS
+from pipeline.results.answer import HOLDS
 from pipeline.results.model_report import ModelReport
 from reports.views import summary
 

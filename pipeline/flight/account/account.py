@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 from core.findings import Finding
@@ -144,10 +145,14 @@ def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]
     fall = next((each.t for each in story if each.id in ("fall", "control-lost", "lift-lost")), None)
     crashed = any(each.id == "crash" for each in story)
     down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
-    phases = [Phase(PhaseKind.GROUND, belongs.start, flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
+    phases = [Phase(PhaseKind.GROUND, _end(belongs.start), flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
     if down < flight.stop:
         phases.append(Phase(PhaseKind.FALL, down, flight.stop))
-    return (*phases, Phase(PhaseKind.GROUND, flight.stop, belongs.stop))
+    return (*phases, Phase(PhaseKind.GROUND, flight.stop, _end(belongs.stop)))
+
+
+def _end(t: float) -> float | None:
+    return t if math.isfinite(t) else None
 
 
 def _on_the_ground(noted: tuple[Finding, ...]) -> str:

@@ -7,13 +7,10 @@ import math
 from core.quantity import counted, number
 from pipeline.flight.answer.words import brief, changed_load
 from pipeline.flight.purposes import uses_of
-from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.verdict import PredictionUse
-
-#: What predicts shorter [s] than a person needs to react is of use to a filter only.
-HOLDS = 1.0
 
 
 def ahead(result: FlightResult) -> AnswerLine:

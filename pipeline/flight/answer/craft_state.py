@@ -27,9 +27,11 @@ def happened(account: Account) -> AnswerLine:
         tone = _TONES[min((each.severity for each in story), key=list(_TONES)[::-1].index)]
     elif others:
         tone = Tone.CARE
-    # What was read off the battery and of vibration stands in lines of their own.
-    told = next((each for each in others if each.id not in ("vibration", "battery-low")), None)
-    remark = f" To know: {told.reason}" if told is not None and not story else ""
+    remark = ""
+    if others and not story:
+        # What was read off the battery and of vibration stands in lines of their own.
+        read = {"vibration": "vibration", "battery-low": "the battery"}.get(others[0].id)
+        remark = f" To know: {others[0].reason}" if read is None else f" Look at {read}."
     return AnswerLine(purpose="Happened", word=account.in_short, tone=tone, text=account.headline + remark)
 
 
@@ -111,7 +113,7 @@ def _thrust(hover: HoverReading) -> AnswerLine:
 
 
 def _motors(motors: MotorsReading) -> AnswerLine:
-    text = f"motor {motors.hardest} hardest, by {100.0 * motors.spread:.0f} %"
+    text = f"motor {motors.hardest} works hardest, by {100.0 * motors.spread:.0f} %"
     text = text if motors.spread > _ALIKE else "all work alike"
     text += f"; one at its limit {100.0 * motors.at_limit:.0f} % of the time" if motors.at_limit > _AT_LIMIT else ""
     return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN)
