@@ -1,5 +1,6 @@
 """Verdicts on a log, a flight, a trajectory or a fit, as values: never a print, never a silent drop."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -12,6 +13,8 @@ class Severity(StrEnum):
     WARNING = "warning"
     ERROR = "error"
 
+
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 #: For sorting.
 WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
@@ -39,11 +42,11 @@ class Finding:
 
 
 def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return each kind of finding once, in order: the first keeps its words and gains how many there were (`count`)."""
-    kinds: dict[str, list[Finding]] = {}
+    """Return what differs in numbers only once, in order: the first keeps its words and gains a `count`."""
+    alike: dict[tuple[str, str], list[Finding]] = {}
     for finding in findings:
-        kinds.setdefault(finding.id, []).append(finding)
-    return tuple(first if not more else _counted(first, len(more)) for first, *more in kinds.values())
+        alike.setdefault((finding.id, _NUMBER.sub("", finding.reason)), []).append(finding)
+    return tuple(first if not more else _counted(first, len(more)) for first, *more in alike.values())
 
 
 def _counted(first: Finding, more: int) -> Finding:
