@@ -24,7 +24,7 @@ WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
 class Finding:
     """One thing that a reader of the result should know."""
 
-    id: str  #: Stable kebab-case name, such as ``"truncated-tail"``; docs/findings.md explains each.
+    id: str  #: Stable kebab-case name, such as ``"file-end"``; docs/findings.md explains each.
     #: INFO for what a healthy flight has too, WARNING for what should be looked into, ERROR for what endangers.
     severity: Severity
     reason: str  #: What was found, in a sentence for the person who must act.
