@@ -122,7 +122,7 @@ def record_flight(
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
             Finding(
-                "density-from-altitude",
+                "conditions-assumed",
                 Severity.INFO,
                 "without a barometer the air's density is that of the standard atmosphere at the craft's altitude "
                 f"({context['density'].mean():.3f} kg/m^3)",

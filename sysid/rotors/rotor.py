@@ -308,7 +308,7 @@ def _other_curve(found: Parameter, vehicle: Vehicle) -> list[Finding]:
         return []
     return [
         Finding(
-            "thrust-curve-differs",
+            "thrust-differs",
             Severity.INFO,
             f"thrust follows a curve of MOT_THST_EXPO {expo:.2f} ± {sigma:.2f}; the autopilot inverts {told}, "
             "so that its loops are stiffer at one end of the throttle than at the other",

@@ -33,7 +33,7 @@ def few_samples(records: Sequence[Experiment], parameters: int, order: int) -> l
     if samples < 20 * parameters:
         return [
             Finding(
-                "few-samples",
+                "not-determined",
                 Severity.WARNING,
                 f"{samples} samples must determine {parameters} coefficients per output; "
                 "expect the fit to describe these records and no others",
@@ -74,7 +74,7 @@ def remarks(
         if report.undetermined:
             findings.append(
                 Finding(
-                    "undetermined-coefficients",
+                    "not-determined",
                     Severity.WARNING,
                     f"{report.undetermined} of the {report.parameters} coefficients of {output} are not determined by "
                     f"the data (standard deviation above half the value; condition number {report.condition:.1e})",
@@ -87,7 +87,7 @@ def remarks(
         if slowest * longest < 1.0:
             findings.append(
                 Finding(
-                    "slow-poles",
+                    "not-determined",
                     Severity.INFO,
                     f"the slowest pole of {output} decays in {1.0 / slowest:.0f} s, longer than the longest record "
                     f"({longest:.0f} s): it acts as an integrator, and its long-run gain is an extrapolation",
