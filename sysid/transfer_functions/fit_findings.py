@@ -99,7 +99,7 @@ def remarks(
             findings.append(idle)
         if report.fit_percent == 0.0 and all(np.ptp(r.y[:, r.output_names.index(output)]) == 0.0 for r in records):
             findings.append(
-                Finding("constant-output", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
+                Finding("output-unexplained", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
             )
     return findings
 
@@ -127,7 +127,7 @@ def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, Transfe
     if not chances or min(chances) * len(chances) < CHANCE:
         return None
     return Finding(
-        "inputs-explain-nothing",
+        "output-unexplained",
         Severity.WARNING,
         f"no input is seen to act on {output}: the effect of each is no larger than chance gives. The fit of "
         f"{report.fit_percent:.0f} % on the training records comes from drift, the initial state and noise",

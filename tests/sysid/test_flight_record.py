@@ -57,7 +57,7 @@ def test_gaps_in_the_motor_outputs_end_the_record():
     kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
     record = Experiment.from_flight(*made(motors=kept))
     assert record.t[0] >= 25.0
-    assert [finding.id for finding in record.findings] == ["motor-output-gaps"]
+    assert [finding.id for finding in record.findings] == ["input-gaps"]
     assert "24.9 of 40.0 s" in record.findings[0].reason
 
 

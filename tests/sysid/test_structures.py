@@ -129,7 +129,7 @@ def test_two_motors_that_move_as_one_share_their_effect_with_own_denominators_to
     u = np.repeat(inputs(np.random.default_rng(7), 1), 2, axis=1)
     y = response([2.0, 1.0], [1.0, 1.6, 4.0, 1.2], u[:, 0])
     model = fit_transfer_functions([record_of(y, u, 0, 0.05)], 3, 1)
-    assert "identical-inputs" in {finding.id for finding in model.findings}
+    assert "inputs-alike" in {finding.id for finding in model.findings}
     assert any(f.id == "not-determined" and "coefficients of" in f.reason for f in model.findings)
     functions = model.transfer_functions["y1"].values()
     assert sum(function.gain for function in functions) == pytest.approx(1.0 / 1.2, rel=0.15)
