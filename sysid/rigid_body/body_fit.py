@@ -203,7 +203,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
     if count < flown:
         findings.append(
             Finding(
-                "motors-not-logged",
+                "motor-without-output",
                 Severity.WARNING,
                 f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
                 "thrust per motor and effectiveness are not determined; drag and wind are",

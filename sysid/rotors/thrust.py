@@ -171,7 +171,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if unlogged:
         findings.append(
             Finding(
-                "motors-not-logged",
+                "motor-without-output",
                 Severity.WARNING,
                 f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
                 "determined",

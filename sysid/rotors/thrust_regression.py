@@ -333,7 +333,7 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
     vehicle = Vehicle()
     return vehicle, [
         Finding(
-            "assumed-thrust-curve",
+            "craft-assumed",
             Severity.WARNING,
             "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
             f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",
