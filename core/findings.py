@@ -1,5 +1,6 @@
 """Verdicts on a log, a flight, a trajectory or a fit, as values: never a print, never a silent drop."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -13,6 +14,8 @@ class Severity(StrEnum):
     ERROR = "error"
 
 
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
 #: For sorting.
 WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
 
@@ -21,7 +24,7 @@ WORST_FIRST = (Severity.ERROR, Severity.WARNING, Severity.INFO)
 class Finding:
     """One thing that a reader of the result should know."""
 
-    id: str  #: Stable kebab-case name, such as ``"truncated-tail"``; docs/findings.md explains each.
+    id: str  #: Stable kebab-case name, such as ``"file-end"``; docs/findings.md explains each.
     #: INFO for what a healthy flight has too, WARNING for what should be looked into, ERROR for what endangers.
     severity: Severity
     reason: str  #: What was found, in a sentence for the person who must act.
@@ -39,11 +42,11 @@ class Finding:
 
 
 def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return each kind of finding once, in order: the first keeps its words and gains how many there were (`count`)."""
-    kinds: dict[str, list[Finding]] = {}
+    """Return what differs in numbers only once, in order: the first keeps its words and gains a `count`."""
+    alike: dict[tuple[str, str], list[Finding]] = {}
     for finding in findings:
-        kinds.setdefault(finding.id, []).append(finding)
-    return tuple(first if not more else _counted(first, len(more)) for first, *more in kinds.values())
+        alike.setdefault((finding.id, _NUMBER.sub("", finding.reason)), []).append(finding)
+    return tuple(first if not more else _counted(first, len(more)) for first, *more in alike.values())
 
 
 def _counted(first: Finding, more: int) -> Finding:

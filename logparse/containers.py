@@ -213,7 +213,7 @@ def _unpacked(packed: io.BufferedIOBase, archive: Path) -> tuple[Buffer, tuple[F
                 raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage
             findings = (
                 Finding(
-                    "damaged-archive",
+                    "file-damaged",
                     Severity.WARNING,
                     f"The archive is damaged or cut short ({_said(damage)}); the first {size} bytes of the log were "
                     "read.",

@@ -130,7 +130,9 @@ def smoothed(height: "pd.Series[float]") -> "pd.Series[float]":
         return height
     usual = float(np.median(np.diff(height.index.to_numpy(np.float64))))
     size = 2 * round(0.5 * _MEDIAN / usual) + 1 if usual > 0.0 else 1
-    return height.rolling(size, center=True, min_periods=1).median()
+    half = size // 2
+    padded = pd.Series(np.pad(height.to_numpy(np.float64), half, mode="edge")).rolling(size, center=True).median()
+    return pd.Series(padded.to_numpy()[half : half + len(height)], index=height.index)
 
 
 def speed_down(tables: Tables) -> "pd.Series[float] | None":

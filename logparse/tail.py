@@ -16,7 +16,7 @@ def erased_tail(data: npt.NDArray[Any], start: int) -> Finding | None:
     if size - start < 16 or not (np.all(ends == 0xFF) or np.all(ends == 0)):
         return None
     return Finding(
-        "erased-tail",
+        "file-end",
         Severity.INFO,
         f"The last {size - start} bytes were never written (all {int(ends[0]):#04x}).",
         evidence={"first_byte": start, "bytes": size - start},

@@ -29,7 +29,7 @@ def decoding_findings(crowded: Collection[str], mended: Mapping[str, int]) -> li
     """Return what decoding came upon: names with more layouts than are read, rows by name whose time was mended."""
     findings = [
         Finding(
-            "implausible-time",
+            "clock-doubtful",
             Severity.WARNING,
             f"{count} rows of {name} carry a time outside the boot or far from their neighbours; "
             "their time was interpolated.",
@@ -40,7 +40,7 @@ def decoding_findings(crowded: Collection[str], mended: Mapping[str, int]) -> li
     if crowded:
         findings.append(
             Finding(
-                "too-many-layouts",
+                "file-damaged",
                 Severity.WARNING,
                 f"The layout of {_listed(sorted(crowded))} changes more often than any autopilot changes it; "
                 "only the commonest were read.",
@@ -69,7 +69,7 @@ def _damage(chain: "Chain") -> list[Finding]:
         lost = max(len(starts), round(skipped / mean_length))
         findings.append(
             Finding(
-                "bytes-skipped",
+                "file-damaged",
                 Severity.WARNING,
                 f"{skipped} bytes in {len(starts)} places, the first at byte {int(starts[0])}, are not intact "
                 f"messages; about {lost} messages are lost.",
@@ -87,13 +87,13 @@ def _tail(chain: "Chain", start: int, size: int) -> Finding:
         return erased
     if chain.truncated_at >= start:
         return Finding(
-            "truncated-tail",
+            "file-end",
             Severity.INFO,
             f"The log ends inside a message at byte {start}, which is lost: power was cut or the file is cut short.",
             evidence=evidence,
         )
     return Finding(
-        "stray-tail",
+        "file-end",
         Severity.INFO,
         f"The last {size - start} bytes, from byte {start}, are not messages.",
         evidence=evidence,
@@ -109,7 +109,7 @@ def _unknown_messages(chain: "Chain") -> list[Finding]:
     total = sum(unknown.values())
     return [
         Finding(
-            "unknown-messages",
+            "message-layout",
             Severity.WARNING,
             f"{total} messages have an id that no FMT row explains (ids {names}); they were skipped.",
             evidence={"messages": total, "ids": names},
@@ -125,7 +125,7 @@ def _definitions(chain: "Chain") -> list[Finding]:
         names = _listed(contradictory)
         findings.append(
             Finding(
-                "contradictory-format",
+                "message-layout",
                 Severity.WARNING,
                 f"The FMT rows of {names} declare a length that their format does not have; of their messages the "
                 "fields that fit were read.",
@@ -141,7 +141,7 @@ def _definitions(chain: "Chain") -> list[Finding]:
         names = _listed(redefined)
         findings.append(
             Finding(
-                "redefined-format",
+                "message-layout",
                 Severity.INFO,
                 f"The layout of {names} changes within the file; each row was read by the layout in force there.",
                 evidence={"messages": names},
@@ -162,7 +162,7 @@ def _dropped_by_autopilot(chain: "Chain") -> list[Finding]:
         return []
     return [
         Finding(
-            "dropped-messages",
+            "messages-dropped",
             Severity.WARNING,
             f"The autopilot itself dropped {dropped} messages because its card was too slow (DSF.Dp).",
             "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK).",

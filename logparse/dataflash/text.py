@@ -281,7 +281,7 @@ class DataflashTextSource:
             total = sum(misfits.values())
             findings.append(
                 Finding(
-                    "lines-skipped",
+                    "file-damaged",
                     Severity.WARNING,
                     f"{total} lines do not fit their format ({', '.join(list(misfits)[:8])}); they were skipped.",
                     evidence={"lines": total},
@@ -292,7 +292,7 @@ class DataflashTextSource:
             names = ", ".join(repr(name[:20]) for name in list(self._unknown)[:8])
             findings.append(
                 Finding(
-                    "unknown-messages",
+                    "message-layout",
                     Severity.WARNING,
                     f"{total} lines begin with a name that no FMT line explains ({names}); they were skipped.",
                     evidence={"messages": total},
@@ -301,7 +301,7 @@ class DataflashTextSource:
         if any(group.is_gps_clock for group in self._groups):
             findings.append(
                 Finding(
-                    "no-boot-clock",
+                    "clock-doubtful",
                     Severity.INFO,
                     "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
                 )
@@ -318,7 +318,7 @@ class DataflashTextSource:
         for name, rows in self._mended.items():
             findings.append(
                 Finding(
-                    "implausible-time",
+                    "clock-doubtful",
                     Severity.WARNING,
                     f"{rows} rows of {name} carry a time outside the boot; their time was interpolated.",
                     evidence={"message": name, "rows": rows},

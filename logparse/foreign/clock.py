@@ -62,7 +62,7 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
     if len(rows) < FEWEST:
         raise TableError(f"{label}: column {name}: {len(rows)} rows have a time; a record needs {FEWEST}")
     if len(rows) < len(t):
-        findings.append(_finding("table-time", name, f"{len(t) - len(rows)} rows have no time and are left out"))
+        findings.append(_time(name, f"{len(t) - len(rows)} rows have no time and are left out"))
     step = np.diff(t[rows])
     usual = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
     if usual <= 0.0 or np.mean(step > 0.0) < 0.5:
@@ -77,9 +77,7 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
         )
     repeated = step == 0.0
     if repeated.any():
-        findings.append(
-            _finding("table-time", name, f"{int(repeated.sum())} time stamps repeat; their later rows are left out")
-        )
+        findings.append(_time(name, f"{int(repeated.sum())} time stamps repeat; their later rows are left out"))
         rows = rows[np.r_[True, ~repeated]]
         step = np.diff(t[rows])
     # Time that goes back, or leaps, parts the record: nothing tells what happened between.
@@ -90,8 +88,7 @@ def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64]
         kept = rows[edges[longest] : edges[longest + 1]]
         worst = float(step[cuts][np.argmax(np.abs(step[cuts]))])
         findings.append(
-            _finding(
-                "table-time",
+            _time(
                 name,
                 f"time jumps {len(cuts)} time(s), by up to {worst:+.3g} s; kept are the {len(kept)} rows of the "
                 f"longest part without a jump, of {len(rows)}",
@@ -160,10 +157,11 @@ def known_rows(
         out[bad, k] = np.interp(at[bad], at[~bad], out[~bad, k])
         findings.append(
             _finding(
-                "table-gaps",
+                "table-values",
                 name,
                 f"{int(bad.sum())} of {len(values)} samples are missing, at most {lengths.max() * dt:.2f} s at a time; "
                 + ("gaps are filled" if fill or not long.any() else f"{int(long.sum())} gap(s) end the usable part"),
+                "export the record without gaps, or allow them to be filled (fill: true)",
             )
         )
         if not fill:
@@ -191,9 +189,10 @@ def without_spikes(values: Floats, names: Sequence[str]) -> tuple[Floats, list[F
         column[bad] = np.interp(at[bad], at[~bad], column[~bad])
         findings.append(
             _finding(
-                "table-spikes",
+                "table-values",
                 name,
                 f"{int(bad.sum())} samples leap away and back, such as {worst:.6g}; their neighbours replace them",
+                "look for lost packets of the telemetry",
             )
         )
     return out, findings
@@ -249,17 +248,19 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
             values[:, k]
         ):
             held.setdefault((int(rows[first[worst]]), int(length[worst])), []).append(name)
-    return [_finding("table-held", name, "the value never changes while others move") for name in stuck] + [
-        _finding("table-held", ", ".join(columns), f"the value stands still for {length * dt:.2f} s while others move")
+    return [_held(name, "the value never changes while others move") for name in stuck] + [
+        _held(", ".join(columns), f"the value stands still for {length * dt:.2f} s while others move")
         for (_, length), columns in held.items()
     ]
 
 
-def _finding(identifier: str, column: str, text: str) -> Finding:
-    advice = {
-        "table-time": "export the record with the time of each sample",
-        "table-gaps": "export the record without gaps, or allow them to be filled (fill: true)",
-        "table-spikes": "look for lost packets of the telemetry",
-        "table-held": "cut the record there: what a recorder repeats was not measured",
-    }[identifier]
+def _time(column: str, text: str) -> Finding:
+    return _finding("table-time", column, text, "export the record with the time of each sample")
+
+
+def _held(column: str, text: str) -> Finding:
+    return _finding("table-values", column, text, "cut the record there: what a recorder repeats was not measured")
+
+
+def _finding(identifier: str, column: str, text: str, advice: str) -> Finding:
     return Finding(identifier, Severity.WARNING, f"column {column}: {text}", advice, {"column": column})

@@ -84,7 +84,7 @@ def _damage(source: Scanned) -> list[Finding]:
         many = stray > _DAMAGED * len(source.data)
         findings.append(
             Finding(
-                "bytes-skipped",
+                "file-damaged",
                 Severity.WARNING if many else Severity.INFO,
                 f"{stray} bytes in {places} places, the first at byte {first}, are not intact frames{wrong}.",
                 "Copy the log again; when it comes out the same, the link or the ground station's disk failed."
@@ -98,7 +98,7 @@ def _damage(source: Scanned) -> list[Finding]:
         names = ", ".join(f"{name} ({count})" for name, count in foreign[:_NAMED])
         findings.append(
             Finding(
-                "foreign-messages",
+                "message-layout",
                 Severity.WARNING,
                 f"All frames of {names} have a wrong checksum: the sender defines these messages otherwise than the "
                 "ArduPilot dialect of MAVLink.",
@@ -117,13 +117,13 @@ def _tail(source: Scanned, start: int) -> Finding:
     # The longest signed frame of MAVLink 2 with its time stamp.
     if size - start < 8 + 10 + 255 + 2 + 13:
         return Finding(
-            "truncated-tail",
+            "file-end",
             Severity.INFO,
             f"The log ends inside a frame at byte {start}, as when the ground station is closed.",
             evidence=evidence,
         )
     return Finding(
-        "stray-tail",
+        "file-end",
         Severity.WARNING,
         f"The last {size - start} bytes, from byte {start}, are not intact frames.",
         "Copy the log again; when it comes out the same, the ground station's disk failed while writing.",
@@ -151,7 +151,7 @@ def _unknown_messages(source: Scanned) -> list[Finding]:
     total = int(unknown[:, 1].sum())
     return [
         Finding(
-            "unknown-messages",
+            "message-layout",
             Severity.INFO,
             f"{total} frames have an id that the ArduPilot dialect of MAVLink does not define (ids {ids}); they were "
             "skipped.",
@@ -176,7 +176,7 @@ def _frames_lost(source: Scanned) -> list[Finding]:
     share = float(lost[ours] / max(1, lost[ours] + frames[ours]))
     return [
         Finding(
-            "frames-lost",
+            "messages-dropped",
             Severity.WARNING if share > _LOSSY else Severity.INFO,
             f"By their sequence numbers frames were lost on the way (system/component): {told}.",
             "The log on the autopilot's own card has what the radio lost." if share > _LOSSY else "",
@@ -202,7 +202,7 @@ def _clock(source: Scanned) -> list[Finding]:
         how = "are interpolated between those that tell it" if source.has_boot_time else "are unknown and read as 0"
         findings.append(
             Finding(
-                "no-time-stamps",
+                "clock-doubtful",
                 Severity.WARNING,
                 f"The stream has no time stamps; times of messages without boot time {how}.",
                 "Give the ground station's .tlog instead of its raw log (.rlog, .log.raw).",
@@ -211,7 +211,7 @@ def _clock(source: Scanned) -> list[Finding]:
     elif not source.has_boot_time:
         findings.append(
             Finding(
-                "no-boot-clock",
+                "clock-doubtful",
                 Severity.WARNING,
                 "No message tells the autopilot's boot time; times are those of the ground station, from the first "
                 "frame on.",
@@ -223,7 +223,7 @@ def _clock(source: Scanned) -> list[Finding]:
         told = ", ".join(f"{jump:+.1f} s" for jump in jumps[:_NAMED]) + (" ..." if len(jumps) > _NAMED else "")
         findings.append(
             Finding(
-                "logger-clock-jumps",
+                "clock-doubtful",
                 Severity.INFO,
                 f"The ground station's clock jumps against the autopilot's ({told}); the autopilot's is used.",
                 evidence={"jumps": len(jumps), "largest": max(jumps, key=abs)},
@@ -239,7 +239,7 @@ def _senders(source: Scanned) -> list[Finding]:
     if not len(vehicles):
         return [
             Finding(
-                "no-autopilot",
+                "several-vehicles",
                 Severity.WARNING,
                 f"No heartbeat of an autopilot is in the log; system {system}, component {component} is taken for it.",
                 evidence={"system": system, "component": component},

@@ -165,7 +165,7 @@ class UlogSource:
         return (
             *self._found,
             Finding(
-                "times-mended",
+                "clock-doubtful",
                 Severity.WARNING,
                 f"{count} time stamps ({', '.join(sorted(self._mended)[:8])}) cannot be and were interpolated.",
                 evidence={"rows": count},
@@ -237,7 +237,7 @@ class UlogSource:
             first = said.strip().partition("\n")[0]
             findings.append(
                 Finding(
-                    "bytes-skipped",
+                    "file-damaged",
                     Severity.WARNING,
                     "The PX4 log is damaged; what could be read around the damage was read.",
                     "Copy the log from the card again; when it comes out the same, the card failed while writing.",
@@ -250,7 +250,7 @@ class UlogSource:
             longest = max(dropout.duration for dropout in dropouts) / 1e3
             findings.append(
                 Finding(
-                    "dropped-messages",
+                    "messages-dropped",
                     Severity.WARNING,
                     f"The autopilot's logger stopped {len(dropouts)} times for {total:.2f} s in all, {longest:.2f} s "
                     "at most, because its card was too slow.",

@@ -19,7 +19,7 @@ from pipeline.fleet.meta_analysis import holm
 from pipeline.fleet.motor_drift import Together, motor_drift, together, trims
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.flight_parameters import BATTERY, SHARES
-from pipeline.results.drift import Drift, History, Point, Trend
+from pipeline.results.drift import Drift, History, Point
 from sysid.rotors.motor_faults.trims import weak_from_start
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _findings(histories: Sequence[History]) -> list[Finding]:
             continue
         findings.append(
             Finding(
-                "parameter-drift" if isinstance(change, Trend) else "parameter-step",
+                "parameter-drift",
                 Severity.WARNING,
                 each.sentence,
                 _CAUSES.get(each.parameter, ""),

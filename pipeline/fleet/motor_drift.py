@@ -226,7 +226,7 @@ def _explained(
             sentence=sentence,
             findings=(
                 Finding(
-                    "hover-trim-drift",
+                    "parameter-drift",
                     Severity.WARNING,
                     sentence,
                     "check the centre of gravity and the motors' mounts",

@@ -185,7 +185,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
             board = "the same board" if first.board else "the same frame"
             findings.append(
                 Finding(
-                    "craft-kept-apart",
+                    "flights-not-alike",
                     Severity.INFO,
                     f"flights such as {other.name} are of {board} but not analysed together with these: "
                     f"{_differences(mine, theirs, changed)} (here → there)",

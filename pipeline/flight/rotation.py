@@ -212,7 +212,7 @@ def _findings(axes: tuple[AxisRotation, ...]) -> Iterator[Finding]:
         evidence |= {name: value for name, value in known.items() if value is not None}
         if state is LoopState.UNSTABLE:
             yield Finding(
-                "loop-unstable",
+                "loop-margins",
                 Severity.ERROR,
                 f"The {axis.axis} loop is unstable with the gains of this log, by the response that was measured.",
                 "Do not fly these gains: restore the former ones, or lower P and D of this axis by half.",
@@ -220,7 +220,7 @@ def _findings(axes: tuple[AxisRotation, ...]) -> Iterator[Finding]:
             )
         elif state is LoopState.THIN:
             yield Finding(
-                "margins-thin",
+                "loop-margins",
                 Severity.WARNING,
                 f"The {axis.axis} loop has a gain margin of {margins.gain_db} and a phase margin of "
                 f"{margins.phase_deg}; {LEAST_GAIN_DB:.0f} dB and {LEAST_PHASE_DEG:.0f} deg are sound.",

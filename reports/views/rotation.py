@@ -77,7 +77,7 @@ def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
 
 def loop_warnings(found: RotationResult) -> list[Finding]:
     """Return what endangers a craft by its loops."""
-    return [each for each in found.findings if each.id in ("loop-unstable", "margins-thin")]
+    return [each for each in found.findings if each.id == "loop-margins"]
 
 
 def sentences(axis: AxisRotation) -> list[str]:

@@ -128,7 +128,7 @@ def response(
     if len(filters) > 1 and which.attitude:
         findings.append(
             Finding(
-                "gyro-filters-differ",
+                "responses-differ",
                 Severity.WARNING,
                 "The logs were flown with different INS_GYRO_FILTER: their sum is the response of no craft.",
                 "Give logs of one setting at a time.",
@@ -223,7 +223,7 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     left_out = [record.name for record in records if record.source != kept]
     findings.append(
         Finding(
-            "response-sources-differ",
+            "responses-differ",
             Severity.INFO,
             f"Left out, because other signals stand for their controllers' outputs: {', '.join(left_out)}.",
             "Log the rate loop at 25 Hz or more in every flight.",

@@ -28,7 +28,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
     if 1.0 / slowest < FOLDING:
         findings.append(
             Finding(
-                "rate-loop-folds",
+                "signals-lacking",
                 Severity.WARNING,
                 f"The rate loop was logged at {1.0 / slowest:.0f} Hz: what happens above {0.5 / slowest:.0f} Hz folds "
                 "into the frequencies below.",
@@ -41,7 +41,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
             unknown = "RCOU" in log.messages and not log.vehicle.motors
             findings.append(
                 Finding(
-                    "saturation-unchecked",
+                    "signals-lacking",
                     Severity.INFO,
                     f"{log.path.name} {'does not tell which outputs are motors' if unknown else 'has no motor outputs'}"
                     ": whether motors were at their limits, which makes gains "

@@ -145,7 +145,7 @@ def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, in
     ]
     findings = [
         Finding(
-            "identical-inputs",
+            "inputs-alike",
             Severity.WARNING,
             f"inputs {first} and {second} move as one; only the sum of their effects is determined, "
             "and regularisation divides it between them",
@@ -157,7 +157,7 @@ def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, in
     if condition > COLLINEAR and not twins:
         findings.append(
             Finding(
-                "collinear-inputs",
+                "inputs-alike",
                 Severity.WARNING,
                 f"the {len(names)} inputs move together like {independent} independent signal"
                 f"{'s' if independent > 1 else ''} (condition number of their correlations {condition:.2g}): "
@@ -247,7 +247,7 @@ def _related(output: str, frequency: Floats, multiple: Floats, threshold: float)
     # One in a hundred frequencies of unrelated signals is significant by chance.
     if np.mean(significant) <= 3.0 * (1.0 - CONFIDENCE):
         return Finding(
-            "no-coherence",
+            "output-unexplained",
             Severity.WARNING,
             f"at no frequency does {output} answer to the inputs more than unrelated signals would "
             f"(multiple coherence at most {float(multiple.max()):.2f}, {threshold:.2f} is chance); "
@@ -259,7 +259,7 @@ def _related(output: str, frequency: Floats, multiple: Floats, threshold: float)
         return None
     band = frequency[significant]
     return Finding(
-        "narrow-coherence",
+        "output-unexplained",
         Severity.INFO,
         f"{output} answers to the inputs at {100.0 * float(np.mean(significant)):.0f} % of the frequencies only, "
         f"between {band[0]:.2g} and {band[-1]:.2g} rad/s; elsewhere the data say nothing of its transfer functions",

@@ -122,7 +122,7 @@ def record_flight(
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
             Finding(
-                "density-from-altitude",
+                "conditions-assumed",
                 Severity.INFO,
                 "without a barometer the air's density is that of the standard atmosphere at the craft's altitude "
                 f"({context['density'].mean():.3f} kg/m^3)",
@@ -185,7 +185,7 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
         return []
     return [
         Finding(
-            "reference-steps",
+            "reference-doubtful",
             Severity.WARNING,
             f"{source.title} jump {len(inside)} time(s), by up to {float(inside.max()):.1f} m, as waypoints do: "
             "between them the autopilot shapes a path that this log does not have, and a linear model takes its "
@@ -317,7 +317,7 @@ def _longest_piece(
         stop,
         [
             Finding(
-                f"{source.title.removesuffix('s').replace(' ', '-')}-gaps",
+                "input-gaps",
                 Severity.WARNING,
                 f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
                 "",

@@ -170,7 +170,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
         signals = signals.assign(throttle=np.where(inside, values, np.nan))
         findings.append(
             Finding(
-                "throttle-from-ctun",
+                "signals-lacking",
                 Severity.INFO,
                 "RATE does not log the throttle; it is taken from CTUN, which is slower",
                 "log the rate controller at the rate of the loop (rotorid inspect names the setting)",
@@ -235,7 +235,7 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
         axes = ", ".join(axis for axis, far in zip(("north", "east", "down"), apart, strict=True) if far)
         findings.append(
             Finding(
-                "reference-origin",
+                "reference-doubtful",
                 Severity.WARNING,
                 f"position targets and positions are {float(np.max(np.abs(offset))):.1f} m apart on the whole "
                 f"({axes}), as when they count from different origins; the targets are moved by it",
@@ -264,7 +264,7 @@ def _velocity_reference(tables: Tables) -> Inputs:
         targets = table[corrected].dropna()
         findings = (
             Finding(
-                "reference-with-feedback",
+                "reference-doubtful",
                 Severity.WARNING,
                 "this log has velocity targets only after the position controller added its correction; they contain "
                 "the measured position, so that a free run from them is no test of a model",

@@ -122,7 +122,7 @@ def fit_rigid_body(
     if not fine.converged:
         findings.append(
             Finding(
-                "not-converged",
+                "fit-not-converged",
                 Severity.WARNING,
                 f"filter error had not settled after {time.monotonic() - begun:.1f} s; its standard errors mean little",
                 "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
@@ -203,7 +203,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
     if count < flown:
         findings.append(
             Finding(
-                "motors-not-logged",
+                "motor-without-output",
                 Severity.WARNING,
                 f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
                 "thrust per motor and effectiveness are not determined; drag and wind are",
@@ -214,7 +214,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
     if voltage is None:
         findings.append(
             Finding(
-                "voltage-missing",
+                "conditions-assumed",
                 Severity.WARNING,
                 "voltage was not logged in every record: thrust is taken not to depend on it, which makes the thrust "
                 "scale of a flight an average over its discharge",
@@ -225,7 +225,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
     if lacking:
         findings.append(
             Finding(
-                "density-unknown",
+                "conditions-assumed",
                 Severity.WARNING,
                 f"neither pressure nor altitude in {', '.join(lacking)}: sea-level air is assumed",
                 "log the barometer or GPS",

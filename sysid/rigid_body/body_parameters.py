@@ -198,7 +198,7 @@ def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Fi
         return []
     return [
         Finding(
-            "thrust-curve-differs",
+            "thrust-differs",
             Severity.WARNING,
             f"{reason}; thrust and gains of the rigid body go by the flight, what other methods say of full "
             "command does not",
@@ -383,7 +383,7 @@ def drag_apart(
         if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
             findings.append(
                 Finding(
-                    "drag-together",
+                    "not-determined",
                     Severity.INFO,
                     f"linear and quadratic drag along {axis} cannot be told apart, but together they slow the craft "
                     f"by {drag:.3g} +- {sigma:.1g} m/s^2 at {speed:.1f} m/s",

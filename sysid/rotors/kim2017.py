@@ -324,7 +324,7 @@ def _remarks(
     if blind:
         findings.append(
             Finding(
-                "thrust-per-motor-undetermined",
+                "not-determined",
                 Severity.INFO,
                 f"Kim 2017: thrust of single motors is not determined for {', '.join(blind)}: "
                 f"{per_motor[blind[0]].reason}; the common coefficient stands for them",
@@ -335,7 +335,7 @@ def _remarks(
     if torque is None and rotation:
         findings.append(
             Finding(
-                "torque-undetermined",
+                "not-determined",
                 Severity.INFO,
                 "Kim 2017: the torque coefficient is not determined: the craft hardly yawed against its motors' torque",
                 "fly yaw steps or a SYSTEMID chirp on yaw",
@@ -346,7 +346,7 @@ def _remarks(
     if known is None:
         findings.append(
             Finding(
-                "inertia-not-given",
+                "conditions-assumed",
                 Severity.INFO,
                 "Kim 2017 takes inertia and arm from the bench; without them arm times mass over inertia is fitted "
                 "too, and torque is known over Izz only",
@@ -361,7 +361,7 @@ def _remarks(
     if off:
         findings.append(
             Finding(
-                "bench-disagrees",
+                "methods-disagree",
                 Severity.WARNING,
                 f"thrust in flight differs by more than 20 % from the thrust stand for {', '.join(off)}",
                 "check the voltage and air the stand's coefficients hold for, propellers, and the mass",

@@ -165,7 +165,7 @@ def _believed(instants: Mapping[str, InstantMean], explained: Mapping[str, float
 def _remarks(stacked: Mapping[str, StackedEstimate]) -> list[Finding]:
     findings = [
         Finding(
-            "air-at-rest-assumed",
+            "conditions-assumed",
             Severity.INFO,
             "Refinement 2020 takes the air to be at rest; wind goes into its drag coefficient (the rigid body "
             "estimates wind)",
@@ -175,7 +175,7 @@ def _remarks(stacked: Mapping[str, StackedEstimate]) -> list[Finding]:
     if missing:
         findings.append(
             Finding(
-                "refinement-undetermined",
+                "not-determined",
                 Severity.INFO,
                 "Refinement 2020 does not determine "
                 + "; ".join(f"{name} ({reason})" for name, reason in missing.items()),

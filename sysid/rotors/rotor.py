@@ -245,7 +245,7 @@ def _dead(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
         else:
             continue
         findings.append(
-            Finding("dead-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
+            Finding("weak-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
         )
     return findings
 
@@ -261,7 +261,7 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
     usual = float(np.nanmedian(ratio))
     return [
         Finding(
-            "slow-motor",
+            "weak-motor",
             Severity.WARNING,
             f"motor {motor} turns {100.0 * (1.0 - value / usual):.0f} % slower than the others at the same command",
             "check bearings, propeller, ESC calibration and the motor's voltage",
@@ -308,7 +308,7 @@ def _other_curve(found: Parameter, vehicle: Vehicle) -> list[Finding]:
         return []
     return [
         Finding(
-            "thrust-curve-differs",
+            "thrust-differs",
             Severity.INFO,
             f"thrust follows a curve of MOT_THST_EXPO {expo:.2f} ± {sigma:.2f}; the autopilot inverts {told}, "
             "so that its loops are stiffer at one end of the throttle than at the other",

@@ -171,7 +171,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if unlogged:
         findings.append(
             Finding(
-                "motors-not-logged",
+                "motor-without-output",
                 Severity.WARNING,
                 f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
                 "determined",
@@ -182,7 +182,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     elif undetermined:
         findings.append(
             Finding(
-                "thrust-per-motor-undetermined",
+                "not-determined",
                 Severity.INFO,
                 f"thrust of single motors is not determined for {', '.join(undetermined)}: vertical force shows only "
                 f"the sum of motors that move together (condition number {condition:.1e}); the common coefficient is",

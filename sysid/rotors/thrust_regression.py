@@ -307,7 +307,7 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
     if not all(np.isfinite(column(record, "density")).all() for record in records):
         findings.append(
             Finding(
-                "density-unknown",
+                "conditions-assumed",
                 Severity.WARNING,
                 "with neither barometer nor altitude the density of the air is unknown; sea-level air is assumed, and "
                 f"{100.0 * UNKNOWN_AIR_SIGMA:.0f} % are added to the uncertainty of thrust (at 2000 m it is 18 % off)",
@@ -317,7 +317,7 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
     if voltage is None:
         findings.append(
             Finding(
-                "voltage-unknown",
+                "conditions-assumed",
                 Severity.WARNING,
                 "without battery voltage the coefficient holds for the unknown voltage of these flights only",
                 "set up the battery monitor and log it",
@@ -333,7 +333,7 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
     vehicle = Vehicle()
     return vehicle, [
         Finding(
-            "assumed-thrust-curve",
+            "craft-assumed",
             Severity.WARNING,
             "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
             f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",

@@ -182,7 +182,7 @@ def fit_arx(experiments: Experiment | Sequence[Experiment], na: int = 5, nb: int
         if mirrored:
             findings.append(
                 Finding(
-                    "unstable-arx",
+                    "fit-not-converged",
                     Severity.WARNING,
                     f"least squares gave {output} {mirrored} pole(s) on or outside the unit circle, so that a free run "
                     "would grow without bound; they were mirrored to the inside",

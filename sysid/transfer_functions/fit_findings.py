@@ -33,7 +33,7 @@ def few_samples(records: Sequence[Experiment], parameters: int, order: int) -> l
     if samples < 20 * parameters:
         return [
             Finding(
-                "few-samples",
+                "not-determined",
                 Severity.WARNING,
                 f"{samples} samples must determine {parameters} coefficients per output; "
                 "expect the fit to describe these records and no others",
@@ -74,7 +74,7 @@ def remarks(
         if report.undetermined:
             findings.append(
                 Finding(
-                    "undetermined-coefficients",
+                    "not-determined",
                     Severity.WARNING,
                     f"{report.undetermined} of the {report.parameters} coefficients of {output} are not determined by "
                     f"the data (standard deviation above half the value; condition number {report.condition:.1e})",
@@ -87,7 +87,7 @@ def remarks(
         if slowest * longest < 1.0:
             findings.append(
                 Finding(
-                    "slow-poles",
+                    "not-determined",
                     Severity.INFO,
                     f"the slowest pole of {output} decays in {1.0 / slowest:.0f} s, longer than the longest record "
                     f"({longest:.0f} s): it acts as an integrator, and its long-run gain is an extrapolation",
@@ -99,7 +99,7 @@ def remarks(
             findings.append(idle)
         if report.fit_percent == 0.0 and all(np.ptp(r.y[:, r.output_names.index(output)]) == 0.0 for r in records):
             findings.append(
-                Finding("constant-output", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
+                Finding("output-unexplained", Severity.WARNING, f"output {output} is constant: there is nothing to fit")
             )
     return findings
 
@@ -127,7 +127,7 @@ def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, Transfe
     if not chances or min(chances) * len(chances) < CHANCE:
         return None
     return Finding(
-        "inputs-explain-nothing",
+        "output-unexplained",
         Severity.WARNING,
         f"no input is seen to act on {output}: the effect of each is no larger than chance gives. The fit of "
         f"{report.fit_percent:.0f} % on the training records comes from drift, the initial state and noise",

@@ -128,7 +128,7 @@ def scan_orders(
     if skipped:
         findings.append(
             Finding(
-                "orders-not-tried",
+                "fit-not-converged",
                 Severity.INFO,
                 f"orders not tried: {'; '.join(f'{label} ({why})' for label, why in skipped.items())}",
                 "allow more time (--time-limit)",

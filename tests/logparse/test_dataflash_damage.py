@@ -121,7 +121,7 @@ def test_every_truncation_keeps_the_rows_before_it() -> None:
         expected = {serial for _, b, serial in places if b <= stop}
         assert serials(source) == expected
         ends = {begin, *(b for _, b, _ in places)}
-        assert [f.id for f in source.findings] == ([] if stop in ends else ["truncated-tail"])
+        assert [f.id for f in source.findings] == ([] if stop in ends else ["file-end"])
 
 
 @given(data=st.data())
@@ -176,8 +176,8 @@ def test_findings_name_the_place_and_are_few() -> None:
         assert serial >= 10
     source = DataflashSource(bytes(data) + b"\xff" * 5000)
     by_id = {finding.id: finding for finding in source.findings}
-    assert set(by_id) == {"bytes-skipped", "erased-tail"}
-    assert by_id["bytes-skipped"].evidence["places"] == 40
-    assert by_id["bytes-skipped"].evidence["first_byte"] == PLACES[10][0]
-    assert by_id["bytes-skipped"].evidence["messages_lost"] == 40
-    assert by_id["erased-tail"].evidence["bytes"] == 5000
+    assert set(by_id) == {"file-damaged", "file-end"}
+    assert by_id["file-damaged"].evidence["places"] == 40
+    assert by_id["file-damaged"].evidence["first_byte"] == PLACES[10][0]
+    assert by_id["file-damaged"].evidence["messages_lost"] == 40
+    assert by_id["file-end"].evidence["bytes"] == 5000

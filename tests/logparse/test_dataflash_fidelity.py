@@ -170,4 +170,4 @@ def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> N
 def test_truncated_tail_is_told(name: str, byte: int) -> None:
     source = DataflashSource((LOGS / "real" / name).read_bytes())
     (finding,) = source.findings
-    assert (finding.id, finding.evidence["first_byte"]) == ("truncated-tail", byte)
+    assert (finding.id, finding.evidence["first_byte"]) == ("file-end", byte)

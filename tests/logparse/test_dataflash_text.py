@@ -145,8 +145,8 @@ def test_damaged_lines_cost_themselves_only() -> None:
     (boot,) = source.boots
     assert source.decode("ATT", boot)["Roll"].tolist() == [2, 6]
     assert {finding.id: dict(finding.evidence) for finding in source.findings} == {
-        "lines-skipped": {"lines": 2},
-        "unknown-messages": {"messages": 2},
+        "file-damaged": {"lines": 2},
+        "message-layout": {"messages": 2},
     }
 
 
@@ -195,4 +195,4 @@ def test_firmware_of_2013_has_only_the_receivers_clock(tmp_path):
     assert (log.vehicle.firmware, log.vehicle.version, log.vehicle.git_hash) == ("ArduCopter", "3.0.1", "5c6503e2")
     assert log.duration == pytest.approx(0.2 * 16)
     assert np.diff(log.messages["ATT"].index[4:-1]) == pytest.approx(0.2)
-    assert "no-boot-clock" in {finding.id for finding in log.findings}
+    assert "clock-doubtful" in {finding.id for finding in log.findings}

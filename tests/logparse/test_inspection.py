@@ -164,8 +164,9 @@ def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
 def test_a_hole_in_flight_is_named_with_its_length():
     messages = flight_messages()
     messages["IMU"] = messages["IMU"].drop(messages["IMU"].loc[20.0:23.0].index)
-    findings = by_id(inspect(log_of(messages)))
-    assert findings["gap-in-imu"].evidence["longest"] == pytest.approx(3.1, abs=0.11)
+    (gap,) = [each for each in inspect(log_of(messages)).findings if each.id == "gap-in-table"]
+    assert gap.reason.startswith("The table imu has 1 gap in flight")
+    assert gap.evidence["longest"] == pytest.approx(3.1, abs=0.11)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +180,7 @@ def test_a_hole_in_flight_is_named_with_its_length():
         ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"no-imu"}),
         ("real/peterbarker-dataflash-logs__5.BIN", {"no-motor-outputs", "no-imu", "no-baro"}, {"no-gps"}),
         ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"motors-slow", "imu-slow"}, {"no-flight"}),
-        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "gap-in-motors"}),
+        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "gap-in-table"}),
         ("sitl/octa09_systemid_mixer.BIN", set(), {"no-fast-rates"}),
     ],
 )

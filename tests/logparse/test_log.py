@@ -122,7 +122,7 @@ def test_archive_that_is_cut_short_gives_what_it_holds(tmp_path: Path) -> None:
     (tmp_path / "cut.gz").write_bytes(packed[: len(packed) // 2])
     log = read_log(tmp_path / "cut.gz")
     assert 0 < len(log.messages["ATT"]) < 200
-    assert "damaged-archive" in {finding.id for finding in log.findings}
+    assert "file-damaged" in {finding.id for finding in log.findings}
     (tmp_path / "stub.gz").write_bytes(packed[:12])
     with pytest.raises(LogError, match="cannot be unpacked"):
         read_log(tmp_path / "stub.gz")

@@ -210,7 +210,7 @@ def test_motors_whose_function_was_not_downloaded_are_on_the_output_of_their_num
     pulses = message([0.0, 1.0], port=[0, 0], **{f"servo{k}_raw": [1500 + k] * 2 for k in range(1, 9)})
     tables, findings = build({"SERVO_OUTPUT_RAW": pulses}, parameters)
     assert tables.motors.iloc[0].tolist() == [1501, 1502, 1503, 1504, 1505, 1506, 1507, 1508]
-    finding = next(finding for finding in findings if finding.id == "assumed-motor-outputs")
+    finding = next(finding for finding in findings if finding.id == "craft-assumed")
     assert finding.evidence["motors"] == "5, 6, 7, 8"
 
 

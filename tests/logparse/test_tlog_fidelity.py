@@ -153,7 +153,7 @@ def test_frames_lost_as_counted_independently():
     """The inventory of the logs counts 3051 and 3829 vehicle frames lost by sequence number."""
     for name, lost in (("mbiuki", 3051), ("pypi-fasttlogparser", 3829)):
         (path,) = (path for path in TELEMETRY if path.name.startswith(name))
-        (finding,) = (f for f in TlogSource(path.read_bytes()).findings if f.id == "frames-lost")
+        (finding,) = (f for f in TlogSource(path.read_bytes()).findings if f.id == "messages-dropped")
         assert finding.evidence["frames"] == lost
 
 
@@ -162,10 +162,10 @@ def test_damage_of_shared_logs_is_reported():
         (path,) = (path for path in TELEMETRY if path.name.startswith(name))
         return {finding.id: finding.evidence for finding in TlogSource(path.read_bytes()).findings}
 
-    assert findings("kevinaangstadt")["bytes-skipped"]["bytes"] == 10
-    assert findings("kevinaangstadt")["bytes-skipped"]["first_byte"] == 496893
-    assert findings("code-lever")["truncated-tail"] == {"first_byte": 720953, "bytes": 9}
-    assert findings("pypi-fasttlogparser")["truncated-tail"]["first_byte"] == 5865441
+    assert findings("kevinaangstadt")["file-damaged"]["bytes"] == 10
+    assert findings("kevinaangstadt")["file-damaged"]["first_byte"] == 496893
+    assert findings("code-lever")["file-end"] == {"first_byte": 720953, "bytes": 9}
+    assert findings("pypi-fasttlogparser")["file-end"]["first_byte"] == 5865441
 
 
 def test_signed_frame_is_kept():
@@ -213,7 +213,7 @@ def test_raw_stream_without_time_stamps():
     assert source.format == "mavlink-raw"
     (boot,) = source.boots
     assert source.counts(boot) == stamped.counts(whole)
-    assert "no-time-stamps" in [finding.id for finding in source.findings]
+    assert "clock-doubtful" in [finding.id for finding in source.findings]
     for name in ("ATTITUDE", "VFR_HUD", "HEARTBEAT"):
         a, b = source.decode(name, boot), stamped.decode(name, whole)
         np.testing.assert_array_equal(a.to_numpy(), b.to_numpy())

@@ -83,7 +83,7 @@ def test_parameters_are_the_last_values():
 
 def test_dropouts_are_a_finding():
     (finding,) = UlogSource(small_log()).findings
-    assert finding.id == "dropped-messages"
+    assert finding.id == "messages-dropped"
     assert finding.evidence == {"dropouts": 1, "seconds": 0.25, "longest": 0.25}
 
 
@@ -117,7 +117,7 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
     at = log.find(struct.pack("<HQ", 1, START + 4001))
     log[at : at + 2] = b"\xee\xee"  # data of a topic that nobody subscribed to
     source = UlogSource(bytes(log))
-    assert "bytes-skipped" in [finding.id for finding in source.findings]
+    assert "file-damaged" in [finding.id for finding in source.findings]
     assert len(source.decode("gyro", source.boots[0])) == 19
     assert capsys.readouterr().out == ""
 
@@ -132,7 +132,7 @@ def test_a_damaged_length_costs_its_own_message_and_no_other(length):
     counts = source.counts(source.boots[0])
     assert (counts["gyro"], counts["gyro_1"], counts["logged_messages"]) == (19, 20, 2)
     assert source.parameters(source.boots[0])["MC_ROLL_P"] == 7.25
-    (finding,) = [finding for finding in source.findings if finding.id == "bytes-skipped"]
+    (finding,) = [finding for finding in source.findings if finding.id == "file-damaged"]
     assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
 
 
@@ -176,7 +176,7 @@ def test_messages_of_a_kind_that_is_not_known_are_no_damage():
     at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
     source = UlogSource(log[:at] + message("Z", b"of a later format") + log[at:])
     assert source.counts(source.boots[0])["gyro"] == 20
-    assert "bytes-skipped" not in [finding.id for finding in source.findings]
+    assert "file-damaged" not in [finding.id for finding in source.findings]
 
 
 def test_a_long_message_that_holds_messages_is_one():
@@ -186,7 +186,7 @@ def test_a_long_message_that_holds_messages_is_one():
     at = log.find(struct.pack("<HQ", 2, START + 4002)) - 3
     source = UlogSource(log[:at] + message("M", b"\0" + bytes([10]) + b"uint8_t[] x"[:10] + inner) + log[at:])
     assert source.counts(source.boots[0])["gyro"] == 20
-    assert "bytes-skipped" not in [finding.id for finding in source.findings]
+    assert "file-damaged" not in [finding.id for finding in source.findings]
 
 
 @pytest.mark.parametrize("size", [0, 7, 16, 200])
@@ -229,7 +229,7 @@ def test_shared_logs_hold_what_pyulog_reads(path):
     source = UlogSource(path.read_bytes())
     (boot,) = source.boots
     reference = ULog(str(path))
-    assert "bytes-skipped" not in [finding.id for finding in source.findings]  # they are whole
+    assert "file-damaged" not in [finding.id for finding in source.findings]  # they are whole
     counts = source.counts(boot)
     for topic in reference.data_list:
         name = topic.name if topic.multi_id == 0 else f"{topic.name}_{topic.multi_id}"

@@ -252,7 +252,7 @@ def test_the_list_is_short_sorted_and_json():
         known=False,
         findings=(
             *(lacking(name, NEEDS[name], 0.0) for name in BRINGS),
-            *("gap-in-imu", "mass-unknown", "uneven-motor"),
+            *("gap-in-table", "mass-unknown", "uneven-motor"),
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )

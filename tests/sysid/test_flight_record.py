@@ -57,7 +57,7 @@ def test_gaps_in_the_motor_outputs_end_the_record():
     kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
     record = Experiment.from_flight(*made(motors=kept))
     assert record.t[0] >= 25.0
-    assert [finding.id for finding in record.findings] == ["motor-output-gaps"]
+    assert [finding.id for finding in record.findings] == ["input-gaps"]
     assert "24.9 of 40.0 s" in record.findings[0].reason
 
 
@@ -122,7 +122,7 @@ def test_without_a_barometer_the_altitude_tells_the_density():
     log.tables = Tables(motors=log.tables.motors, origin=place)
     record = Experiment.from_flight(log, trajectory)
     assert record.context["density"].iloc[0] == pytest.approx(0.9215, rel=2e-3)
-    assert "density-from-altitude" in {finding.id for finding in record.findings}
+    assert "conditions-assumed" in {finding.id for finding in record.findings}
     np.testing.assert_allclose(standard_density(np.array([0.0, 1000.0, 3000.0])), [1.225, 1.1116, 0.9091], rtol=2e-4)
 
 

@@ -64,7 +64,7 @@ def test_throttle_of_ctun_serves_where_rate_has_none():
     tables = Tables(rates=rates(out_thrust=np.full_like(T, np.nan)), setpoints=setpoints(throttle=0.3 + 0.001 * T))
     record = Experiment.from_flight(*made(tables), inputs="rate_outputs")
     np.testing.assert_allclose(record.u[:, 3], 0.3 + 0.001 * record.t, atol=1e-12)
-    assert [finding.id for finding in record.findings] == ["throttle-from-ctun"]
+    assert [finding.id for finding in record.findings] == ["signals-lacking"]
 
 
 def test_reference_less_position_is_the_error_of_the_loop():
@@ -83,12 +83,14 @@ def test_reference_of_another_origin_is_moved():
     """111.3 m per thousandth of a degree of latitude; and an origin that nobody told of is found."""
     log, trajectory = made(Tables(setpoints=hold(ahead=-111.0)), north=path, down=level(-10.0))
     record = Experiment.from_flight(log, trajectory, inputs="reference")
-    assert [finding.id for finding in record.findings] == ["reference-origin"]
+    (told,) = record.findings
+    assert told.id == "reference-doubtful"
+    assert "different origins" in told.reason
     np.testing.assert_allclose(record.u[:, 0], record.y[:, 0], atol=2e-3)
     trajectory.origin = Geodetic(lat=0.0, lon=0.0, alt=0.0)
     log.tables = Tables(setpoints=hold(ahead=-111.0), origin=Geodetic(lat=111.0 / 6335439.0, lon=0.0, alt=0.0))
     record = Experiment.from_flight(log, trajectory, inputs="reference")
-    assert "reference-origin" not in {finding.id for finding in record.findings}
+    assert "reference-doubtful" not in {finding.id for finding in record.findings}
     np.testing.assert_allclose(record.u[:, 0], record.y[:, 0], atol=2e-3)
 
 
@@ -99,7 +101,7 @@ def test_only_the_time_in_which_a_position_is_held_is_used():
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.t[0] >= 30.0
     assert record.t[-1] == pytest.approx(50.0, abs=0.1)
-    assert [finding.id for finding in record.findings] == ["position-target-gaps"]
+    assert [finding.id for finding in record.findings] == ["input-gaps"]
     assert "20.0 of 40.0 s" in record.findings[0].reason
 
 
@@ -117,7 +119,8 @@ def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_st
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.duration == pytest.approx(40.0 if pieces == 1 else 20.0, abs=0.2)
     (told,) = record.findings
-    assert told.id == ("reference-steps" if pieces == 1 else "position-target-gaps")
+    assert told.id == ("reference-doubtful" if pieces == 1 else "input-gaps")
+    assert ("jump" in told.reason) == (pieces == 1)
 
 
 def test_a_target_that_jumps_with_the_autopilots_own_estimate_is_a_reset():
@@ -138,7 +141,9 @@ def test_velocity_reference_is_what_was_asked_for_and_not_what_the_controller_ma
     assert not record.findings
     old = setpoints(v_n=0.1 * T, v_e=0.0 * T, v_d=-0.2 * T)
     record = Experiment.from_flight(*made(Tables(setpoints=old)), inputs="velocity_reference", outputs="velocity")
-    assert [finding.id for finding in record.findings] == ["reference-with-feedback"]
+    (told,) = record.findings
+    assert told.id == "reference-doubtful"
+    assert "contain the measured position" in told.reason
 
 
 def test_tilt_commands_push_where_the_thrust_tips():
@@ -278,7 +283,7 @@ def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl
 def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held(sitl):
     record = Experiment.from_flight(*sitl("octa09_systemid_mixer"), inputs="reference")
     assert record.duration == pytest.approx(89.4, abs=0.5)
-    assert "position-target-gaps" in {finding.id for finding in record.findings}
+    assert "input-gaps" in {finding.id for finding in record.findings}
 
 
 @cache

@@ -86,6 +86,6 @@ def test_orders_that_the_data_cannot_carry_are_named():
     record = Experiment.from_arrays(np.arange(450) * 0.1, u, u @ rng.standard_normal(20), name="many inputs")
     scan = scan_orders([record], ((1, 0), (8, 7)))
     (finding,) = scan.findings
-    assert finding.id == "orders-not-tried"
+    assert finding.id == "fit-not-converged"
     assert finding.reason.startswith("orders not tried: 8 poles, 7 zeros (315 samples for")
     assert set(scan.table["poles"]) == {1}

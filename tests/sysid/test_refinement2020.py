@@ -98,7 +98,7 @@ def test_hover_tells_thrust_only():
     for name in ("Jx", "Jy", "Jz", "b", "b/Jz"):
         assert model.stacked[name].value is None
         assert model.stacked[name].reason
-    assert "refinement-undetermined" in {f.id for f in model.findings}
+    assert "not-determined" in {f.id for f in model.findings}
 
 
 def test_slow_outputs_and_missing_columns(record):

@@ -52,7 +52,7 @@ def test_the_thrust_scale_of_another_load_is_found(factor):
     result = validate(model, [seen], horizons=(1.0,))
     vertical = result.horizons.set_index("output").loc["z", "rmse"]
     assert vertical < 0.02
-    unusual = [finding for finding in result.findings if finding.id == "thrust-scale-unusual"]
+    unusual = [finding for finding in result.findings if finding.id == "thrust-differs"]
     # Air at 1500 m and the payload count together: 3.5 % is one standard deviation.
     assert bool(unusual) == (abs(found.thrust_scale - 1.0) > 2.5 * 0.0347)
     assert not validate(model, [other()], horizons=()).findings

@@ -36,7 +36,7 @@ _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "y
 _TABLES = {"imu": "the IMU", "attitude": "attitude"}
 
 #: Findings of gaps in flight.
-_GAPS = ("gap-in-motors", "gap-in-imu", "gap-in-gps", "gap-in-attitude", "imu-hole")
+_GAPS = ("gap-in-table", "imu-hole")
 
 
 def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:

@@ -179,7 +179,7 @@ def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
         return None
     heavier = "less" if departure < 0.0 else "more"
     return Finding(
-        "thrust-scale-unusual",
+        "thrust-differs",
         Severity.WARNING,
         f"at the same commands the thrust per mass of {flight} is {100.0 * abs(departure):.1f} % {heavier} than that "
         f"of the flights fitted, {abs(departure) / sigma:.1f} times what air temperature explains: another payload, "

@@ -49,7 +49,7 @@ def wrong_turns(parameters: Mapping[str, BodyParameter], spread: Mapping[str, fl
     sure = any(gains[axis].value is not None for axis in wrong)
     return (
         Finding(
-            "motor-signs",
+            "motor-order",
             Severity.ERROR if sure else Severity.WARNING,
             f"motors {'turn' if sure else 'seem to turn'} the craft the wrong way in {', '.join(wrong)}: "
             + ", ".join(f"{gains[axis].used:.3g} rad/s^2" for axis in wrong)

@@ -39,7 +39,7 @@ def test_a_gain_below_zero_by_chance_is_no_wrong_turn(value, severity):
         for axis, used in (("roll", 80.0), ("pitch", value), ("yaw", 10.0))
     }
     found = wrong_turns(gains, dict.fromkeys(gains, 4.6))
-    assert [(each.id, str(each.severity)) for each in found] == ([("motor-signs", severity)] if severity else [])
+    assert [(each.id, str(each.severity)) for each in found] == ([("motor-order", severity)] if severity else [])
 
 
 def test_a_gain_below_zero_that_is_determined_is_an_error():
