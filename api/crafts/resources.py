@@ -29,7 +29,7 @@ class Craft(BaseModel):
     flights: int = Field(examples=[12])
     first: datetime | None = Field(description="When its first flight took off.", examples=["2026-03-14T09:26:53Z"])
     last: datetime | None = Field(examples=["2026-05-02T14:03:10Z"])
-    health: str | None = Field(description="Whether its newest flight was healthy.", examples=["yes"])
+    health: str | None = Field(description="What happened in its newest flight.", examples=["motor fault, crash"])
     tone: str | None = Field(description="How good that is: good, care, bad or unknown.", examples=["good"])
     alerts: int = Field(description="Alerts of the last 30 days.", examples=[0])
     changed: datetime = Field(examples=["2026-05-02T15:00:00Z"])

@@ -82,7 +82,7 @@ def _settle(session: Session, craft_id: str, revision: int, found: dict[str, Any
 
 
 def _of_health(flights: Sequence[FlightRecord]) -> list[dict[str, Any]]:
-    """List flights that were not healthy."""
+    """List flights that ended badly or were in danger."""
     return [
         {
             "about": f"health|{flight.id}",

@@ -23,7 +23,7 @@ class FlightRef:
     craft: str  #: Id of its craft.
     craft_name: str
     start_utc: str | None  #: Take-off.
-    healthy: str  #: A word.
+    happened: str  #: In a few words.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -55,7 +55,7 @@ class FolderLibrary:
                 craft=entry.vehicle,
                 craft_name=entry.craft_name,
                 start_utc=None if (start := took_off(entry)) is None else start.isoformat(),
-                healthy=self._as_last_read(self._folder / FLIGHTS / entry.folder / "report.json", _word),
+                happened=self._as_last_read(self._folder / FLIGHTS / entry.folder / "report.json", _word),
             )
             for entry in chosen[:limit]
         ]
@@ -134,7 +134,7 @@ class FolderLibrary:
             craft="",
             craft_name=report.vehicle.frame_class or "",
             start_utc=report.log.start_utc,
-            healthy=_of_lines(() if report.answer is None else report.answer.lines),
+            happened=_of_lines(() if report.answer is None else report.answer.lines),
         )
 
 
@@ -155,7 +155,7 @@ def _report(file: Path) -> FlightReport | None:
 
 
 def _word(file: Path) -> str:
-    """Read whether a flight was healthy, and nothing else of its report."""
+    """Read what happened in a flight, and nothing else of its report."""
     try:
         lines = restored((json.loads(file.read_bytes())["answer"] or {"lines": []})["lines"], list[AnswerLine])
     except (OSError, ValueError, KeyError, TypeError):

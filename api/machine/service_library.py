@@ -57,7 +57,7 @@ class ServiceLibrary:
                 craft=craft_id,
                 craft_name=own or kind,
                 start_utc=None if start is None else start.isoformat(),
-                healthy=next((x["word"] for x in answers if x["purpose"] == "Happened"), NOT_DETERMINED),
+                happened=next((x["word"] for x in answers if x["purpose"] == "Happened"), NOT_DETERMINED),
             )
             for flight, name, craft_id, start, answers, own, kind in rows
         ]

@@ -55,7 +55,7 @@ class Tools:
     library: Library
 
     def list_flights(self, craft: CraftName = "", text: Part = "", limit: Most = 100) -> FlightList:
-        """List flights, the newest first: id, name, craft, take-off (UTC), and whether they were healthy."""
+        """List flights, the newest first: id, name, craft, take-off (UTC), and what happened in them."""
         chosen = self._craft(craft) if craft else ""
         found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
         return FlightList(found, total)
@@ -65,7 +65,7 @@ class Tools:
         return CraftList(list(self.library.crafts()))
 
     def get_answers(self, flight: Flight) -> Answers:
-        """Get the first screen of a flight: flown, healthy, loops, predict ahead, parameters, simulate."""
+        """Get the first screen of a flight: what happened, the state of the craft, loops, parameters, models."""
         return Answers(answers_of(self._report(flight)))
 
     def get_parameters(self, flight: Flight = "", craft: CraftName = "") -> Parameters:

@@ -1,4 +1,4 @@
-"""What an analysis found in short: craft, day and health, read from its report when it is done."""
+"""What an analysis found in short: craft, day and what happened, read from its report when it is done."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Found:
 
     craft: str | None = None
     flown: str | None = None  #: Day of the first flight, ISO 8601.
-    health: str | None = None  #: The answer in a word or two, of several flights the worst.
+    health: str | None = None  #: What happened in a few words, of several flights in the worst.
     tone: str | None = None
     trust: str | None = None  #: The most that is said of a model.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 
 from pipeline.results.answer import Tone
 from pipeline.results.report import FlightInShort
@@ -21,7 +22,11 @@ def flights_over_time(flights: Sequence[FlightInShort]) -> Figure | None:
     dated = all(each.log.start_utc for each, _ in flown)
     places = [str(k + 1) for k in range(len(flown))]
     if dated:
-        places = [str(each.log.start_utc)[:19].replace("T", " ") for each, _ in flown]
+        # The log's clock is 0 at `start_utc`; several flights share it.
+        places = [
+            f"{datetime.fromisoformat(str(each.log.start_utc)) + timedelta(seconds=flight.start_s):%Y-%m-%d %H:%M:%S}"
+            for each, flight in flown
+        ]
     tones = [_tone(each) for each, _ in flown]
     data: list[Trace] = []
     for tone in _COLORS:

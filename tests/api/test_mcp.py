@@ -169,10 +169,10 @@ def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
 
     write("first", "yes")
     tools = Tools(FolderLibrary(tmp_path))
-    assert [each.healthy for each in tools.list_flights().flights] == ["yes"]
+    assert [each.happened for each in tools.list_flights().flights] == ["yes"]
     write("first", "mostly")
     write("second", "no")
-    assert {each.name: each.healthy for each in tools.list_flights().flights} == {
+    assert {each.name: each.happened for each in tools.list_flights().flights} == {
         "first": "mostly",
         "second": "no",
     }
