@@ -34,6 +34,9 @@ ABOVE_ROUNDING = 2.0
 #: Times from take-off or landing [s] between which a craft rests, and by how much its height then changes at most, m.
 REST, STILL = (1.5, 5.0), 0.2
 
+#: Height [m] below which the ground carries a part of a craft, and the time [s] in which one takes off or lands.
+_CLEAR, _LIFTING = 0.3, 2.0
+
 #: Input sets that are the sums of several signals: one of them missing is all missing.
 _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
 
@@ -104,6 +107,7 @@ def record_flight(
         earliest, latest = within or (log.flight.start, log.flight.stop)
         first = max(log.flight.start, earliest, float(states.index[0]))
         last = min(log.flight.stop, latest, float(states.index[-1]))
+        first, last = _clear_of_the_ground(states["p_d"], first, last)
         if last <= first:
             raise MissingDataError(f"nothing of the flight lies between {earliest:.1f} and {latest:.1f} s")
         signals, more = _usable(source, inputs, first, last)
@@ -161,6 +165,21 @@ def record_flight(
         context=context,
         findings=(*source.findings, *findings, *more),
     )
+
+
+def _clear_of_the_ground(down: pd.Series[float], first: float, last: float) -> tuple[float, float]:
+    """Return when a craft has left the ground, and when it comes back to it: within 0.3 m it carries a part of it.
+
+    A record that begins or ends in the air changes its height by less within `_LIFTING` seconds, and stays whole.
+    """
+    inside = down.loc[first:last]
+    t, height = inside.index.to_numpy(np.float64), -inside.to_numpy(np.float64)
+    if len(t) < 2:
+        return first, last
+    up, back = t[height > height[0] + _CLEAR], t[height > height[-1] + _CLEAR]
+    begin = float(up[0]) if len(up) and up[0] - first < _LIFTING else first
+    end = float(back[-1]) if len(back) and last - back[-1] < _LIFTING else last
+    return (begin, end) if end > begin else (first, last)
 
 
 def _ground(down: pd.Series, flight: Flight) -> float | None:

@@ -287,14 +287,14 @@ def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> Non
         page.get_by_role("button", name="Open").click()
         report = page.frame_locator("iframe")
         expect(report.get_by_role("heading", name="octa01_zurich_calm")).to_be_visible(timeout=3_600_000.0)
-        for part in ("How well the models predict", "The flight", "Identified models", "Findings"):
+        for part in ("The flight", "Models", "Findings"):
             expect(report.get_by_role("heading", name=part, exact=True)).to_be_attached()
-        report.locator("#plot-prediction").scroll_into_view_if_needed()
-        figure = report.locator("figure", has=report.locator("#plot-prediction"))
-        model = figure.get_by_label("position target")  # the one to take for this flight
-        expect(model).to_be_checked()
-        model.press("Space")
-        expect(figure.locator(".legend .traces", has_text="position target")).to_have_css("opacity", "0.5")
+        figure = report.locator("figure", has=report.get_by_role("checkbox")).last
+        figure.scroll_into_view_if_needed()
+        curve = figure.get_by_role("checkbox").first
+        expect(curve).to_be_checked()
+        curve.press("Space")
+        expect(figure.locator(".legend .traces").first).to_have_css("opacity", "0.5")
         frame = page.frame(name="report")
         assert frame is not None
         assert frame.evaluate("document.documentElement.scrollWidth <= innerWidth")
