@@ -138,7 +138,9 @@ def test_loss_of_control_is_timed_and_what_follows_a_crash_is_left_out():
     roll = between(50.0, 53.0, 1.2)
     imu = flown().imu.copy()
     imu.loc[52.0:52.1, "accel_z"] = -150.0  # and down for good
-    tables = flown(attitude=table(10.0, roll=roll, pitch=0.0, yaw=0.0), imu=imu)
+    course = lambda t: np.interp(t, (0, 10, 14, 50, 52), (0, 0, 20, 20, 0))  # noqa: E731
+    baro = table(10.0, alt=course, pressure=1e5, temperature=290.0)
+    tables = flown(attitude=table(10.0, roll=roll, pitch=0.0, yaw=0.0), imu=imu, baro=baro)
     found = notable(tables, flight=Span(10.0, 52.05))
     assert [event.id for event in found] == ["control-lost", "crash"]
     assert found[0].t == pytest.approx(50.0, abs=0.11)
@@ -168,8 +170,8 @@ def test_a_pilot_who_throws_the_stick_about_does_not_lose_control():
 
 
 def test_a_throttle_that_was_closed_lets_a_craft_fall():
-    imu = flown().imu.assign(accel_z=between(30.0, 30.6, -0.5, -9.8)(flown().imu.index.to_numpy()))
-    closed = table(10.0, roll=0.0, pitch=0.0, yaw=0.0, throttle=between(30.0, 30.6, 0.0, 0.35))
+    imu = flown().imu.assign(accel_z=between(30.0, 30.8, -0.5, -9.8)(flown().imu.index.to_numpy()))
+    closed = table(10.0, roll=0.0, pitch=0.0, yaw=0.0, throttle=between(30.0, 30.8, 0.0, 0.35))
     assert notable(flown(imu=imu, setpoints=closed)) == []
     assert only("fall", notable(flown(imu=imu))).t == pytest.approx(30.0, abs=0.05)
 

@@ -18,8 +18,9 @@ SHOCK = 4.0 * STANDARD_GRAVITY
 _OVER, _FAST = np.radians(45.0), 6.0
 #: Time [s] around touch-down in which the craft hits the ground, bounces and comes to rest.
 _BEFORE, _AFTER = 3.0, 5.0
-#: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent.
-_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.3
+#: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent,
+#: and a throttle chopped for a moment (31-3-2015_83) lets a craft drop for less.
+_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.5
 #: Height [m] that a craft which was switched off in the air loses.
 _DROP = 1.5
 
@@ -39,6 +40,13 @@ def contact(readings: Readings) -> Contact | None:
     if readings.force is None:
         return None
     stop = _down(readings)
+    height = readings.height
+    if (
+        height is not None
+        and len(last := height.loc[stop : readings.flight.stop + _AFTER])
+        and last.min() > 2.0 * _DROP
+    ):
+        return None  # the log ends in the air
     around = readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
     if len(around) < 3:
         return None

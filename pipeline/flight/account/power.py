@@ -36,10 +36,11 @@ def power_happenings(readings: Readings) -> Iterator[Finding]:
 def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Series[float]) -> Iterator[Finding]:
     t = throttle.index.to_numpy(np.float64)
     down = at(t, sink)
+    join = max(0.4, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.4
     asked = readings.lean_asked
     level = np.zeros(len(t)) if asked is None else at(t, asked)
     full = readings.flying(t) & (throttle.to_numpy(np.float64) >= FULL)
-    for first, last in stretches(t, full & (down > _SINKING) & ~(level > _LEVEL), join=0.4, shortest=_LASTING):
+    for first, last in stretches(t, full & (down > _SINKING) & ~(level > _LEVEL), join=join, shortest=_LASTING):
         worst = float(np.max(down[(t >= first) & (t <= last)]))
         yield finding(
             "lift-lost",
@@ -50,7 +51,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
         )
     # The autopilot's own doing: throttle at its limit while the craft climbs already, in a mode that holds height.
     wrong = full & readings.in_modes(t, HOLDING) & (down < -_SINKING)
-    for first, last in stretches(t, wrong, join=0.4, shortest=_LASTING):
+    for first, last in stretches(t, wrong, join=join, shortest=_LASTING):
         if _climb_asked(readings, first, last) or (disagreement := _estimate_off(readings, first, last)) is None:
             continue
         climb = -float(down[(t >= first) & (t <= last)].min())

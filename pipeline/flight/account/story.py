@@ -16,8 +16,8 @@ GRAVITY = (
     "motor-fault",
     "disarmed-in-air",
     "fall",
-    "lift-lost",
     "throttle-runaway",
+    "lift-lost",
     "control-lost",
     "failsafe",
     "yaw-lost",
@@ -59,7 +59,11 @@ def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
         return ()
     chain = [gravest]
     while chain[0].id in _CONSEQUENCES:
-        before = [each for each in ordered if each.id in _CAUSES and each.notable and _leads(each, chain[0])]
+        before = [
+            each
+            for each in ordered
+            if each.id in _CAUSES and each.notable and not _is_remark(each) and _leads(each, chain[0])
+        ]
         if not before:
             break
         # The first of those that lead on, for it began what followed; of the same moment the graver.
