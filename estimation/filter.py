@@ -227,7 +227,7 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
         # A sensor that is not there has no error to wander.
         problem.noise.random_walks() * (prior > 0.0),
         problem.noise.wander_times(),
-        prior[WANDERING],
+        np.ascontiguousarray(prior[WANDERING]),
         problem.world.gravity,
         problem.world.earth_rate,
         problem.white_scale,

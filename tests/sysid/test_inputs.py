@@ -282,7 +282,7 @@ def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl
 @pytest.mark.slow
 def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held(sitl):
     record = Experiment.from_flight(*sitl("octa09_systemid_mixer"), inputs="reference")
-    assert record.duration == pytest.approx(89.4, abs=0.5)
+    assert record.duration == pytest.approx(88.9, abs=0.5)
     assert "input-gaps" in {finding.id for finding in record.findings}
 
 
