@@ -29,7 +29,7 @@ def test_position_is_north_east_up_of_the_first_airborne_sample():
     assert record.rate == pytest.approx(10.0)
     np.testing.assert_allclose(record.y[0], 0.0, atol=1e-9)
     np.testing.assert_allclose(record.y[-1], [39.8, -39.8, 79.6], atol=1e-6)
-    np.testing.assert_allclose(record.u[0], [1510.0, 1390.0])
+    np.testing.assert_allclose(record.u[0], [1510.16, 1389.84])
     assert record.units["z"] == "m"
     assert record.context["density"].iloc[0] == pytest.approx(1.225, rel=1e-3)
     assert record.context["voltage"].isna().all()
