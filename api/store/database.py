@@ -23,8 +23,26 @@ from api.store.scratch import open_locked
 #: Seconds that a statement waits for another process that holds SQLite's lock, unless the URL says ``?timeout=``.
 _PATIENCE = 10.0
 
-#: Who waits for a SQLite file's lock in this process stands in line here, by the database's URL.
-_turns: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+
+class _Line:
+    """Who waits for a SQLite file's lock in this process, one behind the other."""
+
+    def __init__(self) -> None:
+        self.turn = threading.Lock()
+        self.begun = 0
+
+    def wait(self) -> bool:
+        """Wait for the turn as long as the line moves: on a slow disk fifty short transactions take half a minute."""
+        while True:
+            begun = self.begun
+            if self.turn.acquire(timeout=_PATIENCE):
+                return True
+            if self.begun == begun:
+                return False
+
+
+#: By the database's URL.
+_lines: defaultdict[str, _Line] = defaultdict(_Line)
 
 #: Bytes kept for deleting at a full disk: SQLite writes every page that it changes into a log first.
 _RESERVE = 256 << 10
@@ -192,10 +210,11 @@ def _begin_sqlite(connection: Connection) -> None:
     if not connection.get_execution_options().get("writes", False):
         connection.exec_driver_sql("BEGIN")
         return
-    turn = _turns[str(connection.engine.url)]
-    taken = turn.acquire(timeout=_PATIENCE)
+    line = _lines[str(connection.engine.url)]
+    is_ours = line.wait()
     try:
         connection.exec_driver_sql("BEGIN IMMEDIATE")
+        line.begun += 1
     finally:
-        if taken:
-            turn.release()
+        if is_ours:
+            line.turn.release()

@@ -125,6 +125,22 @@ def test_writers_of_a_slow_sqlite_file_take_turns(tmp_path: Path) -> None:
     assert turns == [1, 0]
 
 
+def test_a_line_of_writers_waits_as_long_as_it_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a slow disk fifty uploads at once took longer than one may wait, and ten were refused."""
+    monkeypatch.setattr("api.store.database._PATIENCE", 0.5)
+    opened = Database(f"sqlite:///{tmp_path / 'rotorid.db'}")
+    opened.migrate()
+
+    def write(_: int) -> None:
+        with opened.write() as session:
+            session.execute(select(LogRecord))
+            threading.Event().wait(0.1)
+
+    with ThreadPoolExecutor(20) as pool:
+        list(pool.map(write, range(20)))
+    opened.close()
+
+
 def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep: Callable[..., str], url: str) -> None:
     ordered = [catalog.order([keep(b"log %d" % number)], {}, "ann").id for number in range(40)]
     servers = [Database(url) for _ in range(4)]
