@@ -509,11 +509,6 @@ def forward(
 
     A sensor beyond the gate for ``patience`` seconds is believed and the state is not; two sensors are after
     ``together`` seconds.
-
-    Returns
-    -------
-    log_likelihood : float
-        Of the measurements, without the constant; what is refused counts too (`_log_density`).
     """
     P = np.empty((N, N))
     _copy(covariance, P)

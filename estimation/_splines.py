@@ -8,12 +8,7 @@ from core.kernel_types import Matrix, Vector
 
 @njit(cache=True, nogil=True)
 def along_spline(knots: Vector, values: Matrix, at: Vector, integrate: bool) -> Matrix:
-    """Follow the natural cubic spline through samples: its values, or its integrals from one time to the next.
-
-    Returns
-    -------
-    ndarray, shape (m, 3), or (m - 1, 3) of integrals
-    """
+    """Follow the natural cubic spline through samples: its values, or its integrals from one time to the next."""
     n = knots.size
     # Second derivatives by elimination: they are zero at both ends (de Boor 1978, chapter IV).
     second = np.zeros((n, 3))

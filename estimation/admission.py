@@ -19,13 +19,7 @@ PASSES = 6
 
 
 def admit(observations: Observations, deletion: np.ndarray, gate: float) -> np.ndarray:
-    """Choose the groups of measurements for the next pass.
-
-    Returns
-    -------
-    ndarray of bool, shape (g,)
-        A group is left out as a whole: an axis that looks right in a glitch is right by chance.
-    """
+    """Choose the groups of measurements for the next pass, shape (g,)."""
     if len(observations.t) == 0:
         return observations.admitted
     worst = np.sqrt(np.maximum.reduceat(np.append(deletion, 0.0), observations.start[:-1]))

@@ -20,20 +20,13 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-#: Of one sensor: count, refused, nis, lower, upper, sigma (see `innovation_statistics`).
+#: Of one sensor: count of accepted scalars, refused, nis (mean of nu^2 / s), its 95 % bounds lower and upper for
+#: independent innovations, and sigma (median 1-sigma of the white noise of a sample, SI).
 SensorStatistics = Mapping[str, float]
 
 
 def innovation_statistics(segments: list[Filtered]) -> dict[str, SensorStatistics]:
-    """Mean normalised innovation squared of each sensor with its 95 % bounds, and how much was refused.
-
-    Returns
-    -------
-    dict
-        By sensor: ``count``, ``refused``, ``nis`` (mean of nu^2 / s over accepted scalars), ``lower``, ``upper``
-        (chi-square bounds of that mean for independent innovations), ``sigma`` (median 1-sigma given to the
-        white noise of a sample, SI).
-    """
+    """Mean normalised innovation squared of each sensor with its 95 % bounds, and how much was refused."""
     kinds = np.concatenate([s.observations.scalar_kind for s in segments])
     innovation = np.concatenate([s.innovation for s in segments])
     inverse = np.concatenate([s.inverse_variance for s in segments])

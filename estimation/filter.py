@@ -271,11 +271,6 @@ def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
 
     Medians stand for means, so that neither outliers nor the first seconds count. The scale is the same for a sensor
     throughout the log, and its root is between `QUIETEST` and `LOUDEST`.
-
-    Returns
-    -------
-    ndarray, shape (9,)
-        For `Problem.white_scale`.
     """
     o = problem.observations
     scale = np.ones(_kernels.KINDS)

@@ -158,25 +158,13 @@ def find_origin(tables: Tables) -> Geodetic | None:
 
 
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:
-    """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In the unit of the column.
-    """
+    """Return the reported accuracy, or the default where the receiver says nothing, which some drivers write as 0."""
     value = table[column].to_numpy(float)
     return np.where(np.isfinite(value) & (value > 0.0), value, default)
 
 
 def observe_gps(fixes: pd.DataFrame, frame: LocalFrame, noise: SensorNoise) -> list[Block]:
-    """Turn GPS fixes into position and velocity measurements at their times of validity.
-
-    Returns
-    -------
-    list of (kind, t, values, variance)
-        Positions in m and velocities in m/s, NED; `t` of shape (n,), the others (n, 3).
-    """
+    """Turn GPS fixes into blocks of positions [m] and velocities [m/s], NED, at their times of validity."""
     t = fixes["t_valid"].to_numpy(float)
     t = np.where(np.isfinite(t), t, fixes.index.to_numpy(float))
     position = frame.to_ned(*(fixes[c].to_numpy(float) for c in ("lat", "lon", "alt")))

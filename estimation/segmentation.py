@@ -61,13 +61,7 @@ def find_segments(tables: Tables, place: Surroundings, observations: Observation
 
 
 def cover(pieces: Sequence[Piece]) -> list[list[Piece]]:
-    """Cover the log's time with pieces of IMUs: the longest first, then the longest of what sticks out, and so on.
-
-    Returns
-    -------
-    list of list of Piece
-        For each segment in order of time the pieces that span it, cut to it, the first IMU first.
-    """
+    """Cover the log's time with pieces of IMUs: the longest first, then the longest of what sticks out, and so on."""
     left = [piece for piece in pieces if _is_long(piece)]
     spans = []
     while left:

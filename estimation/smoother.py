@@ -47,13 +47,7 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
 
 
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
-    """Walk back over a piece of a segment.
-
-    Returns
-    -------
-    Estimates
-        `slow_variance` of every eighth row, and sensor errors of `x` in these rows only: see `fill_in`.
-    """
+    """Walk back over a piece of a segment; sensor errors are those of every eighth row (see `fill_in`)."""
     rows = problem.outputs
     x = result.x.copy()
     covariance = np.empty((rows, 3, 3, 3))

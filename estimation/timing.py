@@ -157,15 +157,7 @@ class InertialSignal:
         return along_spline(self.t[window].copy(), self.values[window, columns].copy(), at, integrate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Integrate between successive times.
-
-        Returns
-        -------
-        angle, velocity : ndarray, shape (n - 1, 3)
-            rad and m/s, in body axes
-        variance : ndarray, shape (n - 1, 2)
-            Variance that white noise adds to attitude and velocity in each interval, rad^2 and (m/s)^2.
-        """
+        """Return angles and velocities (n - 1, 3) between successive times, and what white noise adds to their variance."""
         dt = np.diff(t)
         middle = 0.5 * (t[1:] + t[:-1])
         first, last = np.searchsorted(self.t, t[[0, -1]])
@@ -222,11 +214,6 @@ def noise_density(
     Movement misfits too, but in an instant, and only what of it lies about the sampling frequency disturbs the
     integral. So the noise is the median over four seconds; what a sample misfits beyond three sigma of that is a step
     of the rate or force, and counts by the share of a step's power at the sampling frequency (`_aliased_share`).
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        (rad/s)^2/Hz and (m/s^2)^2/Hz
     """
     step = float(np.median(np.diff(t)))
     density = np.empty((len(t), 2))
@@ -283,13 +270,7 @@ def _aliased_share(cutoff: float, step: float, stride: int) -> float:
 
 
 def _misfit_of_white(cutoff: float) -> float:
-    """Power of the misfit of samples whose noise was white before a second-order Butterworth filter.
-
-    Returns
-    -------
-    float
-        Relative to the noise density at low frequency, folded into the band of one sample.
-    """
+    """Power of the misfit of noise, white before a second-order Butterworth filter, over its density at low frequency."""
     f = np.linspace(0.0, 0.5, 257)
     seen = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(5))) @ MISFIT) ** 2
     if cutoff <= 0.0:

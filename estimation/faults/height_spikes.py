@@ -29,12 +29,7 @@ CLIMB_KNOWN = 0.5
 
 
 def steady_heights(alt: pd.Series, reference: pd.Series, climb: pd.Series | None = None) -> np.ndarray:
-    """Return which readings of a barometer are no spikes.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Return which readings of a barometer are no spikes, shape (n,)."""
     t = alt.index.to_numpy(float)
     alone = _deviation(alt.to_numpy(float), NEIGHBOURS)
     if len(reference) < 2 or len(t) < 2:

@@ -36,13 +36,7 @@ def outages(observations: Observations, start: float, stop: float) -> list[tuple
 
 
 def excess(surprises: Callable[[Observations], np.ndarray], observations: Observations, start: float) -> np.ndarray:
-    """Find how many times faster than stated variances grow without GPS.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        North, east and down; 1 or more.
-    """
+    """Find how many times faster than stated variances grow without GPS, shape (3,)."""
     flown = np.isin(observations.kind, RECEIVERS) & observations.admitted & (observations.t > start)
     length = np.ptp(observations.t[flown]) if flown.any() else 0.0
     foretold = np.isin(observations.kind, FORETOLD)

@@ -167,17 +167,7 @@ def _costs(when: Array, measured: Array, spans: list[slice], shifted: list[Array
 
 
 def _stepped(costs: Array) -> tuple[int, float, float, float] | None:
-    """Return the likeliest change from one lag to another, if it is one.
-
-    Returns
-    -------
-    k : int
-        Last span before it.
-    before, after : float
-        Lags, s.
-    cost : float
-        Minus twice the log-likelihood.
-    """
+    """Return the likeliest change from one lag to another, if it is one."""
     first = np.cumsum(costs, axis=0)[:-1]
     second = costs.sum(axis=0) - first
     both = first.min(axis=1) + second.min(axis=1)

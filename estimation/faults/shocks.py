@@ -52,11 +52,6 @@ class Shocks:
         What they ask for is the auxiliary residual of the state's noise (de Jong & Penzer 1998), whose square is twice
         the gain in log-likelihood of a step there: which tells how likely each node about the largest is the one, and
         each kind of step, as a step of attitude shows in velocity too.
-
-        Returns
-        -------
-        Shocks
-            These themselves where nothing is to add.
         """
         largest = shock.max(axis=1, initial=0.0)
         gate = max(SHOCK_GATE, float(np.sqrt(largest.max(initial=0.0))) / NARROWING)

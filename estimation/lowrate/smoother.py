@@ -34,15 +34,7 @@ def filter_telemetry(
     *,
     smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run filterpy's filter over the nodes, to smooth Rauch-Tung-Striebel back.
-
-    Returns
-    -------
-    x : (n, 16) ndarray
-    P : (n, 16, 16) ndarray
-    nis : ndarray
-        Mean normalised innovation squared of each row; NaN where it was refused.
-    """
+    """Run filterpy's filter over the nodes, and smooth back: x (n, 16), P (n, 16, 16), and the nis of each row."""
     kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
     kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
@@ -91,12 +83,7 @@ def filter_telemetry(
 def transitions(
     t: np.ndarray, driven: np.ndarray, gps_sigma: np.ndarray, noise: SensorNoise
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F, B and Q from node to node: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows.
-
-    Returns
-    -------
-    F, B, Q : ndarray, shapes (n - 1, 16, 16), (n - 1, 16, 3) and (n - 1, 16, 16)
-    """
+    """F, B and Q from node to node: disturbance and errors of GPS and autopilot are Gauss-Markov, the rest follows."""
     step, driven = np.diff(t), driven[1:]
     n = len(step)
     F, B, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.zeros((n, SIZE, 3)), np.zeros((n, SIZE, SIZE))

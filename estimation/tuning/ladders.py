@@ -38,13 +38,7 @@ def nearest(ladder: Sequence[float], value: float) -> float:
 def climb(
     variant: Callable[[float], Problem], ladder: Sequence[float], start: float, passes: Passes
 ) -> tuple[dict[float, float], Problem]:
-    """Go up and down a ladder of values from `start` as long as it gets likelier.
-
-    Returns
-    -------
-    tuple[dict[float, float], Problem]
-        Log-likelihood of every value looked at, and the likeliest variant.
-    """
+    """Go up and down a ladder from `start` as long as it gets likelier; likelihoods by value, and the likeliest."""
     likelihoods: dict[float, float] = {}
     best: Problem | None = None
     for step in (1, -1):

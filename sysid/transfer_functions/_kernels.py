@@ -18,23 +18,6 @@ def recur(
     """Run ``x[k+1] = F x[k] + H w[k] + g0 u[k] + g1 u[k+1]`` for every lane and keep all states.
 
     Lanes (channels) are the last axis, so that the inner loops are vector instructions.
-
-    Parameters
-    ----------
-    transition : ndarray, shape (q, q, lanes)
-    across : ndarray, shape (q, d, lanes)
-        H; d is 0 where nothing but inputs drives the states.
-    from_now, from_next : ndarray, shape (q, lanes)
-        g0 and g1; g1 is zero for held inputs.
-    start : ndarray, shape (q, lanes)
-        State at the first sample.
-    inputs : ndarray, shape (N, lanes)
-    driving : ndarray, shape (N, d, lanes)
-        States w of other systems.
-
-    Returns
-    -------
-    ndarray, shape (N, q, lanes)
     """
     samples, lanes = inputs.shape
     order = transition.shape[0]
@@ -59,22 +42,7 @@ def recur(
 def recur_few(
     transposed: Stack, across: Stack, from_now: Matrix, from_next: Matrix, start: Matrix, inputs: Matrix, driving: Stack
 ) -> Stack:
-    """Do the same as `recur` for few lanes, one after the other, with the states as vector lanes.
-
-    Parameters
-    ----------
-    transposed : ndarray, shape (lanes, q, q)
-        F with rows and columns exchanged.
-    across : ndarray, shape (lanes, d, q)
-        H, likewise.
-    from_now, from_next, start : ndarray, shape (lanes, q)
-    inputs : ndarray, shape (N, lanes)
-    driving : ndarray, shape (N, d, lanes)
-
-    Returns
-    -------
-    ndarray, shape (N, q, lanes)
-    """
+    """Do the same as `recur` for few lanes, one after the other, with the states as vector lanes."""
     samples, lanes = inputs.shape
     order = transposed.shape[1]
     states = np.empty((samples, order, lanes))
@@ -103,14 +71,7 @@ def recur_few(
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def combine(states: Stack, weights: Stack, result: Matrix) -> None:
-    """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`.
-
-    Parameters
-    ----------
-    states : ndarray, shape (N, Q, lanes)
-    weights : ndarray, shape (Q, P, lanes)
-    result : ndarray, shape (N, at least P lanes)
-    """
+    """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`."""
     samples, terms, lanes = states.shape
     for t in range(samples):
         for p in range(weights.shape[1]):
@@ -121,17 +82,7 @@ def combine(states: Stack, weights: Stack, result: Matrix) -> None:
 
 @njit(cache=True, nogil=True)
 def multiply_out(theta: Matrix) -> tuple[Matrix, Stack]:
-    """Multiply sections out and differentiate the product; see `sysid.transfer_functions.sections.denominators`.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, n)
-
-    Returns
-    -------
-    a : ndarray, shape (groups, n)
-    slope : ndarray, shape (groups, n, n)
-    """
+    """Multiply sections out and differentiate the product; see `sysid.transfer_functions.sections.denominators`."""
     groups, n = theta.shape
     sections = (n + 1) // 2
     a, slope, rest = np.zeros((groups, n)), np.zeros((groups, n, n)), np.empty(n + 1)

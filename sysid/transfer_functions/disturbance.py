@@ -40,17 +40,7 @@ class Disturbance:
     memory: float = np.inf
 
     def predict(self, residual: Floats, dt: float, steps: int) -> Floats:
-        """Predict the residual at every sample from the samples up to `steps` before it.
-
-        Parameters
-        ----------
-        residual : ndarray, shape (N,)
-
-        Returns
-        -------
-        ndarray, shape (N,)
-            Zero for the first `steps` samples, before which nothing was measured.
-        """
+        """Predict the residual at every sample from the samples up to `steps` before it, shape (N,)."""
         # Level and slope are filtered by one denominator, and so is their sum.
         slopes = FADE * (1.0 - np.exp(-steps * dt / FADE)) * self.beta / dt
         start = residual[0]
@@ -64,13 +54,7 @@ class Disturbance:
         return [1.0, self.alpha + self.beta - 2.0, 1.0 - self.alpha]
 
     def track(self, residual: Floats, dt: float) -> tuple[Floats, Floats]:
-        """Filter the residual into level and slope, starting from its first sample at rest.
-
-        Returns
-        -------
-        level, slope : ndarray, shape (N,)
-            In units of the residual and per second.
-        """
+        """Filter the residual into level and slope, starting from its first sample at rest, shape (N,)."""
         # Transfer functions of the alpha-beta filter from measurement to level and to slope; the start at the first
         # sample at rest makes the filter work on the difference to it.
         a, start = self._denominator, residual[0]
@@ -97,13 +81,7 @@ def steady_gains(index: float) -> Disturbance:
 
 
 def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
-    """Choose the gains and the memory that predict the training residuals best a second ahead.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (N,)
-        One per record.
-    """
+    """Choose the gains and the memory that predict the training residuals best a second ahead."""
     steps = max(round(1.0 / dt), 1)
     long = [residual for residual in residuals if len(residual) > steps]
     drifting = [steady_gains(index) for index in TRACKING_INDICES]

@@ -128,14 +128,7 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
 
 
 def coefficients(model: TransferMatrix) -> pd.DataFrame:
-    """Tabulate every coefficient, a row each; inputs without effect have none.
-
-    Returns
-    -------
-    DataFrame
-        ``output input part power value std relative determined``; ``part`` is num, den or delay [s], ``power`` that of
-        s, ``std`` empty for the leading 1 of a denominator, which is no estimate, and where there is no uncertainty.
-    """
+    """Tabulate every coefficient, a row each; inputs without effect have none."""
     rows: list[dict[str, object]] = []
     for output, row in model.transfer_functions.items():
         for source, function in row.items():

@@ -83,15 +83,7 @@ class Part:
 
 
 def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
-    """Discretise the denominators, and respond to initial states as long as the longest record.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, lags)
-        Parameters of the poles (`sysid.transfer_functions.sections`).
-    delays : ndarray, shape (m,)
-        Of each input, s.
-    """
+    """Discretise the denominators, and respond to initial states as long as the longest record."""
     k = problem.integrators
     a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
     a = np.hstack([np.zeros((len(a), k)), a]) if k else a
@@ -100,28 +92,14 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
 
 
 def squares_of(problem: Problem, basis: Basis, u: Floats, part: Part) -> Floats:
-    """Pass a record's responses through another ``1 / A``; shape (N, n, m).
-
-    Parameters
-    ----------
-    u : ndarray, shape (N, m)
-        Inputs of the record.
-    """
+    """Pass a record's responses through another ``1 / A``; shape (N, n, m)."""
     if part.squares is None:
         part.squares = basis.system.through_another(u, problem.group, part.states, basis.delays)
     return part.squares
 
 
 def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
-    """Form a record's normal equations and eliminate what is its own.
-
-    Parameters
-    ----------
-    u : ndarray, shape (N, m)
-        Inputs of the record.
-    y : ndarray, shape (N,)
-        Its output.
-    """
+    """Form a record's normal equations and eliminate what is its own."""
     k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
     states = basis.system.forced(u, problem.group, sensitivities=False, delays=basis.delays)
     # Views and small products: one array of all regressors would take as long to fill as to multiply.
@@ -148,20 +126,7 @@ def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
 
 
 def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
-    """Express the derivatives by the poles' parameters in the states.
-
-    Parameters
-    ----------
-    numerators : ndarray, shape (numerators, m)
-        Coefficients.
-
-    Returns
-    -------
-    forced : ndarray, shape (2 n, lags, m)
-        Of the response to the inputs.
-    weights : ndarray, shape (groups, n, 2 n, lags)
-        Of ``p^q / A``, for the initial responses, whose coefficients each record has of its own.
-    """
+    """Express derivatives by the poles in the states: forced (2 n, lags, m), and initial (groups, n, 2 n, lags)."""
     weights = _derivative_weights(problem, basis)
     lanes = weights[list(problem.group), : problem.numerators]
     return np.einsum("pj,jpqi->qij", numerators, lanes, order="C"), weights
@@ -170,15 +135,7 @@ def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Float
 def jacobian(
     problem: Problem, basis: Basis, slopes: tuple[Floats, Floats], numerators: Floats, u: Floats, part: Part
 ) -> Floats:
-    """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`.
-
-    Parameters
-    ----------
-    numerators : ndarray, shape (numerators, m)
-        Coefficients.
-    u : ndarray, shape (N, m)
-        Inputs of the record.
-    """
+    """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`."""
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
     forced, weights = slopes
     initial = part.local[1 + k :].reshape(lags, groups)
@@ -206,22 +163,10 @@ def jacobian(
 
 
 def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return what a record contributes to a Gauss-Newton step in everything shared.
+    """Return what a record contributes to a Gauss-Newton step in everything shared: numerators, then poles and delays.
 
-    Parameters
-    ----------
-    columns : ndarray, shape (N, lags groups + delay parameters)
-        The record's `jacobian`.
-
-    Returns
-    -------
-    information : ndarray, shape (q, q)
-        Numerators, then poles and delays.
-    gradient : ndarray, shape (q,)
-    outer : ndarray, shape (groups, lags, lags)
-        Coefficients of the initial responses times themselves, which the price of slow poles needs.
-    following : ndarray, shape (2,)
-        Sums of squared residuals and of residuals times those one sample later.
+    Besides information and gradient the initial responses' coefficients times themselves (groups, lags, lags), and the
+    sums of squared residuals and of residuals times those one sample later.
     """
     locals_, shared = len(part.local), len(part.information) - 1
     q = shared + columns.shape[1]
@@ -313,13 +258,7 @@ def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, sta
 
 
 def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
-    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q).
-
-    Parameters
-    ----------
-    columns : ndarray, shape (N, p)
-        Further regressors, such as those of `jacobian`.
-    """
+    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
     locals_, first = len(part.local), part.trends.shape[1] - 1
     along = np.hstack([part.gram[:locals_, locals_:-1], part.along(columns)[:locals_]])
     taken = backward(part.factor, forward(part.factor, along))

@@ -81,13 +81,6 @@ def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: fl
     poles are judged and not how well three seconds tell the initial state. At given poles all candidates share one sum
     of normal equations over what was seen, and one over what was not. Poles follow one candidate after the other,
     weakest first, until none stronger would be better there.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, lags)
-        Poles to start from, found without the part held back.
-    delays : ndarray, shape (m,)
-        Likewise, s.
     """
     if division.held_back is None:
         return Choice(CAUTIOUS, theta, delays, 0)

@@ -89,21 +89,7 @@ class Discretised:
     def forced(
         self, inputs: Floats, group: Sequence[int], sensitivities: bool = True, delays: Floats | None = None
     ) -> Floats:
-        """Respond to inputs from rest.
-
-        Parameters
-        ----------
-        inputs : ndarray, shape (N, lanes)
-            Before the record they are taken to have been as at its first sample.
-        group : sequence of int, shape (lanes,)
-            Which denominator each input passes.
-        delays : ndarray, shape (lanes,), optional
-            Of each input, s; exact for parts of a sample too.
-
-        Returns
-        -------
-        ndarray, shape (N, 2 n, lanes), or (N, n, lanes) without sensitivities
-        """
+        """Respond to inputs (N, lanes) from rest: states over A, and over A^2 with `sensitivities`, (N, n or 2 n, lanes)."""
         first = self._respond(inputs, group, delays)
         if not sensitivities:
             return first
@@ -112,17 +98,7 @@ class Discretised:
     def through_another(
         self, inputs: Floats, group: Sequence[int], first: Floats, delays: Floats | None = None
     ) -> Floats:
-        """Return the states over A^2, given those over A: twice the work, which only derivatives need.
-
-        Parameters
-        ----------
-        first : ndarray, shape (N, n, lanes)
-            States over A.
-
-        Returns
-        -------
-        ndarray, shape (N, n, lanes)
-        """
+        """Return the states over A^2, given those over A: twice the work, which only derivatives need."""
         return self._respond(inputs, group, delays, first)
 
     def _respond(
@@ -149,12 +125,7 @@ class Discretised:
         return result + self._run(after, lanes, late_ramp, np.zeros_like(ramp), rest, undriven)
 
     def free(self, samples: int) -> Floats:
-        """Respond to a unit impulse just before the first sample: the shapes that initial states can give.
-
-        Returns
-        -------
-        ndarray, shape (samples, n, groups)
-        """
+        """Respond to a unit impulse just before the first sample, as initial states can; shape (samples, n, groups)."""
         groups = len(self.unit)
         start = np.zeros((self.order, groups))
         start[np.array(self.orders) - 1, np.arange(groups)] = 1.0
@@ -205,15 +176,7 @@ class Discretised:
 
 
 def delayed(inputs: Floats, dt: float, delays: Floats, more: int = 0) -> Floats:
-    """Shift inputs by the whole samples of their delays and by `more` samples; before the record they are constant.
-
-    Parameters
-    ----------
-    inputs : ndarray, shape (N, m)
-        The record.
-    delays : ndarray, shape (m,)
-        Of each input, s.
-    """
+    """Shift inputs by the whole samples of their delays and by `more` samples; before the record they are constant."""
     rows = np.arange(len(inputs))[:, None] - whole_and_part(delays, dt)[0] - more
     return np.ascontiguousarray(np.take_along_axis(inputs, np.clip(rows, 0, len(inputs) - 1), axis=0))
 
@@ -226,13 +189,7 @@ def whole_and_part(delays: Floats, dt: float) -> tuple[NDArray[np.int64], Floats
 
 
 def discretise(a: Floats, dt: float, hold: str, orders: Sequence[int] | None = None) -> Discretised:
-    """Discretise companion forms and their sensitivities by one matrix exponential each (Van Loan 1978).
-
-    Parameters
-    ----------
-    a : ndarray, shape (groups, n)
-        Denominators, ascending powers; zeros in front are integrators, as many for all.
-    """
+    """Discretise companion forms and their sensitivities by one matrix exponential each (Van Loan 1978)."""
     groups, n = a.shape
     orders = (n,) * groups if orders is None else tuple(orders)
     integrators = next((k for k in range(n) if a[:, k].any()), n)
@@ -279,17 +236,7 @@ def _companions(
 
 
 def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
-    """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower.
-
-    Parameters
-    ----------
-    a : ndarray, shape (groups, n)
-        Denominators, each in its own unit of frequency.
-
-    Returns
-    -------
-    ndarray, shape (groups, n, n)
-    """
+    """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower."""
     groups, n = a.shape
     if integrators == 0 and min(orders) == n:
         return _gramian(a)
@@ -323,18 +270,7 @@ def _gramian(a: Floats) -> Floats:
 
 
 def gramian_slopes(a: Floats, slope: Floats) -> Floats:
-    """Differentiate the gramians of denominators without integrators, all of one order.
-
-    Parameters
-    ----------
-    a : ndarray, shape (groups, n)
-    slope : ndarray, shape (groups, n, parameters)
-        Of the coefficients by the parameters.
-
-    Returns
-    -------
-    ndarray, shape (parameters, groups, n, n)
-    """
+    """Differentiate gramians of one order without integrators; shape (parameters, groups, n, n)."""
     by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
     inverse = np.linalg.inv((a @ by_coefficient).reshape(-1, *constant.shape) + constant)
     moments = -0.5 * inverse[:, :, -1]
@@ -382,21 +318,10 @@ def free_run(
     initial: Floats | None = None,
     delays: Sequence[float] | None = None,
 ) -> Floats:
-    """Simulate one output from the inputs and an initial state, by default found in the first `INITIAL_SECONDS`.
+    """Simulate one output from inputs about trim (N, m) and an initial state, by default that of `INITIAL_SECONDS` of y.
 
-    Parameters
-    ----------
-    u : ndarray, shape (N, m)
-        About the trim.
-    y : ndarray, shape (N,)
-        Only its first `INITIAL_SECONDS` are looked at, and only when `initial` is not given.
-    initial : ndarray, shape (1 + integrators + n groups,), optional
-        The polynomial in time (`trends`) and the coefficients of the normalised initial responses, power-major; empty
-        for a start at rest.
-
-    Returns
-    -------
-    ndarray, shape (N,)
+    `initial` holds the polynomial in time (`trends`) and the coefficients of the normalised initial responses,
+    power-major; it is empty for a start at rest.
     """
     samples = len(y)
     active = [j for j, den in enumerate(denominators) if len(den) > 1]

@@ -48,14 +48,7 @@ class Root:
 
 
 def roots_of(polynomial: Floats, covariance: Floats | None) -> tuple[Root, ...]:
-    """Return the roots of ``c_0 s^n + ...``, slowest first, by ``d r / d c_k = -r^(n-k) / C'(r)``.
-
-    Parameters
-    ----------
-    polynomial : ndarray, shape (n + 1,)
-    covariance : ndarray, shape (k, k), or None
-        Of the last k coefficients; those before are known, and all where there is none.
-    """
+    """Return the roots of ``c_0 s^n + ...``, slowest first, by ``d r / d c_k = -r^(n-k) / C'(r)``."""
     roots = np.roots(polynomial).astype(np.complex128)
     if covariance is None:
         covariance = np.zeros((len(polynomial), len(polynomial)))

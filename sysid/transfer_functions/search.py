@@ -229,17 +229,7 @@ def _left(descent: Descent) -> float:
 
 
 def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
-    """Poles from which to start own denominators: around the common one, and scattered.
-
-    Parameters
-    ----------
-    common : ndarray, shape (lags,)
-        The best common denominator.
-
-    Returns
-    -------
-    list of ndarray, shape (groups, lags)
-    """
+    """Poles from which to start own denominators: around the common one, and scattered, shape (groups, lags)."""
     near = np.zeros((problem.groups, problem.lags))
     for g, order in enumerate(problem.all_orders):
         lags = order - problem.integrators
@@ -248,12 +238,7 @@ def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Gen
 
 
 def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Floats:
-    """Sections spread over the band; the first attempt evenly, later ones at random.
-
-    Returns
-    -------
-    ndarray, shape (groups, lags)
-    """
+    """Sections spread over the band; the first attempt evenly, later ones at random, shape (groups, lags)."""
     band, groups = _starting_band(problem), problem.groups
     theta = np.zeros((groups, problem.lags))
     low, high = np.log(band.lowest), np.log(band.highest)

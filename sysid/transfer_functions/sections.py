@@ -38,13 +38,7 @@ def resolvable_band(duration: float, dt: float) -> Band:
 
 
 def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
-    """Bring parameters, shape (groups, n), into the band and the range of damping.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, n)
-        Logarithms of frequency and damping.
-    """
+    """Bring parameters, shape (groups, n), into the band and the range of damping."""
     lower, upper = _bounds(band, theta.shape[1], tuple(orders) or (theta.shape[1],))
     return np.asarray(np.minimum(np.maximum(theta, lower), upper))
 
@@ -101,17 +95,5 @@ def denominators_of_orders(theta: Floats, orders: Sequence[int]) -> tuple[Floats
 
 
 def denominators(theta: Floats) -> tuple[Floats, Floats]:
-    """Multiply the sections out.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, n)
-
-    Returns
-    -------
-    a : ndarray, shape (groups, n)
-        Ascending powers of s without the leading 1.
-    slope : ndarray, shape (groups, n, n)
-        ``d a[g, k] / d theta[g, i]`` at ``[g, k, i]``.
-    """
+    """Multiply sections (groups, n) out: a ascending without the leading 1, and ``d a[g, k] / d theta[g, i]`` (g, k, i)."""
     return multiply_out(np.ascontiguousarray(theta))

@@ -87,15 +87,7 @@ class Point:
 
 
 def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
-    """Solve for the linear parameters at given poles and delays, by default those of the problem.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, lags)
-        Parameters of the poles.
-    delays : ndarray, shape (m,), optional
-        Of each input, s.
-    """
+    """Solve for the linear parameters at given poles and delays, by default those of the problem."""
     basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
     parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
     point = solve_again(problem, basis, sum_of([part.information for part in parts]), parts)
@@ -105,13 +97,7 @@ def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Poin
 
 
 def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
-    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are.
-
-    Parameters
-    ----------
-    information : ndarray, shape (numerators m + 1, numerators m + 1)
-        Sum of what the records contribute.
-    """
+    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
     normal, scale = _normalised(information[:shared, :shared], penalty)
@@ -128,13 +114,7 @@ def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tupl
 
 
 def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
-    """Differentiate the model's output by the poles' parameters and the delays, linear parameters held.
-
-    Returns
-    -------
-    tuple of ndarray, shape (N_r, lags groups + delay parameters)
-        Of each record. Of the poles parameter-major: all denominators' first parameters first. Delays in samples.
-    """
+    """Differentiate the model's output by the poles' parameters and the delays, linear parameters held."""
     slopes = slopes_at(problem, point.basis, point.numerators)
     return tuple(
         jacobian(problem, point.basis, slopes, point.numerators, u, part)
@@ -143,13 +123,7 @@ def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
 
 
 def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
-    """Pass the model's response to the inputs through one more ``1 / A``: derivatives 0 to lags - 1, normalised.
-
-    Returns
-    -------
-    tuple of ndarray, shape (N_r, lags)
-        For a problem with one denominator.
-    """
+    """Pass the model's response to the inputs through one more ``1 / A``: derivatives 0 to lags - 1, normalised."""
     k, lags, m = problem.integrators, problem.lags, len(problem.group)
     table = powers_over_square(point.system)[0]
     weights = np.zeros((2 * problem.order, m, lags))
@@ -167,15 +141,7 @@ def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
 def reduced_information(
     problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
 ) -> tuple[Floats, Floats]:
-    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated.
-
-    Returns
-    -------
-    information : ndarray, shape (q, q)
-        Without penalties; q = numerators * m + lags * groups + delay parameters.
-    gradient : ndarray, shape (q,)
-        Regressors times residual, of the data alone.
-    """
+    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated."""
     information, gradient, _, _ = _linearised(problem, point, jacobians)
     return information, gradient
 
@@ -220,15 +186,7 @@ def descend(
     settled: float = 0.0,
     hopeless: float = np.inf,
 ) -> Descent:
-    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (groups, lags)
-        Start.
-    delays : ndarray, shape (m,), optional
-        Start; by default the problem's.
-    """
+    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles."""
     point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
@@ -262,17 +220,7 @@ def descend(
 
 
 def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
-    """Return Hessian and gradient of the reduced problem in poles and delays.
-
-    Returns
-    -------
-    hessian : ndarray, shape (q, q)
-        Gauss-Newton, in the order of `sensitivities`.
-    gradient : ndarray, shape (q,)
-        Minus half the derivative of the cost, but for what `_price_slopes` leaves out.
-    independent : float
-        How many independent samples the residuals are worth.
-    """
+    """Return Hessian and gradient of the reduced problem in poles and delays."""
     shared = point.numerators.size
     information, gradient, outer, following = _linearised(problem, point)
     gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)

@@ -64,13 +64,7 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
 
 
 def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats | None:
-    """Iterate once: the coefficients of A by instrumental variables.
-
-    Returns
-    -------
-    ndarray, shape (lags,)
-        Parameters of the denominator; None where the inputs, filtered, leave nothing to tell it from.
-    """
+    """Iterate once: the coefficients of A by instrumental variables, shape (lags,)."""
     lags, shared = problem.lags, point.numerators.size
     system = _without_integrators(problem, point)
     size = shared + 2 * lags + 1

@@ -128,10 +128,6 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
 
     The likelihood with numerators at their best and initial states integrated out (empirical Bayes): records that begin
     at rest say so, and initial states are then not left to explain what noise or wrong poles did.
-
-    Returns
-    -------
-    float
     """
     first = 1 + problem.integrators
     tried: list[tuple[float, float]] = []

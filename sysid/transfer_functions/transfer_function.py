@@ -188,20 +188,11 @@ class FunctionsModel(Summarised):
         raise NotImplementedError
 
     def predict(self, experiment: Experiment, horizon: float = 1.0, simulated: Floats | None = None) -> Floats:
-        """Predict every sample from what was measured up to `horizon` seconds before it.
+        """Predict every sample from what was measured up to `horizon` seconds before it, shape (N, p).
 
         The model carries the response to the inputs, which are taken as known; what it did not explain so far
         (wind, drift) is carried on as `disturbance` says. The first samples, which have nothing measured before them,
         are the free run: all of them, where the horizon is longer than the record.
-
-        Parameters
-        ----------
-        simulated : ndarray, shape (N, p), optional
-            The free run, where it is known already.
-
-        Returns
-        -------
-        ndarray, shape (N, p)
         """
         steps = horizon_steps(horizon, experiment.dt)
         if simulated is None:

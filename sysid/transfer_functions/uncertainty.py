@@ -23,12 +23,6 @@ def parameter_covariance(problem: Problem, point: Point) -> Floats:
     The sandwich ``H^-1 M H^-1`` with the information H in the data and M the covariance of the regressors' products
     with a residual of the colour found (Ljung 1999, section 9.5). Regularisation is no information: what it alone
     decides has a large covariance. What is not estimated has none.
-
-    Returns
-    -------
-    ndarray, shape (q, q)
-        Numerators power-major, poles parameter-major, delays in samples; see
-        `sysid.transfer_functions.separable.sensitivities`.
     """
     inverse, filling, size, _ = _sandwich(problem, point)
     return np.asarray((inverse @ filling @ inverse) * size * size[:, None])
@@ -50,15 +44,6 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
     A fit takes out of its residuals just what resembles its regressors. A sample autocovariance over many lags shows
     that hole in the spectrum and promises errors that are too small, worst for models that integrate; a model of the
     few orders that white or wind-blown residuals need passes over it (den Haan and Levin 1997).
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (N_r,)
-
-    Returns
-    -------
-    ndarray, shape (lags,)
-        From lag 0 until it has faded.
     """
     lengths = tuple(map(len, residuals))
     samples, longest = sum(lengths), max(lengths)
