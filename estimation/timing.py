@@ -157,7 +157,7 @@ class InertialSignal:
         return along_spline(self.t[window].copy(), self.values[window, columns].copy(), at, integrate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return angles and velocities (n - 1, 3) between successive times, and what white noise adds to their variance."""
+        """Return angles and velocities (n - 1, 3) between times, and what noise adds to their variance."""
         dt = np.diff(t)
         middle = 0.5 * (t[1:] + t[:-1])
         first, last = np.searchsorted(self.t, t[[0, -1]])
@@ -270,7 +270,7 @@ def _aliased_share(cutoff: float, step: float, stride: int) -> float:
 
 
 def _misfit_of_white(cutoff: float) -> float:
-    """Power of the misfit of noise, white before a second-order Butterworth filter, over its density at low frequency."""
+    """Power of the misfit of noise behind a second-order Butterworth filter over its density at low frequency."""
     f = np.linspace(0.0, 0.5, 257)
     seen = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(5))) @ MISFIT) ** 2
     if cutoff <= 0.0:

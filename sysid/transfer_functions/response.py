@@ -89,7 +89,7 @@ class Discretised:
     def forced(
         self, inputs: Floats, group: Sequence[int], sensitivities: bool = True, delays: Floats | None = None
     ) -> Floats:
-        """Respond to inputs (N, lanes) from rest: states over A, and over A^2 with `sensitivities`, (N, n or 2 n, lanes)."""
+        """Respond to inputs (N, lanes) from rest: states over A, or over A^2 too, (N, n or 2 n, lanes)."""
         first = self._respond(inputs, group, delays)
         if not sensitivities:
             return first
@@ -318,7 +318,7 @@ def free_run(
     initial: Floats | None = None,
     delays: Sequence[float] | None = None,
 ) -> Floats:
-    """Simulate one output from inputs about trim (N, m) and an initial state, by default that of `INITIAL_SECONDS` of y.
+    """Simulate one output from inputs about trim (N, m) and an initial state, by default of `INITIAL_SECONDS` of y.
 
     `initial` holds the polynomial in time (`trends`) and the coefficients of the normalised initial responses,
     power-major; it is empty for a start at rest.

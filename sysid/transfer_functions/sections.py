@@ -95,5 +95,5 @@ def denominators_of_orders(theta: Floats, orders: Sequence[int]) -> tuple[Floats
 
 
 def denominators(theta: Floats) -> tuple[Floats, Floats]:
-    """Multiply sections (groups, n) out: a ascending without the leading 1, and ``d a[g, k] / d theta[g, i]`` (g, k, i)."""
+    """Multiply sections (groups, n) out: a, ascending without the leading 1, and ``d a / d theta`` (groups, n, n)."""
     return multiply_out(np.ascontiguousarray(theta))
