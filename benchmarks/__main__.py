@@ -3,8 +3,7 @@
 `python -m benchmarks [NAME ...] [--minutes M] [--write] [--check] [--data DIR]`
 
 Without a name it runs `WHOLE`: speed and accuracy against peers and goals. ``--minutes`` bounds all together; what
-does not end by then is named as not run. ``--write`` puts the rows of what ran into docs/benchmarks.md, in the place of
-those that the same benchmarks left there. ``--check`` fails where a
+does not end by then is named as not run. ``--write`` puts the table into docs/benchmarks.md, ``--check`` fails where a
 ratio of `short` is less than half of the stored one (benchmarks/stored.json), ``--store`` stores those measured now.
 Peers that are not installed are named as such; `make bench` installs them.
 """
@@ -28,18 +27,16 @@ import benchmarks
 from benchmarks import real_logs
 from benchmarks._measure import ROOT, Row, text
 
-PEERS = ("pymavlink", "signalviewer-lite", "filterpy", "gtsam", "smsfusion", "pysib", "aeroid")
+PEERS = ("pymavlink", "signalviewer-lite", "filterpy")
 
 #: What `make bench` runs. The others judge accuracy on many flights, or the service, and take from minutes to an hour.
 WHOLE = (
     "short",
-    "logparse_dataflash",
-    "logparse_tlog",
+    "logparse",
     "estimation",
     "sysid",
     "sysid_table_a1",
     "rigid_body",
-    "simulation",
     "flight",
 )
 
@@ -107,13 +104,6 @@ def page(rows: list[tuple[str, ...]], about: str) -> str:
     return "\n".join([head, f"{about}. Of {judged} goals {missed} are missed.", "", *lines, ""])
 
 
-def written(run: Sequence[str]) -> list[tuple[str, ...]]:
-    """Read the rows of the page that other benchmarks than those `run` have left there."""
-    there = PAGE.read_text().partition(BEGIN)[2].partition(END)[0] if PAGE.exists() else ""
-    cells = [tuple(cell.strip() for cell in line[1:-1].split("|")) for line in there.splitlines() if line[:1] == "|"]
-    return [row for row in cells if len(row) == len(COLUMNS) and row[0] in names() and row[0] not in run]
-
-
 def write(table: str) -> None:
     """Put the table into the page, in the place of the one before."""
     there = PAGE.read_text() if PAGE.exists() else ""
@@ -167,12 +157,7 @@ def main(given: list[str]) -> int:
     console.print(table)
     console.print(about)
     if options.write:
-        kept = written(options.names or WHOLE)
-        where = {name: place for place, name in reversed(list(enumerate((*WHOLE, *names()))))}
-        ran = (
-            f"Measured together: {', '.join(options.names or WHOLE)}; other rows are of earlier runs. " if kept else ""
-        )
-        write(page(sorted([*kept, *every], key=lambda row: where[row[0]]), ran + about))
+        write(page(every, about))
     if options.store:
         STORED.write_text(json.dumps({row[0]: float(row[3]) for row in short}, indent=1) + "\n")
     complaints = fallen(short, json.loads(STORED.read_text())) if options.check else []

@@ -1,17 +1,9 @@
-"""Trajectory estimation: speed against filterpy, smsfusion and gtsam, accuracy against EKF3 in the simulator's logs.
-
-Every peer gets the same simulated flight (tests/estimation/simulated_flight.py) and does forward filter, smoother and
-covariance in its own way. Ours carries 25 error states with compass and baro; smsfusion 15 with heading given; gtsam a
-batch of CombinedImuFactors between nodes at 10 Hz, GPS positions and velocities, and one covariance per node.
-"""
+"""Trajectory estimation: speed against filterpy, accuracy against EKF3 in the simulator's logs."""
 
 import time
-import warnings
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
-import pandas as pd
 
 from benchmarks._measure import SITL, Row, cpu, row
 from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
@@ -19,12 +11,12 @@ from estimation import estimate
 from estimation.alignment import align
 from estimation.filter import ForwardPass, Problem, World, assemble
 from estimation.filter import run as filter_forward
-from estimation.observations import observe, usable_fixes
+from estimation.observations import observe
 from estimation.place.local_frame import LocalFrame
 from estimation.place.magnetic_field import world_field
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
-from estimation.timing import ACCEL, GYRO, InertialSignal
+from estimation.timing import InertialSignal
 from logparse import Tables, read_log
 from tests.estimation.simulated_flight import PLACE, Sensors, fly
 
@@ -90,86 +82,6 @@ def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
     return time.process_time() - start
 
 
-def aiding(tables: Tables) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
-    """Return the fixes that count, their places [m] and their velocities [m/s], NED."""
-    fixes = usable_fixes(tables.gps)
-    ned = LocalFrame.at(PLACE).to_ned(*(fixes[c].to_numpy() for c in ("lat", "lon", "alt")))
-    return fixes, ned, fixes[["v_n", "v_e", "v_d"]].to_numpy()
-
-
-def smsfusion_seconds(tables: Tables) -> float:
-    """Time smsfusion's AidedINS in its fixed-interval smoother, with a heading at the compass's rate."""
-    import smsfusion as sf
-
-    imu = tables.imu
-    fixes, ned, speed = aiding(tables)
-    fix_at = {int(k): i for i, k in enumerate(np.searchsorted(imu.index, fixes["t_valid"]))}
-    force, rate = imu[ACCEL].to_numpy(), np.degrees(imu[GYRO].to_numpy())
-    fs = 1.0 / float(np.median(np.diff(imu.index)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        smoother = sf.FixedIntervalSmoother(sf.AidedINS(fs, P0_prior=0.1 * np.eye(15), ignore_bias_acc=False))
-    start = time.process_time()
-    for k in range(len(imu)):
-        aid = {}
-        if k in fix_at:
-            i = fix_at[k]
-            aid = {"pos": ned[i], "pos_var": np.ones(3), "vel": speed[i], "vel_var": 0.04 * np.ones(3)}
-        if k % 5 == 0:
-            aid |= {"head": 0.4, "head_var": 1.0, "head_degrees": False}
-        smoother.update(force[k], rate[k], degrees=True, **aid)
-    assert len(smoother.P) == len(imu)
-    return time.process_time() - start
-
-
-def gtsam_seconds(tables: Tables) -> float:
-    """Time gtsam's batch smoother over nodes at 10 Hz and the covariance of each node."""
-    import gtsam
-    from gtsam.symbol_shorthand import B, V, X
-
-    imu = tables.imu
-    fixes, ned, speed = aiding(tables)
-    force, rate = imu[ACCEL].to_numpy(), imu[GYRO].to_numpy()
-    step = float(np.median(np.diff(imu.index)))
-    per_node = round(0.1 / step)
-    fix_node = np.round((fixes["t_valid"].to_numpy() - imu.index[0]) / 0.1).astype(int)
-    start = time.process_time()
-    parameters = gtsam.PreintegrationCombinedParams.MakeSharedD(9.81)
-    parameters.setAccelerometerCovariance(1e-3 * np.eye(3))
-    parameters.setGyroscopeCovariance(1e-6 * np.eye(3))
-    parameters.setIntegrationCovariance(1e-8 * np.eye(3))
-    graph, guess = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    state = gtsam.NavState(gtsam.Pose3(), np.zeros(3))
-    bias = gtsam.imuBias.ConstantBias()
-    sigmas = gtsam.noiseModel.Diagonal.Sigmas
-    graph.add(gtsam.PriorFactorPose3(X(0), state.pose(), sigmas(np.array([0.05, 0.05, 0.2, 5.0, 5.0, 5.0]))))
-    graph.add(gtsam.PriorFactorVector(V(0), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, 0.1)))
-    graph.add(gtsam.PriorFactorConstantBias(B(0), bias, sigmas(np.array([0.1] * 3 + [0.01] * 3))))
-    nodes = len(imu) // per_node
-    for node in range(nodes):
-        guess.insert(X(node), state.pose())
-        guess.insert(V(node), state.velocity())
-        guess.insert(B(node), bias)
-        if node + 1 < nodes:
-            between = gtsam.PreintegratedCombinedMeasurements(parameters, bias)
-            for k in range(node * per_node, (node + 1) * per_node):
-                between.integrateMeasurement(force[k], rate[k], step)
-            graph.add(
-                gtsam.CombinedImuFactor(X(node), V(node), X(node + 1), V(node + 1), B(node), B(node + 1), between)
-            )
-            state = between.predict(state, bias)
-    metre, tenth = gtsam.noiseModel.Isotropic.Sigma(3, 1.0), gtsam.noiseModel.Isotropic.Sigma(3, 0.2)
-    for i, node in enumerate(fix_node):
-        if 0 <= node < nodes:
-            graph.add(gtsam.GPSFactor(X(node), ned[i], metre))
-            graph.add(gtsam.PriorFactorVector(V(node), speed[i], tenth))
-    solution = gtsam.LevenbergMarquardtOptimizer(graph, guess).optimize()
-    marginals = gtsam.Marginals(graph, solution)
-    for node in range(nodes):
-        marginals.marginalCovariance(X(node))
-    return time.process_time() - start
-
-
 def speed_rows() -> list[Row]:
     """Time ours alone, then the peers on as much of the flight as they do in seconds."""
     rows: list[Row] = []
@@ -181,28 +93,15 @@ def speed_rows() -> list[Row]:
     fast = fly(0, duration=120.0, sensors=Sensors(imu_rate=500.0)).tables
     each = cpu(forward_and_back(problem_of(fast, 10.0)), 3, warm=True) / len(fast.imu)
     rows.append(row("per IMU sample at 500 Hz, forward and back", f"{1e6 * each:.2f} us", goal="< 4 us"))
-    # The slow log is all outputs and measurements; in the fast one ours moves the covariance from node to node only,
-    # where the peers move it with every IMU sample.
+    # The slow log is all outputs and measurements; in the fast one ours moves the covariance from node to node only.
     for rate in (50.0, 500.0):
         tables = fly(0, duration=30.0, sensors=Sensors(imu_rate=rate)).tables
         ours = cpu(forward_and_back(problem_of(tables, 50.0)), 20, warm=True)
         each_sample = problem_of(tables, rate)()
         theirs = min(filterpy_seconds(each_sample, filter_forward(each_sample)) for _ in range(3))
-        rows.append(compared(f"30 s of {rate:.0f} Hz IMU, given the matrices: filterpy", ours, theirs, "> 40"))
-        what = f"30 s of {rate:.0f} Hz IMU: smsfusion"
-        there = find_spec("smsfusion") is not None  # its first run compiles
-        theirs = min(smsfusion_seconds(tables) for _ in range(2)) if there else None
-        rows.append(compared(what, ours, theirs, "> 40"))
-    tables = fly(0, duration=60.0).tables
-    ours = cpu(forward_and_back(problem_of(tables, 10.0)), 3, warm=True)
-    what = "60 s of 50 Hz IMU, 10 Hz nodes: gtsam"
-    return [*rows, compared(what, ours, gtsam_seconds(tables) if find_spec("gtsam") else None, "> 15")]
-
-
-def compared(what: str, ours: float, theirs: float | None, target: str) -> Row:
-    if theirs is None:
-        return row(what, f"{ours:.4f} s", "not installed", goal=target)
-    return what, f"{ours:.4f} s", f"{theirs:.3f} s", f"{theirs / ours:.0f}", target
+        what = f"30 s of {rate:.0f} Hz IMU, given the matrices: filterpy"
+        rows.append(row(what, f"{ours:.4f} s", f"{theirs:.3f} s", f"{theirs / ours:.0f}", "> 40"))
+    return rows
 
 
 def accuracy_rows() -> list[Row]:

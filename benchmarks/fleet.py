@@ -21,7 +21,17 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from benchmarks._measure import SAMPLES, Row, command_cpu, forget_peak, in_process, memory, row, wandering_flight
+from benchmarks._measure import (
+    SAMPLES,
+    Row,
+    command_cpu,
+    forget_peak,
+    in_process,
+    listed,
+    memory,
+    row,
+    wandering_flight,
+)
 
 SHORT = SAMPLES / "octa01_zurich_calm.bin"
 
@@ -113,82 +123,36 @@ def run_once(count: int, logs: Path, out: Path) -> dict[str, Any]:
         "logs_seconds": fleet.timings["logs"],
         "cpu_coordinator": cpu,
         "cpu_logs": sum(cost["cpu"] for cost in analyses),
-        "cpu_joint": sum(cost["cpu"] for cost in executor.costs if "alone" in cost["what"]),
         "peak": max(cost["peak"] for cost in analyses),
         "base": min(cost["before"] for cost in analyses),
-        "peak_joint": max((cost["peak"] for cost in executor.costs if cost["what"] != "run"), default=0),
         "peak_coordinator": memory("VmHWM"),
         "stages": stages,
     }
 
 
-def measure(count: int, folder: Path) -> dict[str, Any]:
+def measure(count: int, folder: Path) -> list[Row]:
     """Measure everything with so many logs."""
-    logs = folder / "logs"
-    size = sum(write_log(logs, number).stat().st_size for number in range(count))
-    runs = {}
-    for workers in (1, 2):
-        runs[workers] = in_process("fleet", "--run", workers, folder)
-    out = folder / "out2"
+    logs, out = folder / "logs", folder / "out2"
+    megabytes = sum(write_log(logs, number).stat().st_size for number in range(count)) / 1e6
+    one, two = (in_process("fleet", "--run", workers, folder) for workers in (1, 2))
     began = time.perf_counter()
-    cpu = command_cpu("analyze", str(logs), "--out", str(out))
+    again = command_cpu("analyze", str(logs), "--out", str(out))
     seconds = time.perf_counter() - began
-    kept = {
-        part.name: sum(file.stat().st_size for file in part.rglob("*") if file.is_file())
-        for part in out.iterdir()
-        if part.is_dir()
-    }
-    return {
-        "logs": count,
-        "bytes": size,
-        "runs": runs,
-        "unchanged_seconds": seconds,
-        "unchanged_cpu": cpu,
-        "kept": kept,
-        "manifest": (out / "manifest.json").stat().st_size,
-        "report": (out / "report.json").stat().st_size,
-    }
-
-
-def rows(found: dict[str, Any]) -> list[Row]:
-    """Put it into words."""
-    one, two = found["runs"][1], found["runs"][2]
-    count, megabytes = found["logs"], found["bytes"] / 1e6
     serial = two["cpu_coordinator"]
     ideal = (serial + one["cpu_logs"]) / (serial + two["cpu_logs"] / 2.0) / 2.0
-    what = f"{count} logs of {megabytes / count:.0f} MB"
+    clocks = one["logs_seconds"], two["logs_seconds"]
     stages = ", ".join(f"{name} {spent:.1f}" for name, spent in one["stages"].items() if spent >= 0.05)
-    kept = ", ".join(f"{name} {size / count / 1e6:.1f}" for name, size in found["kept"].items())
+    each = one["cpu_logs"]
     return [
-        row(f"{what}: logs, 1 / 2 workers, s", f"{one['logs_seconds']:.0f} / {two['logs_seconds']:.0f}"),
-        row(
-            "of the ideal from 1 to 2 workers, by the clock",
-            f"{one['logs_seconds'] / two['logs_seconds'] / 2:.2f}",
-            goal=">= 0.9",
-        ),
-        row("the same by CPU time, with the coordinator's", f"{ideal:.2f}", goal=">= 0.9"),
-        row("CPU per log, 1 / 2 workers, s", f"{one['cpu_logs'] / count:.2f} / {two['cpu_logs'] / count:.2f}"),
-        row(
-            "CPU per MB / per minute flown, s",
-            f"{one['cpu_logs'] / megabytes:.2f} / {one['cpu_logs'] / one['flown']:.2f}",
-        ),
-        row("coordinator: CPU per log, s", f"{serial / count:.3f}"),
-        row("joint fits: CPU in all, s", f"{one['cpu_joint']:.1f}"),
+        row(f"{count} logs of {megabytes / count:.0f} MB, 1 / 2 workers, s", f"{clocks[0]:.0f} / {clocks[1]:.0f}"),
+        row("of the ideal from 1 to 2 workers, by the clock", clocks[0] / clocks[1] / 2.0, goal=">= 0.9"),
+        row("the same by CPU time, with the coordinator's", ideal, goal=">= 0.9"),
+        row("CPU per log / MB / minute flown, s", listed((each / count, each / megabytes, each / one["flown"]))),
+        row("coordinator: CPU per log, s", serial / count),
         row("a worker's memory, before / at most, MB", f"{one['base'] / 1e6:.0f} / {one['peak'] / 1e6:.0f}"),
-        row(
-            "at most in joint fits / coordinator, MB",
-            f"{one['peak_joint'] / 1e6:.0f} / {one['peak_coordinator'] / 1e6:.0f}",
-        ),
+        row("coordinator's memory at most, MB", one["peak_coordinator"] / 1e6),
         row("stages of a log, s", stages),
-        row("results of a log, MB", kept),
-        row(
-            "manifest / report.json, bytes per log", f"{found['manifest'] / count:.0f} / {found['report'] / count:.0f}"
-        ),
-        row(
-            "unchanged second run, s / CPU s",
-            f"{found['unchanged_seconds']:.1f} / {found['unchanged_cpu']:.2f}",
-            goal="< 2",
-        ),
+        row("unchanged second run, s / CPU s", f"{seconds:.1f} / {again:.2f}", goal="< 2"),
     ]
 
 
@@ -196,7 +160,7 @@ def run(count: int = FEW) -> list[Row]:
     """Measure, for the table of all benchmarks."""
     folder = Path(tempfile.mkdtemp(prefix="rotorid-fleet-"))
     try:
-        return rows(measure(count, folder))
+        return measure(count, folder)
     finally:
         shutil.rmtree(folder)
 

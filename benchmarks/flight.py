@@ -17,7 +17,6 @@ from pathlib import Path
 
 from benchmarks._measure import (
     SAMPLES,
-    SITL,
     Row,
     command_cpu,
     forget_peak,
@@ -53,19 +52,14 @@ def analyse(path: Path, folder: Path, progress: Callable[[str, float], None] | N
         progress("report", 1.0)
 
 
-def measure(path: Path, stages: bool = False) -> dict[str, object]:
-    """Run in a process of its own: CPU s of the stages, memory before and at most, bytes.
-
-    With `stages` also the peak within each stage, bytes above the beginning.
-    """
+def measure(path: Path) -> dict[str, object]:
+    """Run in a process of its own: CPU s of the stages, memory before and at most, bytes."""
     with tempfile.TemporaryDirectory() as folder:
         analyse(SHORT, Path(folder) / "short")
         gc.collect()
         forget_peak()
         before = memory("VmRSS")
         cpu: dict[str, float] = {}
-        peaks: dict[str, float] = {}
-        held: dict[str, float] = {}
         running = ["read", time.process_time()]
 
         def follow(name: str, fraction: float) -> None:
@@ -74,10 +68,6 @@ def measure(path: Path, stages: bool = False) -> dict[str, object]:
             now = time.process_time()
             last = str(running[0])
             cpu[last] = cpu.get(last, 0.0) + now - float(running[1])
-            if stages:
-                peaks[last] = max(peaks.get(last, 0.0), memory("VmHWM") - before)
-                held[last] = memory("VmRSS") - before
-                forget_peak()
             running[:] = name, now
 
         begun = time.process_time()
@@ -85,7 +75,7 @@ def measure(path: Path, stages: bool = False) -> dict[str, object]:
         total = time.process_time() - begun
         peak = memory("VmHWM")
         page = (Path(folder) / "long" / "report.html").stat().st_size
-    return {"cpu": cpu, "total": total, "before": before, "peak": peak, "page": page, "peaks": peaks, "held": held}
+    return {"cpu": cpu, "total": total, "before": before, "peak": peak, "page": page}
 
 
 def cold() -> dict[str, float]:
@@ -95,35 +85,19 @@ def cold() -> dict[str, float]:
     return {"cpu": used(*BOTH) - cpu, "clock": time.perf_counter() - clock}
 
 
-def _rows(label: str, path: Path, targets: bool) -> list[Row]:
-    size = path.stat().st_size
-    found = in_process("flight", "measure", path)
-    rows = [
-        row(f"{label}, {size / 1e6:.0f} MB, all stages, CPU", f"{found['total']:.1f} s", goal="< 6 s" * targets or "-")
-    ]
-    if targets:
-        rows += [
-            row(f"... {stage}", f"{seconds:.2f} s")
-            for stage, seconds in sorted(found["cpu"].items(), key=lambda item: -item[1])
-            if seconds >= 0.05
-        ]
-    growth = found["peak"] - found["before"]
-    return [
-        *rows,
-        row("... memory beyond the imported process, over file", f"{growth / size:.2f}", goal="< 1.3" * targets or "-"),
-        row("... most memory of the process", f"{found['peak'] / 1e6:.0f} MB"),
-        row("... report.html", f"{found['page'] / 1e6:.1f} MB"),
-    ]
-
-
 def run() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
-        rows = _rows("20 min octocopter", write_long_log(Path(folder)), targets=True)
+        path = write_long_log(Path(folder))
+        size = path.stat().st_size
+        found = in_process("flight", "measure", path)
         compiled = in_process("flight", "cold", NUMBA_CACHE_DIR=str(Path(folder) / "cache"))
-    for path in sorted(SITL.glob("*.BIN"), key=lambda path: -path.stat().st_size)[:3]:
-        rows += _rows(path.stem, path, targets=False)
+    growth = (found["peak"] - found["before"]) / size
+    slow = sorted(found["cpu"].items(), key=lambda item: -item[1])
     return [
-        *rows,
+        row(f"20 min octocopter, {size / 1e6:.0f} MB, all stages, CPU", f"{found['total']:.1f} s", goal="< 6 s"),
+        *(row(f"... {stage}", f"{seconds:.2f} s") for stage, seconds in slow if seconds >= 0.05),
+        row("... memory beyond the imported process, over file", f"{growth:.2f}", goal="< 1.3"),
+        row("... report.html", f"{found['page'] / 1e6:.1f} MB"),
         row("first analysis on a fresh machine, compiling by the clock", f"{compiled['clock']:.1f} s", goal="< 10 s"),
         row("... CPU of both processes", f"{compiled['cpu']:.1f} s", goal="< 10 s"),
         row("rotorid --help, CPU", f"{min(command_cpu('--help') for _ in range(7)):.2f} s", goal="< 0.3 s"),
@@ -136,7 +110,5 @@ if __name__ == "__main__":
             print(write_long_log(Path(folder)))
         case ["measure", path]:
             print(json.dumps(measure(Path(path))))
-        case ["stages", path]:
-            print(json.dumps(measure(Path(path), stages=True), indent=1))
         case ["cold"]:
             print(json.dumps(cold()))

@@ -1,13 +1,11 @@
 """The rigid body from flight: accuracy on craft of known truth, prediction, the core paper's protocol, speed.
 
-Flights with the firmware in the loop are read from ../shared/logs/sitl where that folder is. Peer in the same run where
-installed: aeroid (output error by finite differences over SciPy's integrator), on the same data and parameters.
+Flights with the firmware in the loop are read from ../shared/logs/sitl where that folder is.
 """
 
 import json
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +17,6 @@ from simulation.elhesasy2024 import octocopter
 from simulation.mission import Chirp, GoTo, Mission, Turn
 from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, validate
-from sysid.rigid_body.methods.output_error import Prior, fit_output_error
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
 from tests.sysid.flown_craft import flown as flown_craft
 from tests.sysid.flown_craft import record
 from tests.sysid.honesty import simulated_truth
@@ -28,22 +24,8 @@ from tests.sysid.honesty import simulated_truth
 NOT_HERE = "no logs"
 
 
-#: Parameters of the problem that the peer solves too, and where both start.
-SHARED_PROBLEM = {
-    "thrust": 2.0,
-    "drag_linear_x": 0.2,
-    "drag_linear_y": 0.2,
-    "drag_linear_z": 0.2,
-    "drag_quadratic_x": 0.02,
-    "drag_quadratic_y": 0.02,
-    "drag_quadratic_z": 0.02,
-    "wind_n": 0.5,
-    "wind_e": 0.5,
-}
-
-
 def run() -> list[Row]:
-    return [*simulated(), *against_aeroid(), *firmware(), *paper_protocol()]
+    return [*simulated(), *firmware(), *paper_protocol()]
 
 
 @cache
@@ -88,89 +70,6 @@ def simulated() -> list[Row]:
         row("simulated octocopter: farthest", f"{sigmas[farthest]:.1f} sigma ({farthest})", goal="2 sigma"),
         row(f"full rigid body, {minutes:.1f} min at 50 Hz, CPU s", f"{seconds:.2f}", goal="< 0.5"),
     ]
-
-
-def against_aeroid() -> list[Row]:
-    """Solve one output-error problem with both: 20 s of free run, nine parameters."""
-    seen = flown().window(flown().t[0], flown().t[0] + 20.0)
-    flight = motion(seen, seen.vehicle, float(seen.context["voltage"].median()))
-    flight = Motion(
-        **{
-            name: value[::5] if isinstance(value, np.ndarray) and len(value) == len(flight.t) else value
-            for name, value in ((f, getattr(flight, f)) for f in flight.__dataclass_fields__)
-        }
-    )
-    ours, seconds = _ours(flight)
-    try:
-        import aeroid
-    except ImportError:
-        return [row("output error, 20 s, 9 parameters, CPU s", f"{seconds:.3f}", peer="not installed", goal="> 20")]
-    theirs, their_seconds = _theirs(aeroid, flight)
-    errors = _position_error(flight, ours), _position_error(flight, theirs)
-    ratio = f"{their_seconds / seconds:.0f} x" if errors[0] < 1.1 * errors[1] else "another answer"
-    return [
-        (
-            f"output error, 20 s, 9 parameters, CPU s (RMS of position {errors[0]:.3f} m, theirs {errors[1]:.3f} m)",
-            f"{seconds:.3f}",
-            f"{their_seconds:.1f}",
-            ratio,
-            "> 20",
-        )
-    ]
-
-
-def _position_error(flight: Motion, found: dict[str, float]) -> float:
-    """Run freely with what was found; the root mean square that the path is off, m."""
-    values = dict.fromkeys(THETA, 0.0) | {"thrust_expo": 0.65} | found
-    theta = np.array([*(values[name] for name in THETA), 0.0, 1.0, found["wind_n"], found["wind_e"]])
-    path = flight.run(theta, np.ones((len(flight.t), 1)), law=0)
-    return float(np.sqrt(np.mean((path[:, :3] - flight.position) ** 2)))
-
-
-def _ours(flight: Motion) -> tuple[dict[str, float], float]:
-    count = SHARED + len(OWN) + 2
-    start, sigma = np.zeros(count), np.zeros(count)
-    names = [*THETA, *OWN, "wind_n", "wind_e"]
-    start[names.index("thrust_expo")], start[names.index("thrust_scale")] = 0.65, 1.0
-    for name, value in SHARED_PROBLEM.items():
-        start[names.index(name)], sigma[names.index(name)] = value, np.inf
-    prior = Prior(start.copy(), sigma, np.full(count, -100.0), np.full(count, 100.0))
-    shapes = [np.ones((len(flight.t), 1))]
-
-    def work() -> Any:
-        return fit_output_error([flight], shapes, start, prior, law=0, window_seconds=None)
-
-    work()  # compiles
-    fit, seconds = timed(work)
-    found = dict(zip(names, map(float, fit.values), strict=True))
-    return {name: found[name] for name in SHARED_PROBLEM}, seconds
-
-
-def _theirs(aeroid, flight: Motion) -> tuple[dict[str, float], float]:
-    pull = flight.density * (0.35 * flight.linear + 0.65 * flight.square)
-    controls = {f"r{k}": flight.rotation[:, k] for k in range(9)} | {"pull": pull, "density": flight.density}
-    states = ("x", "y", "z", "vx", "vy", "vz")
-
-    def dynamics(_t, state, u, p):
-        turn = u[:9].reshape(3, 3)
-        air = turn.T @ (state[3:] - np.array([p["wind_n"], p["wind_e"], 0.0]))
-        speed = np.sqrt(air @ air)
-        linear = np.array([p["drag_linear_x"], p["drag_linear_y"], p["drag_linear_z"]])
-        square = np.array([p["drag_quadratic_x"], p["drag_quadratic_y"], p["drag_quadratic_z"]])
-        force = -u[10] * (linear + square * speed) * air
-        force[2] -= p["thrust"] * u[9]
-        acceleration = turn @ force
-        acceleration[2] += STANDARD_GRAVITY
-        return np.concatenate([state[3:], acceleration])
-
-    model = aeroid.Model(
-        states=states, controls=tuple(controls), parameters=dict(SHARED_PROBLEM), dynamics=dynamics, outputs=states[:3],
-        measurement=lambda _t, state, _u, _p: state[:3],
-    )  # fmt: skip
-    measured = dict(zip(states, np.hstack([flight.position, flight.velocity]).T, strict=True))
-    data = aeroid.FlightData(time=flight.t - flight.t[0], channels={**measured, **controls})
-    result, seconds = timed(lambda: aeroid.identify(model, data, list(SHARED_PROBLEM)))
-    return {name: result.parameters[name] for name in SHARED_PROBLEM}, seconds
 
 
 @cache

@@ -5,23 +5,21 @@ Against peers that tests need anyway where they do the same work, else against a
 """
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-from pymavlink import DFReader
 from scipy.signal import lfilter
 
 from benchmarks._measure import SAMPLES, Row, cpu, row
 from benchmarks.estimation import filterpy_seconds, forward_and_back, problem_of
-from benchmarks.logparse_tlog import read_ours, read_pymavlink
+from benchmarks.logparse import pymavlink, read_tlog
 from benchmarks.sysid import _rao_garnier_record
 from estimation.filter import run as filter_forward
 from logparse import read_log
 from sysid import fit_transfer_functions
 from tests.estimation.simulated_flight import fly
 
-LOG, TELEMETRY = SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "octa02_alain_breeze.tlog"
-LARGE = SAMPLES / "quad02_delft_systemid.bin"
+LOG, TELEMETRY = str(SAMPLES / "octa01_zurich_calm.bin"), str(SAMPLES / "octa02_alain_breeze.tlog")
+LARGE = str(SAMPLES / "quad02_delft_systemid.bin")
 
 
 def run() -> list[Row]:
@@ -30,10 +28,10 @@ def run() -> list[Row]:
     forward = filter_forward(problem)
     record = _rao_garnier_record(0)
     return [
-        _ratio("all messages of a .bin, pymavlink", every_message, pymavlink, 1),
+        _ratio("all messages of a .bin, pymavlink", every_message, lambda: pymavlink(LOG), 1),
         _ratio("all messages of a .bin one by one, all at once", one_by_one, lambda: every_message(LARGE), 3),
         _ratio("tables and flights of a .bin, yardstick", lambda: read_log(LARGE).flights, yardstick, 3),
-        _ratio("all messages of a .tlog, pymavlink", lambda: read_ours(str(TELEMETRY)), read_telemetry, 1),
+        _ratio("all messages of a .tlog, pymavlink", lambda: read_tlog(TELEMETRY), lambda: pymavlink(TELEMETRY), 1),
         _ratio(
             "filter and smoother at 50 Hz, filterpy",
             forward_and_back(problem_of(tables, 50.0)),
@@ -52,7 +50,7 @@ def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], 
     return row(what, f"{1e3 * mine:.1f} ms", peer=f"{1e3 * other:.1f} ms", ratio=f"{other / mine:.3g}")
 
 
-def every_message(path: Path = LOG) -> None:
+def every_message(path: str = LOG) -> None:
     """Decode every message in one pass."""
     messages = read_log(path).messages
     messages.load(messages)
@@ -63,20 +61,6 @@ def one_by_one() -> None:
     messages = read_log(LARGE).messages
     for name in messages:
         messages[name]
-
-
-def pymavlink() -> None:
-    """Decode every field of every message."""
-    reader = DFReader.DFReader_binary(str(LOG))
-    while (message := reader.recv_msg()) is not None:
-        for name in message.get_fieldnames():
-            getattr(message, name)
-    reader.close()
-
-
-def read_telemetry() -> None:
-    """Decode every message of the telemetry log into columns."""
-    read_pymavlink(str(TELEMETRY))
 
 
 def yardstick() -> None:

@@ -139,7 +139,7 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
 
 
 def test_lists_count_what_they_leave_out(tmp_path: Path) -> None:
-    """What lists take on 1,000 flights is measured by `benchmarks.questions`."""
+    """Lists answer on a folder of many flights."""
     app = create_app(Settings(data=tmp_path), standins.analyze, preload=())
     with app.state.parts.database.write() as session:
         for number in range(12):
