@@ -5,7 +5,6 @@ from datetime import datetime
 from importlib import import_module
 
 from estimation.faults.frozen import without_frozen_fixes
-from estimation.faults.receiver_clock import in_one_time
 from estimation.observations import usable_fixes
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
 from estimation.states import SensorNoise
@@ -54,8 +53,6 @@ def estimate(
     """
     noise = noise or SensorNoise()
     tables, odd = without_frozen_fixes(tables)
-    tables, changes = in_one_time(tables)
-    odd += changes
     trajectory: Trajectory
     if _has_fast_imu(tables):
         trajectory = estimate_strapdown(

@@ -10,7 +10,7 @@ from filterpy.kalman import KalmanFilter
 from estimation import _kernels
 from estimation.alignment import align
 from estimation.filter import World, assemble, matched_scale, run
-from estimation.observations import observe, run_lengths
+from estimation.observations import observe
 from estimation.place.local_frame import LocalFrame
 from estimation.place.magnetic_field import world_field
 from estimation.smoother import new_adjoint, smooth, smooth_piece
@@ -142,11 +142,6 @@ def test_matched_scale_finds_how_noisy_a_sensor_is(problem):
     scale = matched_scale(told, run(told))[_kernels.GPS_VELOCITY]
     # 24 s hold 360 innovations: the median of their squares is known to a tenth or so.
     assert 10.0 < scale < 25.0
-
-
-def test_readings_that_repeat_count_as_one():
-    values = np.array([[1.0, 5.0], [1.0, 6.0], [1.0, 6.0], [2.0, 6.0], [1.0, 7.0]])
-    np.testing.assert_array_equal(run_lengths(values).T, [[3, 3, 3, 1, 1], [1, 3, 3, 3, 1]])
 
 
 def test_memory_does_not_hold_the_covariance_of_every_imu_sample():

@@ -1,7 +1,6 @@
 """The telemetry path: accuracy on simulated truth, and its smoother against filterpy's."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,9 +12,8 @@ from estimation import Trajectory, compare, errors, estimate
 from estimation.faults.height_spikes import steady_heights
 from estimation.lowrate.measurements import SIZE, Measured
 from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transitions
-from estimation.lowrate.weights import DISTURBANCE, variance_factor
+from estimation.lowrate.weights import DISTURBANCE
 from estimation.states import SensorNoise
-from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
 
 
@@ -73,24 +71,6 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
     assert ("sensor-refused" in [f.id for f in spiked.findings]) == (share > 0.05)
 
 
-def test_a_burst_of_spikes_leaves_nothing(telemetry):
-    """Eight readings in a row outvote their neighbours in a short median, and GPS of old logs has no vertical speed."""
-    old = replace(telemetry, gps=telemetry.gps.assign(v_d=np.nan))
-    hit = np.zeros(len(old.baro), bool)
-    hit[60:68] = hit[120:128] = True
-    spiked = estimate(replace(old, baro=old.baro.assign(alt=old.baro["alt"].mask(hit, 210.0))), rate=20.0)
-    without = estimate(replace(old, baro=old.baro[~hit]), rate=20.0)
-    clean = estimate(old, rate=20.0)
-    for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
-        # The same as if they had not been logged. Refused rows are steps of the filter: interpolation is finer there.
-        same = (spiked.states[column] - without.states[column]).abs()
-        assert (same < 0.1 * spiked.sigma[column]).all(), column
-    for column in ("p_d", "v_d"):
-        assert ((spiked.states[column] - clean.states[column]).abs() < spiked.sigma[column]).all(), column
-    lost = slice(old.baro.index[60], old.baro.index[67])
-    assert spiked.sigma["v_d"].loc[lost].median() > clean.sigma["v_d"].loc[lost].median()
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_spikes_are_told_from_climbs(seed):
     """Bursts in 10 % of the readings are found to the last, in dives at 10 m/s and holes of the GPS too."""
@@ -136,40 +116,6 @@ def test_a_receiver_that_contradicts_itself_is_named(telemetry):
     assert found[0].evidence["nis"] > 2.0
 
 
-def test_a_single_small_spike_is_told_from_motion_by_its_neighbours():
-    """A climb that begins and ends within a second stays; 5 m in one reading at 2 Hz do not."""
-    t = np.arange(0.0, 60.0, 0.5)
-    height = pd.Series(np.interp(t, [0.0, 20.0, 26.0, 60.0], [0.0, 0.0, 30.0, 30.0]), index=t)
-    alt = height.copy()
-    alt.iloc[[30, 45, 90]] += [5.0, -4.0, 4.0]
-    for reference in (height + 7.0, pd.Series(dtype=float)):
-        assert np.flatnonzero(~steady_heights(alt, reference)).tolist() == [30, 45, 90]
-        assert steady_heights(height, reference).all()
-
-
-TELEMETRY = Path(__file__).parents[3] / "shared/logs/sitl/octa03_auto_wind5.tlog"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not TELEMETRY.exists(), reason="needs ../shared/logs")
-def test_bursts_in_a_telemetry_log_change_less_than_a_sigma():
-    """Bursts of 2 to 5 readings in a tenth of a log overlap in places: height then moved by 684 sigma."""
-    tables = read_log(TELEMETRY).tables
-    assert tables.baro is not None
-    rng, alt, hit = np.random.default_rng(3), tables.baro["alt"].to_numpy(float).copy(), 0
-    struck = np.zeros(len(alt), bool)
-    while hit < 0.1 * len(alt):
-        length, begin = int(rng.integers(2, 6)), int(rng.integers(0, len(alt)))
-        struck[begin : begin + length] = True
-        hit = struck.sum()
-    alt[struck] = 210.0
-    clean = estimate(tables, rate=10.0)
-    spiked = estimate(replace(tables, baro=tables.baro.assign(alt=alt)), rate=10.0)
-    for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
-        change = (spiked.states[column] - clean.states[column]).abs()
-        assert (change < clean.sigma[column]).all(), column
-
-
 def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     """Old firmware sends it so: GPS height and barometer were refused, and a dive at 10 m/s became 29 m/s."""
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
@@ -193,15 +139,6 @@ def test_a_lasting_error_of_the_autopilots_velocity_is_no_drift(flight, telemetr
     result = estimate(replace(telemetry, ekf=ekf), rate=10.0)
     assert compare(result, flight.truth[flight.truth.index > 10.0]).horizontal_position < 0.5
     assert not result.inconsistency
-
-
-@pytest.mark.parametrize("hold", [1, 4])
-def test_errors_that_last_weigh_as_much_as_they_do(hold):
-    """Of errors that are the same four times in a row, four tell as much as one: their variance counts fourfold."""
-    rng = np.random.default_rng(hold)
-    t = 0.5 * np.arange(8000)
-    residuals = np.repeat(rng.normal(0.0, 2.0, 8000 // hold), hold)
-    assert variance_factor(t, residuals, np.ones(8000)) == pytest.approx(4.0 * {1: 1.0, 4: 3.0}[hold], rel=0.15)
 
 
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):

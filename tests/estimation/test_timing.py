@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.signal import butter, group_delay, lfilter
 
-from estimation.timing import ACCEL, GYRO, InertialSignal, filter_delay, imu_delays, noise_density, segments, usable
+from estimation.timing import ACCEL, GYRO, InertialSignal, filter_delay, noise_density
 
 
 def imu_table(t, gyro, accel):
@@ -18,11 +18,6 @@ def test_delay_is_the_group_delay_of_a_butterworth_filter():
     assert filter_delay(20.0) == pytest.approx(samples[0] / 10_000.0, rel=1e-3)
     assert filter_delay(20.0) == pytest.approx(0.01125, rel=1e-3)
     assert filter_delay(0.0) == 0.0
-
-
-def test_delays_come_from_the_parameters():
-    assert imu_delays({"INS_GYRO_FILTER": 40.0, "INS_ACCEL_FILTER": 20.0}) == (filter_delay(40.0), filter_delay(20.0))
-    assert imu_delays({}) == (0.0, 0.0)
 
 
 def test_increments_are_integrals_at_the_time_of_movement():
@@ -66,17 +61,6 @@ def test_a_hole_is_bridged_as_unseen_movement():
     assert variance[0, 0] == pytest.approx(0.5 * 1e-4**2)
     # Half a second unseen at 0.5 rad/s: a quarter of a radian.
     assert np.sqrt(variance[2, 0]) == pytest.approx(0.25, rel=0.1)
-
-
-def test_rows_that_say_nothing_are_left_out_and_holes_split():
-    t = np.concatenate([np.arange(0.0, 5.0, 0.02), np.arange(9.0, 12.0, 0.02)])
-    table = imu_table(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
-    table.iloc[10:20, 0] = np.nan
-    kept = usable(table, GYRO + ACCEL)
-    assert len(kept) == len(table) - 10
-    assert [round(float(piece.index[-1]), 2) for piece in segments(kept)] == [4.98, 11.98]
-    assert usable(table.iloc[10:20], GYRO) is None
-    assert usable(None, GYRO) is None
 
 
 def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_noise():

@@ -1,15 +1,11 @@
 """Drives and rotors against their closed forms."""
 
-import dataclasses
-import math
-
 import numpy as np
 import pytest
 
-from simulation import ParameterError, elhesasy2024, propagate
+from simulation import elhesasy2024, propagate
 from simulation._kernels import actuator, drive_speed
 from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
-from simulation.rotor import QuadraticRotor
 
 OCTA = elhesasy2024.octocopter()
 
@@ -33,16 +29,3 @@ def test_thrust_follows_the_curve_that_the_autopilot_inverts():
     assert drive.speed(1100.0) == 0.0
     assert drive.speed(2000.0) == 1000.0
     assert drive.speed(2000.0, 8.4) == 500.0
-
-
-def test_quadratic_rotor_follows_speed_squared_and_density():
-    rotor = QuadraticRotor(thrust_coefficient=1.105e-5, torque_coefficient=1.779e-7)
-    assert rotor.thrust(600.0, 0.6125) == pytest.approx(0.5 * 1.105e-5 * 360000.0)
-    assert rotor.torque(500.0) / rotor.thrust(500.0) == pytest.approx(1.779e-7 / 1.105e-5)
-
-
-def test_a_craft_too_heavy_for_thin_air_is_refused():
-    heavy = dataclasses.replace(OCTA, mass=9.5)
-    assert math.isfinite(OCTA.hover_thrust(9.8, 1.2, 16.0))
-    with pytest.raises(ParameterError, match=r"9\.5 kg cannot be flown in air of 0\.900"):
-        heavy.hover_thrust(9.8, 0.9, 16.0)

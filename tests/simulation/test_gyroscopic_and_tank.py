@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulation import elhesasy2024, guntur2019, propagate
+from simulation import elhesasy2024, propagate
 from simulation.drive import Drive, FirstOrder
-from simulation.guntur2019 import MOTORS
 from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount, Tank
 
@@ -86,38 +85,3 @@ def test_an_emptying_tank_follows_its_closed_form():
     mass = m0 - rate * t
     fall = 9.80665 * t - thrust / rate * np.log(m0 / mass)
     assert np.abs(flight["v_d"] - fall).max() < 2e-3
-
-
-def test_inertia_follows_the_tank():
-    """The yaw acceleration of one motor pair grows as the inertia shrinks."""
-    craft = elhesasy2024.octocopter()
-    tank = Tank(time=(0.0, 1.0), mass=(craft.mass, craft.mass), inertia=(craft.inertia, 0.5 * craft.inertia))
-    craft = dataclasses.replace(craft, tank=tank, drag_linear=(0.0,) * 3, drag_area=(0.0,) * 3)
-    speeds = np.array([700.0, 700.0, 0, 0, 0, 0, 0, 0])
-    flight = propagate(craft, craft.state(speeds), lambda t, x: speeds, 2.0, dt=1e-3, gravity=0.0)
-    slope = np.gradient(flight["w_z"], flight.index)
-    assert slope[1500] / slope[1] == pytest.approx(2.0, rel=2e-3)
-    assert slope[500] / slope[1] == pytest.approx(1.0 / 0.75, rel=2e-3)
-
-
-def test_discharge_of_guntur_starts_full_and_ends_empty():
-    """Mass properties of the thesis at each quarter of the tank, linear between."""
-    motor = MOTORS[1]
-    craft = guntur2019.quadcopter(motor, 1.0, discharge=0.1, discharge_start=2.0)
-    assert craft.tank is not None
-    assert craft.tank.time == pytest.approx((2.0, 4.5, 7.0, 9.5, 12.0))
-    assert craft.tank.mass == motor.masses
-    mass, inertia = guntur2019.mass_properties(motor, 0.6)
-    assert mass == pytest.approx(1.50295248 + 0.4 * (1.75281317 - 1.50295248))
-    assert inertia[2, 2] == pytest.approx((6.10 + 0.4 * 0.04) * 1e-2)
-    part = guntur2019.quadcopter(motor, 0.6, discharge=0.1)
-    assert part.tank is not None
-    assert part.tank.time == pytest.approx((0.0, 1.0, 3.5, 6.0))
-
-
-def test_a_craft_that_empties_climbs():
-    """Open loop about the hover of the full tank, every kilogram that leaves lifts."""
-    steady = guntur2019.fly_profile(MOTORS[1], 1.0, duration=12.0)
-    emptying = guntur2019.fly_profile(MOTORS[1], 1.0, duration=12.0, discharge=0.05, discharge_start=2.0)
-    assert np.abs(emptying["p_d"] - steady["p_d"])[:2.0].max() < 1e-12
-    assert emptying["p_d"].iloc[-1] < steady["p_d"].iloc[-1] - 3.0

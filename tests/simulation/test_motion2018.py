@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from simulation import ArrivalError, DivergenceError, ParameterError, motion2018, propagate
-from simulation.atmosphere import GRAVITY
+from simulation import ArrivalError, ParameterError, motion2018, propagate
 from simulation.drive import Drive
-from simulation.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, Gains, fly_to_point, in_paper_axes
+from simulation.motion2018 import DRIVE, SPATIAL, VERTICAL, WITH_WIND, fly_to_point, in_paper_axes
 
 CRAFT = motion2018.quadcopter()
 
@@ -46,16 +45,6 @@ def test_drive_keeps_the_printed_limits():
     assert np.diff(down).min() / 1e-4 >= -500.0 - 1e-6
 
 
-def test_drive_settles_within_what_the_docstring_says():
-    speed = spin_up(DRIVE, 210.0)
-    assert np.abs(speed[0.15:] - 210.0).max() < 0.02 * 10.0
-
-
-def test_inertias_are_eq_7_to_9():
-    """J = 2 m R^2 / 5 + 2 r^2 m_d = 0.4 * 0.8 * 0.01 + 2 * 0.0625 * 0.05, the vertical one with 4 r^2 m_d."""
-    assert np.diag(CRAFT.inertia) == pytest.approx([0.00945, 0.00945, 0.0157])
-
-
 def test_printed_senses_of_rotation_leave_yaw_without_control():
     """1 and 3 clockwise, 2 and 4 against, with 1-2 and 3-4 on the beams: the allocation has rank three."""
     arms = np.array([mount.position for mount in CRAFT.rotors])
@@ -79,25 +68,6 @@ def test_flights_of_the_paper_arrive(flight):
     assert np.linalg.norm(path[["v_x", "v_y", "v_z"]], axis=1).max() < 1.05 * flight.speed
 
 
-def test_vertical_flight_does_not_leave_its_line():
-    """Figure 3: no movement along x and z."""
-    path = in_paper_axes(fly_to_point(VERTICAL))
-    assert path[["x", "v_x", "v_z"]].abs().max().max() < 1e-12
-    assert path["z"].to_numpy() == pytest.approx(np.full(len(path), 17.0), abs=1e-12)
-    assert np.ptp(path[["w1", "w2", "w3", "w4"]].to_numpy(), axis=1).max() < 1e-9
-
-
-def test_wind_against_x_costs_time_and_nothing_else():
-    calm, windy = fly_to_point(SPATIAL), fly_to_point(WITH_WIND)
-    assert windy.index[-1] > calm.index[-1]
-    assert windy.index[-1] < 1.05 * calm.index[-1]
-
-
-def test_strong_wind_is_held_by_the_integral():
-    path = in_paper_axes(fly_to_point(dataclasses.replace(SPATIAL, wind=(-5.0, 0.0, 3.0))))
-    assert np.linalg.norm(path.iloc[-1][["x", "y", "z"]].to_numpy() - SPATIAL.target) < 0.1
-
-
 def test_base_step_of_the_paper_is_fine_enough():
     """Euler's error falls with the step: half of it at half the step, and is below a millimetre at 1e-4 s."""
 
@@ -115,14 +85,6 @@ def test_base_step_of_the_paper_is_fine_enough():
     coarse, base, fine = (height(dt) for dt in (2e-4, 1e-4, 5e-5))
     assert (coarse - base) / (base - fine) == pytest.approx(2.0, abs=0.05)
     assert abs(base - fine) < 1e-3
-
-
-def test_air_is_thinner_at_height():
-    """The standard atmosphere: at 2000 m hover takes (1.225 / 1.0065)^(1/2) of the speed at sea level."""
-    high = dataclasses.replace(VERTICAL, start=(0.0, 2000.0, 17.0), target=(0.0, 2005.0, 17.0))
-    path = fly_to_point(high)
-    assert path["w1"].mean() == pytest.approx(300.0 * math.sqrt(1.225 / 1.0065), rel=0.02)
-    assert CRAFT.hover_speed(GRAVITY) == pytest.approx(300.0)
 
 
 @pytest.mark.parametrize(
@@ -147,13 +109,3 @@ def test_a_target_out_of_reach_is_told_with_where_the_craft_is():
         fly_to_point(dataclasses.replace(SPATIAL, time_limit=3.0))
     with pytest.raises(ArrivalError, match="less wind"):
         fly_to_point(dataclasses.replace(SPATIAL, wind=(-30.0, 0.0, 0.0), time_limit=30.0))
-
-
-def test_a_target_at_the_start_is_refused():
-    with pytest.raises(ParameterError, match="nothing to fly"):
-        fly_to_point(dataclasses.replace(SPATIAL, target=SPATIAL.start))
-
-
-def test_unstable_gains_do_not_arrive():
-    with pytest.raises((DivergenceError, ArrivalError), match=r"diverged at|did not arrive"):
-        fly_to_point(dataclasses.replace(SPATIAL, time_limit=20.0), Gains(rate=400.0, angle=60.0))

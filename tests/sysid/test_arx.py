@@ -6,7 +6,6 @@ from scipy.signal import lfilter
 
 from sysid import Experiment, ExperimentError
 from sysid.transfer_functions.arx import fit_arx
-from sysid.validation.assessment import validate
 
 A, B = [1.0, -1.5, 0.7], [[0.0, 1.0, 0.5], [0.0, -0.3, 0.2]]
 
@@ -31,13 +30,6 @@ def test_coefficients_lie_within_their_covariance():
         error = np.concatenate([difference.a, difference.b.ravel()]) - truth
         normalised.append(error @ np.linalg.solve(difference.covariance, error) / 6.0)
     assert 0.55 < np.mean(normalised) < 1.45
-
-
-def test_records_with_different_levels_are_fitted_jointly():
-    model = fit_arx([arx_record(1, sigma=0.0), arx_record(2, sigma=0.0, level=70.0)], 2, 2)
-    np.testing.assert_allclose(model.differences["y1"].a, A[1:], atol=1e-6)
-    fresh = arx_record(3, sigma=0.0, level=-5.0)
-    np.testing.assert_allclose(model.simulate(fresh), fresh.y, atol=1e-4)
 
 
 def test_prediction_errs_as_much_as_theory_says():
@@ -71,12 +63,6 @@ def test_an_unstable_estimate_is_made_stable_and_said():
     assert "fit-not-converged" in {finding.id for finding in model.findings}
     assert np.all(np.abs(np.roots([1.0, *model.differences["y1"].a])) < 1.0)
     assert np.isfinite(model.simulate(record)).all()
-
-
-def test_it_is_judged_and_written_like_every_model():
-    model = fit_arx([arx_record(1)], 2, 2)
-    validation = validate(model, [arx_record(2)])
-    assert validation.unseen
 
 
 def test_bad_input():

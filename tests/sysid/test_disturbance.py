@@ -16,14 +16,6 @@ def test_a_steady_drift_is_carried_on():
     np.testing.assert_allclose(predicted[300:], residual[290:-10] + 0.2 * reach, atol=1e-6)
 
 
-def test_nothing_is_predicted_from_the_future():
-    residual = np.random.default_rng(0).standard_normal(200)
-    changed = residual.copy()
-    changed[100:] += 50.0
-    tracker = steady_gains(0.3)
-    np.testing.assert_array_equal(tracker.predict(residual, DT, 10)[:110], tracker.predict(changed, DT, 10)[:110])
-
-
 def test_gains_suit_the_residual():
     """White noise is hardly followed, a random walk much more closely."""
     rng = np.random.default_rng(1)

@@ -58,16 +58,3 @@ def test_what_is_not_determined_is_marked():
     response = frequency_response(vague, np.array([0.01, 50.0]))
     # The pole does not matter far above it.
     assert response.determined.tolist() == [False, True]
-
-
-def test_a_multiple_root_has_no_ellipse():
-    double = TransferFunction(np.array([1.0]), np.array([1.0, 2.0, 1.0]), 1e-4 * np.eye(3))
-    assert all(not root.determined and root.sigma == np.inf for root in poles(double))
-
-
-def test_without_covariance_or_effect_there_is_no_band():
-    sure = frequency_response(TransferFunction(np.array([2.0]), np.array([1.0, 1.0])), OMEGA)
-    assert not sure.sigma_gain.any()
-    assert sure.gain == pytest.approx(2.0 / np.sqrt(1.0 + OMEGA**2))
-    dead = frequency_response(TransferFunction(np.zeros(1), np.ones(1), np.eye(1)), OMEGA)
-    assert not dead.gain.any()

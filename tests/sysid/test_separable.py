@@ -14,7 +14,7 @@ from sysid.transfer_functions.separable import (
     sensitivities,
     solve,
 )
-from sysid.transfer_functions.uncertainty import effective_parameters, parameter_covariance
+from sysid.transfer_functions.uncertainty import parameter_covariance
 
 BASE = Problem(
     inputs=(),
@@ -135,16 +135,3 @@ def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
             assert gradient[i * problem.groups + g] == pytest.approx(
                 expected, rel=1e-3, abs=1e-4 * np.abs(gradient).max()
             )
-
-
-def test_white_residuals_cost_as_many_parameters_as_there_are():
-    """Takeuchi's trace is the number of parameters, 7 here, for a model with white residuals of constant variance."""
-    rng = np.random.default_rng(3)
-    u = rng.standard_normal((4000, 1))
-    clean = replace(BASE, inputs=(u,), outputs=(np.zeros(4000),), group=(0,), order=3, numerators=3, ridge=1e-6)
-    theta = np.array([[0.3, -0.7, -1.0]])
-    truth = solve(clean, theta)
-    y = truth.parts[0].states[:, :3, 0] @ np.array([1.0, -0.5, 0.3])
-    problem = replace(clean, outputs=(y + 0.1 * y.std() * rng.standard_normal(4000),))
-    point = descend(problem, theta, 50).point
-    assert effective_parameters(problem, point) == pytest.approx(6.0, rel=0.3)

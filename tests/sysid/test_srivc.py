@@ -8,7 +8,7 @@ from scipy.signal import lfilter, lsim, max_len_seq
 
 from sysid import Experiment, fit_transfer_functions
 from sysid.transfer_functions.problem import Problem
-from sysid.transfer_functions.sections import denominators, from_poles, resolvable_band, take
+from sysid.transfer_functions.sections import denominators, from_poles, resolvable_band
 from sysid.transfer_functions.separable import descend, solve
 from sysid.transfer_functions.srivc import refine, srivc
 
@@ -88,60 +88,6 @@ def test_random_systems_reach_the_noise_without_scattered_starts():
         model = fit_transfer_functions([record], order, zeros, "common", starts=0)
         # Sampling scatter of a standard deviation from 2000 samples: 1.6 %.
         assert model.reports["y1"].rmse < 1.05 * sigma, seed
-
-
-def test_sections_are_made_of_any_poles():
-    rng = np.random.default_rng(1)
-    for order in range(1, 7):
-        for _ in range(20):
-            roots = -np.exp(rng.uniform(-3.0, 3.0, order)).astype(complex)
-            for k in range(0, order - 1, 2):
-                if rng.random() < 0.5:
-                    roots[k] += 1j * abs(rng.standard_normal())
-                    roots[k + 1] = roots[k].conjugate()
-            a, _ = denominators(from_poles(roots)[None])
-            np.testing.assert_allclose([1.0, *a[0, ::-1]], np.real(np.poly(roots)), rtol=1e-9)
-    unstable = from_poles(np.array([0.5 + 2.0j, 0.5 - 2.0j]))
-    np.testing.assert_allclose(np.roots([1.0, *denominators(unstable[None])[0][0, ::-1]]).real, -0.5)
-
-
-def test_lower_orders_keep_the_slowest_poles():
-    theta = from_poles(np.array([-0.1, -1.0 + 1.0j, -1.0 - 1.0j, -5.0 + 9.0j, -5.0 - 9.0j]))
-    np.testing.assert_allclose(take(theta, 3), from_poles(np.array([-0.1, -1.0 + 1.0j, -1.0 - 1.0j])))
-    np.testing.assert_allclose(take(theta, 2), from_poles(np.array([-1.0 + 1.0j, -1.0 - 1.0j])))
-    assert [len(take(theta, order)) for order in range(6)] == list(range(6))
-
-
-@pytest.mark.slow
-def test_rao_garnier_meets_the_cramer_rao_bound():
-    """Twenty seeds: no failure, 99 % on clean fresh data, and errors as small as theory allows.
-
-    The root mean square of 20 normal errors scatters by 16 % about 1; the worst of six parameters stays below 1.25 for
-    these seeds and in 9 of 10 other sets.
-    """
-    u, y = rao_garnier(0, noise=0.0)
-    t = np.arange(SAMPLES) * STEP
-    columns = [lsim(([1.0] + [0.0] * k, DEN), u, t, interp=False)[1] for k in (1, 0)]
-    for k in (3, 2, 1, 0):
-        numerator = np.convolve(NUM, [1.0] + [0.0] * k)
-        columns.append(-lsim((numerator, np.convolve(DEN, DEN)), u, t, interp=False)[1])
-    psi = np.column_stack(columns)
-    bound = np.sqrt(y.var() / 10.0 * np.diag(np.linalg.inv(psi.T @ psi)))
-    fresh = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 8)[:SAMPLES]
-    clean = lsim((NUM, DEN), fresh, t, interp=False)[1]
-    errors, fits = [], []
-    for seed in range(20):
-        record = Experiment.from_arrays(t, u, rao_garnier(seed)[1], input_trim=[0.0], output_trim=[0.0])
-        model = fit_transfer_functions([record], 4, 1)
-        function = model.transfer_functions["y1"]["u1"]
-        errors.append(np.concatenate([function.num, function.den[1:]]) - [*NUM, *DEN[1:]])
-        test = Experiment.from_arrays(t, fresh, clean, name="clean", input_trim=[0.0], output_trim=[0.0])
-        fits.append(
-            100.0 * (1.0 - np.linalg.norm(model.simulate(test)[:, 0] - clean) / np.linalg.norm(clean - clean.mean()))
-        )
-    assert np.mean(fits) >= 99.0
-    assert min(fits) > 98.0
-    assert np.max(np.sqrt(np.mean(np.square(errors), axis=0)) / bound) <= 1.25
 
 
 def test_an_input_that_filters_to_no_number_ends_the_search_at_its_start(monkeypatch):

@@ -1,7 +1,5 @@
 """Own denominators without any guess: channels parted by modes that they share, and how records begin."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -10,8 +8,7 @@ from sysid import fit_transfer_functions
 from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.response import discretise
 from sysid.transfer_functions.sections import Band, denominators, resolvable_band
-from sysid.transfer_functions.separable import solve
-from sysid.transfer_functions.starts import likeliest_initial, separate
+from sysid.transfer_functions.starts import separate
 from tests.sysid.table_a1 import NOISE, record
 
 #: Two channels: natural frequency, damping ratio, rate of the real pole.
@@ -53,21 +50,6 @@ def test_each_channel_has_its_own_poles(before):
     assert separated.variance == pytest.approx(1e-4, rel=0.15)
 
 
-def test_records_say_whether_they_begin_at_rest():
-    """Initial responses of records from rest weigh as much as they can, of others as little as those need."""
-    rest, motion = (
-        likeliest_initial(problem, solve(problem, TRUE), 1e-6)
-        for problem in (two_channels(before=0), two_channels(before=300))
-    )
-    assert rest > 100.0 * motion
-
-
-def test_too_few_samples_for_so_many_modes():
-    problem = two_channels(samples=60)
-    short = replace(problem, inputs=problem.inputs[:1], outputs=problem.outputs[:1])
-    assert not list(separate(short, Band(0.05, 10.0), np.random.default_rng(0), np.inf))
-
-
 @pytest.mark.slow
 def test_table_a1_of_the_paper_from_blind_starts():
     """Eight motors with five poles and three zeros each, ten records: the noise is left, and a free run is right."""
@@ -76,16 +58,6 @@ def test_table_a1_of_the_paper_from_blind_starts():
     assert model.reports["z"].rmse == pytest.approx(NOISE, rel=0.02)
     experiment, clean = record(1, 10, "z")
     assert np.sqrt(np.mean((model.simulate(experiment) - clean) ** 2)) < 0.03
-
-
-@pytest.mark.slow
-def test_channels_that_lead_nowhere_are_drawn_again() -> None:
-    """Table A1, set 0, to x: initial states made up for wrong poles, and free runs erred by a quarter of a metre."""
-    records = [record(0, number, "x")[0] for number in range(10)]
-    model = fit_transfer_functions(records, time_limit=600.0)
-    assert model.reports["x"].rmse < 1.02 * NOISE
-    fresh, clean = record(0, 10, "x")
-    assert np.sqrt(np.mean((model.simulate(fresh) - clean) ** 2)) < 0.03
 
 
 @pytest.mark.slow

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter, lsim
 
-from core.serialization import as_json, from_json
 from sysid import Experiment, fit_transfer_functions
-from sysid.transfer_functions.model_record import TransferFunctionsRecord
-from sysid.transfer_functions.transfer_function import TransferFunctionModel
 
 DT, SAMPLES, FINE = 0.1, 1200, 20
 
@@ -81,17 +78,6 @@ def test_a_double_integrator_is_kept():
     assert 0.3 < np.mean(normalised) < 2.2
 
 
-def test_a_free_run_of_integrators_takes_speed_from_the_first_seconds():
-    u = inputs(np.random.default_rng(4), 1)
-    u[:40] = 0.0
-    y = response([1.5], [1.0, 2.0, 0.0, 0.0], u[:, 0])
-    model = fit_transfer_functions([record_of(y, u, 0, 0.01)], 3, 0, integrators=2)
-    fresh = record_of(y + 7.0 - 0.5 * np.arange(SAMPLES) * DT, u, 1, 0.0)
-    error = model.simulate(fresh) - fresh.y
-    # 120 s ahead of a position that spans tens of metres.
-    assert np.abs(error).max() < 0.02 * np.ptp(fresh.y)
-
-
 def test_every_channel_has_its_own_order_and_may_have_none():
     """Given by output and input; an input of order 0 has no effect, and its transfer function says so."""
     u = inputs(np.random.default_rng(5), 3)
@@ -109,31 +95,6 @@ def test_every_channel_has_its_own_order_and_may_have_none():
     assert functions["x"]["u3"].gain == functions["z"]["u1"].gain == 0.0
     assert model.reports["x"].parameters == 8
     assert np.abs(model.simulate(record) - y)[40:].max() < 0.01
-
-
-def test_what_structures_say_survives_json():
-    u = inputs(np.random.default_rng(6), 2)
-    y = response([1.5], [1.0, 2.0, 0.0], u[:, 0], 0.12) + response([0.5], [1.0, 1.0, 0.0], u[:, 1], 0.3)
-    record = record_of(y, u, 0, 0.01)
-    model = fit_transfer_functions([record], 2, 0, integrators=1, delays=[0.12, 0.3])
-    read = TransferFunctionModel.from_record(from_json(as_json(model.record()), TransferFunctionsRecord))
-    fresh = record_of(y, u, 9, 0.0)
-    np.testing.assert_allclose(read.simulate(fresh), model.simulate(fresh), atol=1e-9)
-    omega = np.array([0.5, 2.0])
-    expected = np.exp(-0.12j * omega) * np.polyval(model.transfer_functions["y1"]["u1"].num, 1j * omega)
-    expected /= np.polyval(model.transfer_functions["y1"]["u1"].den, 1j * omega)
-    np.testing.assert_allclose(read.transfer_functions["y1"]["u1"].response(omega), expected)
-
-
-def test_two_motors_that_move_as_one_share_their_effect_with_own_denominators_too():
-    u = np.repeat(inputs(np.random.default_rng(7), 1), 2, axis=1)
-    y = response([2.0, 1.0], [1.0, 1.6, 4.0, 1.2], u[:, 0])
-    model = fit_transfer_functions([record_of(y, u, 0, 0.05)], 3, 1)
-    assert "inputs-alike" in {finding.id for finding in model.findings}
-    assert any(f.id == "not-determined" and "coefficients of" in f.reason for f in model.findings)
-    functions = model.transfer_functions["y1"].values()
-    assert sum(function.gain for function in functions) == pytest.approx(1.0 / 1.2, rel=0.15)
-    assert all(np.all(function.poles.real < 0.0) for function in functions)
 
 
 def test_a_record_shorter_than_the_slowest_pole_is_said():
