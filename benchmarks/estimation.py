@@ -9,11 +9,10 @@ from benchmarks._measure import SITL, Row, cpu, row
 from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
 from estimation import estimate
 from estimation.alignment import align
-from estimation.filter import ForwardPass, Problem, World, assemble
+from estimation.filter import ForwardPass, Problem, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe
-from estimation.place.local_frame import LocalFrame
-from estimation.place.magnetic_field import world_field
+from estimation.place import LocalFrame, World, world_field
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal

@@ -9,7 +9,7 @@ from core.units import STANDARD_GRAVITY
 from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
 from estimation.observations import reported, usable_field, usable_fixes, usable_ranges
-from estimation.place.local_frame import LocalFrame
+from estimation.place import LocalFrame
 from estimation.states import (
     ACCEL_BIAS,
     ATTITUDE,

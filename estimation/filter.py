@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
-from estimation.faults.shocks import Shocks
 from estimation.observations import Observations
+from estimation.place import World
+from estimation.shocks import Shocks
 from estimation.states import FIELD, SIZE, TERRAIN, WANDERING, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal
 
@@ -19,14 +20,6 @@ COARSE = 0.008
 QUIETEST, LOUDEST = 0.2, 5.0
 #: A sensor beyond the gate for so long is believed and the state is not, s; so are two sensors together.
 PATIENCE, TOGETHER = 10.0, 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class World:
-    """What surrounds the craft: gravity [m/s^2] and Earth's rotation in NED [rad/s], shape (3,)."""
-
-    gravity: float
-    earth_rate: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
-from estimation.place.local_frame import LocalFrame
+from estimation.place import LocalFrame
 from estimation.states import SensorNoise
 from estimation.timing import GYRO_MOVING, usable
 from logparse import Geodetic, Tables

@@ -2,19 +2,47 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 import pandas as pd
 
+from core.units import STANDARD_GRAVITY
 from estimation import _kernels
 from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
-from estimation.observations import Observations
-from estimation.place.surroundings import Surroundings
+from estimation.observations import Observations, find_origin, is_stuck
+from estimation.place import LocalFrame, MagneticField, World, is_simulated, world_field
 from estimation.states import SensorNoise
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
 from estimation.tuning import DECISIVE, WINDOW
-from logparse import Tables
+from logparse import Geodetic, Tables
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Where the log was flown, as far as it is known, and whether its compass is of any use."""
+
+    origin: Geodetic | None
+    frame: LocalFrame | None
+    field: MagneticField | None
+    world: World
+    compass_useless: bool  #: Nor is then the heading that the autopilot took from it.
+
+    @classmethod
+    def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":
+        """Find the origin and what gravity, Earth's rotation and magnetic field are there."""
+        origin = find_origin(tables)
+        stuck = is_stuck(tables.mag, tables.imu)
+        if origin is None:
+            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)), stuck)
+        simulated = is_simulated(tables.parameters)
+        frame = LocalFrame.at(origin, spherical=simulated)
+        field = world_field(origin, tables.parameters, date)
+        # The world of the firmware's simulator does not turn and has one gravity everywhere (GRAVITY_MSS).
+        world = World(STANDARD_GRAVITY, np.zeros(3)) if simulated else World(frame.gravity, frame.earth_rate)
+        return cls(origin, frame, field, world, stuck)
+
 
 #: Segments of the log shorter than this are left out, s.
 SHORTEST_SEGMENT = 2.0

@@ -6,7 +6,28 @@ import numpy as np
 
 from estimation import _kernels
 from estimation.filter import ForwardPass, Problem, symmetrise
+from estimation.observations import Observations
+from estimation.shocks import NARROWING
 from estimation.states import SIZE
+
+#: Passes over a log at most. Each narrows the gate eightfold, so that more serve readings on the gate's edge only.
+PASSES = 6
+
+
+def admit(observations: Observations, deletion: np.ndarray, gate: float) -> np.ndarray:
+    """Choose the groups of measurements for the next pass, shape (g,)."""
+    if len(observations.t) == 0:
+        return observations.admitted
+    worst = np.sqrt(np.maximum.reduceat(np.append(deletion, 0.0), observations.start[:-1]))
+    worst[np.diff(observations.start) == 0] = 0.0
+    level = np.full(_kernels.KINDS, gate)
+    for kind in range(_kernels.KINDS):
+        mine = (observations.kind == kind) & observations.admitted
+        if mine.any():
+            level[kind] = max(gate, float(worst[mine].max()) / NARROWING)
+    limit = np.where(observations.admitted, level[observations.kind], gate)
+    return np.asarray(worst <= limit)
+
 
 #: Rows that are filled in at a time, a multiple of `_kernels.SLOW_EVERY`: few enough to stay in the cache.
 FILLED = 1024

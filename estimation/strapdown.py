@@ -10,18 +10,16 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
-from estimation.admission import PASSES, admit
 from estimation.alignment import Alignment, carried_over, with_priors
+from estimation.compass import Turn, compass_turn, turned_compass
 from estimation.consistency import innovation_statistics
-from estimation.faults.compass import Turn, compass_turn, turned_compass
-from estimation.faults.outages import excess, outages, widen
-from estimation.faults.shocks import Shocks
-from estimation.filter import Filtered, Problem, World, assemble, new_memory, run, ticks
-from estimation.findings import gps_troubles, imu_holes, missing_sensors, other_imu, stuck_magnetometer
+from estimation.filter import Filtered, Problem, assemble, new_memory, run, ticks
 from estimation.observations import Observations, observe, usable_field, usable_fixes
-from estimation.place.surroundings import Surroundings
-from estimation.segmentation import SHORTEST_SEGMENT, Segment, find_segments
-from estimation.smoother import Estimates, between_rows, fill_in, filtered, new_adjoint, smooth_piece
+from estimation.outages import excess, outages, widen
+from estimation.place import World
+from estimation.segmentation import SHORTEST_SEGMENT, Segment, Surroundings, find_segments
+from estimation.shocks import Shocks
+from estimation.smoother import PASSES, Estimates, admit, between_rows, fill_in, filtered, new_adjoint, smooth_piece
 from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
@@ -29,11 +27,16 @@ from estimation.trust import (
     LATE,
     contradicted_receiver,
     doubtful_sensors,
+    gps_troubles,
     impossible_biases,
+    imu_holes,
     late_sensors,
     missed_steps,
+    missing_sensors,
     only_one_withdrawal,
+    other_imu,
     scaled_gyro,
+    stuck_magnetometer,
     swinging_heights,
     wandering_compass,
 )

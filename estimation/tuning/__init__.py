@@ -5,10 +5,8 @@ by the log-likelihood that the filter reaches on a window of the flight. A lag o
 it.
 """
 
-from estimation.tuning.ladders import DECISIVE
-from estimation.tuning.lags import LAGGING
-from estimation.tuning.linearisation import RELINEARISED, is_sought, relinearised, settled
-from estimation.tuning.search import WINDOW, Tuned, tune, window
+from estimation.tuning.lags import DECISIVE, LAGGING
+from estimation.tuning.search import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 
 __all__ = [
     "DECISIVE",

@@ -1,15 +1,65 @@
 """By how much the readings of a sensor are late: the likeliest lag, near the documented one or far from it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from itertools import pairwise
 
 import numpy as np
 
 from estimation import _kernels
-from estimation.faults.shocks import believed
 from estimation.filter import Problem, run
 from estimation.observations import Observations
-from estimation.tuning.ladders import DECISIVE, Passes, climb
+from estimation.shocks import believed
+from estimation.states import SensorNoise
+
+#: Gain in log-likelihood that a lag other than the documented one must bring.
+DECISIVE = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Passes:
+    """Likelihoods of the filter, each worked out once: ladders share their rungs."""
+
+    _known: dict[tuple[SensorNoise, bytes], float] = field(default_factory=dict)
+
+    def likelihood(self, problem: Problem) -> float:
+        """Return the log-likelihood of a problem of this segment."""
+        o, content = problem.observations, blake2b(digest_size=16)
+        for part in (problem.t, problem.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
+            content.update(part.tobytes())
+        key = problem.noise, content.digest()
+        if key not in self._known:
+            self._known[key] = run(problem, keep=False).log_likelihood
+        return self._known[key]
+
+
+def nearest(ladder: Sequence[float], value: float) -> float:
+    """Return the rung nearest to a positive value, by ratio."""
+    return min(ladder, key=lambda rung: abs(np.log(rung / value)))
+
+
+def climb(
+    variant: Callable[[float], Problem], ladder: Sequence[float], start: float, passes: Passes
+) -> tuple[dict[float, float], Problem]:
+    """Go up and down a ladder from `start` as long as it gets likelier; likelihoods by value, and the likeliest."""
+    likelihoods: dict[float, float] = {}
+    best: Problem | None = None
+    for step in (1, -1):
+        k = ladder.index(start)
+        while 0 <= k < len(ladder):
+            value = ladder[k]
+            if value not in likelihoods:
+                problem = variant(value)
+                likelihoods[value] = passes.likelihood(problem)
+                if best is None or likelihoods[value] >= max(likelihoods.values()):
+                    best = problem
+                elif value != start:
+                    break
+            k += step
+    assert best is not None  # start is a rung
+    return likelihoods, best
+
 
 #: Lags that are tried about the documented one, s: first roughly and far, then closely about the best of these.
 GPS_LAGS = (-2.0, -1.5, -1.1, -0.8, -0.55, -0.36, -0.24, -0.16, -0.08, 0.0)

@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 from scipy.signal import bilinear, lfilter
 
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
-from estimation.place.local_frame import LocalFrame
+from estimation.place import LocalFrame
 from logparse import Geodetic, Tables
 
 PLACE = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)

@@ -9,10 +9,9 @@ from filterpy.kalman import KalmanFilter
 
 from estimation import _kernels
 from estimation.alignment import align
-from estimation.filter import World, assemble, matched_scale, run
+from estimation.filter import assemble, matched_scale, run
 from estimation.observations import observe
-from estimation.place.local_frame import LocalFrame
-from estimation.place.magnetic_field import world_field
+from estimation.place import LocalFrame, World, world_field
 from estimation.smoother import new_adjoint, smooth, smooth_piece
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal

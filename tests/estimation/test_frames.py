@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.attitude import error_rotation, euler_from_quat, matrix_from_quat, multiply, quat_from_euler
-from estimation.place.local_frame import ARDUPILOT_RADIUS, LocalFrame, is_simulated
-from estimation.place.magnetic_field import world_field
+from estimation.place import ARDUPILOT_RADIUS, LocalFrame, is_simulated, world_field
 from logparse import Geodetic
 
 ZURICH = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)

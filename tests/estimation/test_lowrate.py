@@ -9,11 +9,9 @@ from filterpy.kalman import KalmanFilter
 from scipy.interpolate import Akima1DInterpolator
 
 from estimation import Trajectory, compare, errors, estimate
-from estimation.faults.height_spikes import steady_heights
-from estimation.lowrate.measurements import SIZE, Measured
-from estimation.lowrate.smoother import EKF_LASTING, filter_telemetry, transitions
-from estimation.lowrate.weights import DISTURBANCE
+from estimation.lowrate import DISTURBANCE, EKF_LASTING, filter_telemetry, transitions
 from estimation.states import SensorNoise
+from estimation.telemetry import SIZE, Measured, steady_heights
 from tests.estimation.simulated_flight import Sensors, fly
 
 

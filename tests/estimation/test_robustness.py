@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation import compare, errors, estimate, nees
-from estimation.faults.compass import Turn, turned_compass
+from estimation.compass import Turn, turned_compass
 from estimation.timing import ACCEL, GYRO
 from estimation.trust import impossible_biases
 from logparse import read_log

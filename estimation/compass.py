@@ -14,8 +14,9 @@ import pandas as pd
 from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
 from estimation.attitude import euler_from_quat, matrix_from_quat
-from estimation.filter import COARSE, Problem, World, assemble, run
+from estimation.filter import COARSE, Problem, assemble, run
 from estimation.observations import Observations
+from estimation.place import World
 from estimation.smoother import smooth
 from estimation.states import FIELD, HARD_IRON, SensorNoise
 from estimation.timing import InertialSignal
