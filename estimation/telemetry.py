@@ -1,7 +1,7 @@
 """Rows of telemetry that the low-rate filter fuses: receiver, autopilot's positions and velocities, barometer.
 
 A least-squares smoother follows a wild reading of the barometer on its first pass, and bends what lies about it. A
-short running median of the barometer alone removes single spikes, but bursts that overlap outvote their neighbours in it.
+short running median of the barometer alone removes single spikes, but bursts that overlap outvote their neighbours.
 Against the height of the GPS the barometer differs by an offset that changes slowly, whatever the craft does; a median
 of that over a minute is wrong only where most readings of a minute are (Hampel 1974). What GPS heights are too coarse
 for shows beside the neighbours: no craft leaves the line between them faster than it falls.
