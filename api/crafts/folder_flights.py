@@ -10,7 +10,7 @@ from api.store.database import Database
 from api.store.ids import digest
 from api.store.records import FlightRecord
 from api.work.craft_flights import forget, keep
-from api.work.flown import Flown, best
+from api.work.outcome import of_report
 from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.entry import FlightEntry
@@ -49,7 +49,7 @@ class FolderFlights:
             entry = store.read_as(f"{FLIGHTS}/{name}/{ENTRY}", FlightEntry)
             if entry is not None:
                 found[f"{FLIGHTS}/{name}"] = entry
-        flown = {place: self._flown(place, entry) for place, entry in found.items()}
+        flown = {place: of_report(entry, self.report(place)) for place, entry in found.items()}
         with self._database.write() as session:
             known = session.scalars(
                 select(FlightRecord).where(FlightRecord.owner == EVERYBODY, FlightRecord.log_id.is_(None))
@@ -61,12 +61,6 @@ class FolderFlights:
                     keep(session, EVERYBODY, digest(f"{self.folder}/{place}"), each, (None, None, place))
         _log.info("%d flights of %s are shown", len(found), self.folder)
         self._seen = written
-
-    def _flown(self, place: str, entry: FlightEntry) -> Flown:
-        report = self.report(place)
-        if report is None:
-            return Flown(entry)
-        return Flown(entry, () if report.answer is None else report.answer.lines, best(report.models))
 
     def report(self, place: str) -> FlightReport | None:
         """Read the report of a flight; None where there is none of this version."""

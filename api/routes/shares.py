@@ -16,7 +16,7 @@ from api.problems import ProblemError
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
 from api.web.dependencies import Owner, Parts, PartsOf
 from api.web.results import answer, file_of
-from api.work.flown import FILE
+from api.work.outcome import FILE
 
 router = APIRouter(tags=["sharing"], responses=problems.RESPONSES)
 

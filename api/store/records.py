@@ -89,7 +89,7 @@ class AnalysisRecord(Record):
     #: Size of every file of the results by its name; their objects are ``analyses/ID/RESULTS/NAME``.
     files: Mapped[dict[str, Any]] = mapped_column(default=dict)
     results: Mapped[str | None] = mapped_column(String(ID_LENGTH))
-    #: See `api.work.found.Found`.
+    #: See `api.work.outcome.Outcome`.
     craft: Mapped[str | None] = mapped_column(String(200))
     flown: Mapped[str | None] = mapped_column(String(10))
     health: Mapped[str | None] = mapped_column(String(40))

@@ -15,7 +15,7 @@ from api.store.ids import new_id
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
 from api.web.dependencies import Parts
 from api.web.middleware import REPORT_POLICY
-from api.work.flown import FILE
+from api.work.outcome import FILE
 
 #: Media types by the ending of a name; browsers need to be told that text is UTF-8.
 _MEDIA_TYPES = {

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from api.store.ids import digest, new_id
 from api.store.records import AlertRecord, AnalysisRecord, CraftKeyRecord, CraftRecord, FlightRecord, NoteRecord
-from api.work.flown import Flown, without_experiments
+from api.work.outcome import Flown, without_experiments
 from core.serialization import plain
 from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry

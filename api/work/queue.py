@@ -9,8 +9,8 @@ Every change may be asked for again when the connection broke before the answer 
 
 import logging
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
 from typing import Any, Self
@@ -26,8 +26,7 @@ from api.store.ids import new_id
 from api.store.records import AnalysisRecord
 from api.store.resources import State
 from api.work import craft_flights
-from api.work.flown import Flown
-from api.work.found import Found
+from api.work.outcome import Outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +47,9 @@ _LOST = 20
 
 #: Leases from now after which none ends that was given by this clock.
 _PLAUSIBLE = 3
+
+
+_NOTHING = Outcome()
 
 
 class Queue:
@@ -97,18 +99,16 @@ class Queue:
             until = now(session) + self._lease
             return _change(session, claim, lease_until=until, stage=stage, progress=progress)
 
-    def finish(
-        self, claim: Claim, files: Mapping[str, int], found: Found | None = None, flown: Sequence[Flown] = ()
-    ) -> bool:
+    def finish(self, claim: Claim, files: Mapping[str, int], outcome: Outcome = _NOTHING) -> bool:
         """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
-        short = asdict(found or Found())
+        line = {name: getattr(outcome, name) for name in ("craft", "flown", "health", "tone", "trust")}
         with self._database.write() as session:
-            if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **short):
+            if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **line):
                 analysis = session.get_one(AnalysisRecord, claim.analysis, populate_existing=True)
                 if claim.craft is not None:
                     craft_flights.joined(session, analysis)
                 else:
-                    craft_flights.register(session, analysis, flown)
+                    craft_flights.register(session, analysis, outcome.flights)
                 return True
             # Asked for again: it was done before, and the results must not be taken for another's.
             ended = session.get(AnalysisRecord, claim.analysis)

@@ -1,4 +1,4 @@
-"""Work that a server does again and again in a thread of its own: housekeeping, reviews of craft, webhooks."""
+"""Work that a server does again and again in a thread of its own: analyses, housekeeping, reviews, webhooks."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ class Rounds(ABC):
 
     def __init__(self, name: str, interval: float) -> None:
         self._interval = interval
-        self._closing = threading.Event()
+        self._closing, self._woken = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._go_on, name=name, daemon=True)
 
     @abstractmethod
@@ -32,18 +32,29 @@ class Rounds(ABC):
         """Start."""
         self._thread.start()
 
+    def wake(self) -> None:
+        """Begin the next round at once."""
+        self._woken.set()
+
+    def stop(self) -> None:
+        """Begin no further round."""
+        self._closing.set()
+        self.wake()
+
     def close(self) -> None:
         """Stop after what is being done."""
-        self._closing.set()
+        self.stop()
         if self._thread.is_alive():
             self._thread.join()
 
     def _go_on(self) -> None:
-        while not self._closing.is_set():
+        while not self.closing:
+            self._woken.clear()
             try:
                 self.go_round()
             except (SQLAlchemyError, ProblemError) as error:
                 _log.warning("%s must wait: %s", self._thread.name, error)
             except Exception:  # a bug, or a storage that fails in a way of its own, must not end all further rounds
                 _log.exception("%s failed", self._thread.name)
-            self._closing.wait(self._interval)
+            if not self.closing:
+                self._woken.wait(self._interval)

@@ -4,7 +4,6 @@ This runs in a thread of a server or worker; the analysis is a process of its ow
 long, and the database and the storage are the only things shared.
 """
 
-import errno
 import logging
 import multiprocessing
 import os
@@ -24,13 +23,12 @@ from sqlalchemy import make_url, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from api.problems import Problem
-from api.settings import Settings, in_words
+from api.settings import Settings
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, FlightRecord
 from api.work import worker
-from api.work.flown import read_flown
-from api.work.found import read_found
+from api.work.outcome import read_outcome
 from api.work.queue import Claim, Heartbeat, LostError, Queue
 from pipeline.names import folder_names
 
@@ -105,17 +103,19 @@ def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool]) -> No
                 if problem is not None:
                     persist(lambda: queue.fail(claim, problem))
                     return
-                found, flown = read_found(task.folder / "report.json"), read_flown(task.folder)
+                outcome = read_outcome(task.folder)
                 files = _keep(claim, objects, task.folder, heartbeat)
-                if not persist(lambda: queue.finish(claim, files, found, flown)):
+                if not persist(lambda: queue.finish(claim, files, outcome)):
                     objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
         except _StoppedError:
             queue.give_back(claim)
         except _DiedError as death:
             if not persist(lambda: queue.retry(claim)):
                 # Not killed by us, so by the kernel when memory ran out.
-                report = worker.OutOfMemory() if death.exit_code == -signal.SIGKILL else worker.Crashed("")
-                persist(lambda: queue.fail(claim, _problem_of(report, workplace.settings, claim)))
+                out_of_memory = death.exit_code == -signal.SIGKILL
+                memory = workplace.settings.memory_limit
+                last = worker.too_large(memory) if out_of_memory else worker.crashed(claim.analysis)
+                persist(lambda: queue.fail(claim, last))
         except LostError:
             objects.remove(f"analyses/{claim.analysis}/{claim.lease}")
             _log.info("analysis %s was cancelled, or given to another worker", claim.analysis)
@@ -125,7 +125,7 @@ def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool]) -> No
             persist(lambda: queue.fail(claim, gone))
         except OSError as error:
             _log.exception("analysis %s: cannot keep its results", claim.analysis)
-            unkept = _unkept(error)
+            unkept = worker.unkept(error)
             persist(lambda: queue.fail(claim, unkept))
 
 
@@ -151,7 +151,7 @@ def _fetch_logs(workplace: Workplace, claim: Claim, folder: Path, heartbeat: Hea
         path.parent.mkdir(parents=True)
         workplace.objects.fetch(f"logs/{log_id}", path)
         logs.append((path, name))
-    return worker.Task(logs, claim.configuration, folder / "results")
+    return worker.Task(logs, claim.configuration, folder / "results", reference=claim.analysis)
 
 
 def _fetch_members(workplace: Workplace, claim: Claim, folder: Path, heartbeat: Heartbeat) -> worker.Task:
@@ -177,7 +177,7 @@ def _fetch_members(workplace: Workplace, claim: Claim, folder: Path, heartbeat: 
                 experiments[kind].parent.mkdir(parents=True, exist_ok=True)
                 workplace.objects.fetch(f"analyses/{analysis.id}/{analysis.results}/{name}", experiments[kind])
         members.append(worker.Member(flight.name, flight.entry, experiments))
-    return worker.Task([], claim.configuration, folder / "results", members)
+    return worker.Task([], claim.configuration, folder / "results", members, claim.analysis)
 
 
 def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -> dict[str, int]:
@@ -214,9 +214,11 @@ def _analyse(
                 process.join()
                 _log.error("analysis %s: its process died with exit code %s", claim.analysis, process.exitcode)
                 raise _DiedError(process.exitcode) from None
-            if not isinstance(report, worker.Advanced):
-                finished = isinstance(report, worker.Finished)
-                return None if finished else _problem_of(report, workplace.settings, claim)
+            if isinstance(report, worker.Ended):
+                if report.traceback:
+                    _log.error("analysis %s met a bug:\n%s", claim.analysis, report.traceback)
+                ended: Problem | None = report.problem
+                return ended
             if report.stage != last.stage or report.progress >= last.progress + 0.02:
                 last = report
                 heartbeat.reach(report.stage, report.progress)
@@ -263,34 +265,3 @@ def _persist(database: Database, change: Callable[[], bool]) -> bool:
         else:
             database.keep_reserve()
             return changed
-
-
-def _problem_of(report: worker.Failed, settings: Settings, claim: Claim) -> Problem:
-    """Return what a process' last report means for the user."""
-    match report:
-        case worker.Refused(reason):
-            return Problem.of("unusable-log", reason)
-        case worker.OutOfMemory():
-            return Problem.of(
-                "analysis-too-large",
-                f"The analysis needed more than the {in_words(settings.memory_limit)} that this service allows. "
-                "Analyse a shorter log, or run `rotorid analyze` yourself, which has no limit.",
-            )
-        case worker.DiskFull():
-            return _unkept(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
-        case worker.Crashed(traceback):
-            _log.error("analysis %s met a bug:\n%s", claim.analysis, traceback)
-            return Problem.of(
-                "analysis-crashed",
-                "rotorid met something in this log that it does not handle. That is a mistake of rotorid, not yours; "
-                f"please report it with the log and the reference {claim.analysis}, under which the service's log has "
-                "the details.",
-            )
-
-
-def _unkept(error: OSError) -> Problem:
-    return Problem.of(
-        "results-not-kept",
-        f"The service could not write the results: {error.strerror or error}. Its operator has to make room; then try "
-        "again.",
-    )

@@ -18,9 +18,10 @@ import logparse
 import pipeline
 import reports
 from api import log_lines
-from api.settings import LogFormat
+from api.problems import Problem
+from api.settings import LogFormat, in_words
 from api.work import confinement
-from api.work.flown import write_flown
+from api.work.outcome import write_flights
 from api.work.proposals import propose, propose_of_crafts
 from core.lazy import lazy
 from core.serialization import restored
@@ -77,6 +78,7 @@ class Task:
     configuration: Mapping[str, Any]  #: Fields of `pipeline.AnalysisConfig` that differ from their defaults.
     folder: Path  #: Where the results go.
     members: Sequence[Member] = ()  #: Flights of a craft to fit jointly; then there are no logs.
+    reference: str = ""  #: Id of the analysis, under which a bug is logged.
 
 
 #: Does a task and reports progress.
@@ -92,36 +94,38 @@ class Advanced:
 
 
 @dataclass(frozen=True, slots=True)
-class Finished:
-    """The results are written."""
+class Ended:
+    """The results are written, or there is a problem; of a bug with what Python said of it."""
+
+    problem: Problem | None = None
+    traceback: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """The log cannot be analysed, for a reason that its user should read."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class OutOfMemory:
-    """The analysis needed more memory than it may have."""
+def too_large(memory: int) -> Problem:
+    """Report that an analysis needed more memory than it may have."""
+    detail = (
+        f"The analysis needed more than the {in_words(memory)} that this service allows. Analyse a shorter log, or run "
+        "`rotorid analyze` yourself, which has no limit."
+    )
+    return Problem.of("analysis-too-large", detail)
 
 
-@dataclass(frozen=True, slots=True)
-class DiskFull:
-    """There is no room for the results."""
+def crashed(reference: str) -> Problem:
+    """Report that an analysis met a bug of ours."""
+    detail = (
+        "rotorid met something in this log that it does not handle. That is a mistake of rotorid, not yours; please "
+        f"report it with the log and the reference {reference}, under which the service's log has the details."
+    )
+    return Problem.of("analysis-crashed", detail)
 
 
-@dataclass(frozen=True, slots=True)
-class Crashed:
-    """The analysis met a bug of ours."""
-
-    traceback: str
-
-
-Failed: TypeAlias = Refused | OutOfMemory | DiskFull | Crashed
-Report: TypeAlias = Advanced | Finished | Failed
+def unkept(error: OSError) -> Problem:
+    """Report that there was no place for the results."""
+    detail = (
+        f"The service could not write the results: {error.strerror or error}. Its operator has to make room; then try "
+        "again."
+    )
+    return Problem.of("results-not-kept", detail)
 
 
 def analyze_logs(task: Task, progress: Progress) -> None:
@@ -159,7 +163,7 @@ def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
         place = folder / dataset.part(dataset.EXPERIMENTS, kind, entry.vehicle, entry.folder)
         place.parent.mkdir(parents=True)
         file.rename(place)
-    write_flown([entry], folder)
+    write_flights([entry], folder)
 
 
 def _analyze_several(task: Task, progress: Progress) -> None:
@@ -170,7 +174,7 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     progress("report", 0.99)
     reports.write_fleet(fleet)
     (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
-    write_flown((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
+    write_flights((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
     try:
         propose_of_crafts(fleet.flights, task.folder)
     except Exception:  # must not cost the report
@@ -221,7 +225,7 @@ class Limits:
 
 
 def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
-    """Do a task within its limits and report how it goes, ending with anything but `Advanced`."""
+    """Do a task within its limits and report how it goes, at the end with `Ended`."""
     log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.
     confinement.die_with_parent()  # should the server be killed, nobody else would end us before the alarm
@@ -244,21 +248,23 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
     tempfile.tempdir = str(task.folder.parent)
     given = [log for log, _ in task.logs] + [file for each in task.members for file in each.experiments.values()]
     confinement.confine(limits.closed, task.folder.parent, given)
+    ended = Ended()
     try:
         analyze(task, progress)
     except RotoridError as error:
-        _tell(reports_to, Refused(_in_users_words(str(error), task)))
+        ended = Ended(Problem.of("unusable-log", _in_users_words(str(error), task)))
     except MemoryError:
-        _tell(reports_to, OutOfMemory())
+        ended = Ended(too_large(limits.memory))
     except Exception as error:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        _tell(reports_to, DiskFull() if full else Crashed(traceback.format_exc()))
-    else:
-        _tell(reports_to, Finished())
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            ended = Ended(unkept(error))
+        else:
+            ended = Ended(crashed(task.reference), traceback.format_exc())
+    _tell(reports_to, ended)
 
 
-def _tell(watcher: Connection, report: Report) -> None:
-    """Return the watcher something; when it is dead, somebody else does this analysis, and we are in the way."""
+def _tell(watcher: Connection, report: Advanced | Ended) -> None:
+    """Send the watcher a report; when it is dead, somebody else does this analysis, and we are in the way."""
     try:
         watcher.send(report)
     except BrokenPipeError:

@@ -5,7 +5,7 @@ import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from api.work import flown
+from api.work import outcome
 from api.work.worker import Progress, Task
 from core.serialization import as_json
 from logparse import LogError
@@ -64,7 +64,7 @@ def analyze(task: Task, progress: Progress) -> None:
     page = f"<!doctype html><title>report</title>SHA-256 {entries[0].sha256}"
     (task.folder / "report.html").write_text(page)
     (task.folder / "models.json").write_text(json.dumps({"of": name}))
-    flown.write_flown(entries, task.folder)
+    outcome.write_flights(entries, task.folder)
 
 
 def flown_digest(content: bytes) -> str:

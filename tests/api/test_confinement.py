@@ -10,7 +10,7 @@ import pytest
 from api.settings import LogFormat, Settings
 from api.work.confinement import landlock_version
 from api.work.watch import limits_of
-from api.work.worker import Finished, Limits, Progress, Task, run
+from api.work.worker import Ended, Limits, Progress, Task, run
 
 
 def pry(task: Task, _: Progress) -> None:
@@ -60,6 +60,6 @@ def test_an_analysis_reaches_nothing_of_the_service(tmp_path: Path, monkeypatch:
     )
     process.start()
     sender.close()
-    assert receiver.recv() == Finished()
+    assert receiver.recv() == Ended()
     process.join()
     assert json.loads((own / "results/done.json").read_text()) == ["given log", "own file moved", "programs"]

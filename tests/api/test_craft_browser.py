@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, expect
 
 from api import Settings, create_app
 from api.work.craft_flights import keep
-from api.work.flown import Flown
+from api.work.outcome import Flown
 from tests.api import standins
 from tests.api.browsing import PHONE, assert_accessible, assert_fits, watched
 from tests.api.conftest import running

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from api.work.flown import read_flown
-from api.work.found import read_found
+from api.work.outcome import read_outcome
 from api.work.worker import Member, Task, analyze_logs
 from core.serialization import plain
 from tests.api.programs import PROJECT
@@ -18,7 +17,7 @@ def member(name: str, folder: Path) -> Member:
     results = folder / name
     results.mkdir()
     analyze_logs(Task([(SAMPLES / f"{name}.bin", f"{name}.bin")], {"time_limit": 3600.0}, results), lambda *_: None)
-    (flown,) = read_flown(results)
+    (flown,) = read_outcome(results).flights
     assert (flown.entry.name, flown.answers[0].purpose) == (name, "Happened")
     files = {path.parts[-4]: path for path in (results / "experiments").rglob("part.parquet")}
     assert set(files) == set(flown.entry.experiments)
@@ -35,5 +34,5 @@ def test_two_flights_are_fitted_jointly_from_what_they_handed_over(tmp_path: Pat
     assert {"report.html", "report.json", "models.json", "models.mat", "craft.json", "sitl_frame.json"} <= {
         path.name for path in results.iterdir()
     }, (results / "report.json").read_text("utf-8")[:4000]
-    found = read_found(results / "report.json")
+    found = read_outcome(results)
     assert (found.craft, found.trust in ("yes", "limited", "no")) == ("ArduCopter octa plus", True)

@@ -15,7 +15,7 @@ from api import Settings, create_app
 from api.machine.folder_library import FolderLibrary
 from api.machine.tools import Tools, UnknownError
 from api.work.craft_flights import keep
-from api.work.flown import Flown
+from api.work.outcome import Flown
 from core.serialization import as_json, plain
 from pipeline.results.answer import AnswerLine, Tone
 from tests.api import flights, standins

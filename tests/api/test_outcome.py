@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from api.work.found import Found, read_found
+from api.work.outcome import Outcome, read_outcome
 from core.serialization import as_json
 from pipeline.results.report import FleetReport
 from tests.reports.made import made
@@ -26,8 +26,8 @@ def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") 
 def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
     flights = [flight("yes", "good"), flight("no", "bad", "2026-01-02T00:00:00+00:00"), flight("mostly", "care", None)]
     (tmp_path / "report.json").write_text(as_json(made(FleetReport, flights=flights)))
-    found = read_found(tmp_path / "report.json")
-    assert found == Found(craft="ArduCopter octa plus", flown="2026-01-02", health="no", tone="bad")
+    found = read_outcome(tmp_path)
+    assert found == Outcome(craft="ArduCopter octa plus", flown="2026-01-02", health="no", tone="bad")
 
 
 @pytest.mark.parametrize(
@@ -36,4 +36,4 @@ def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
 def test_what_cannot_be_read_gives_no_line(tmp_path: Path, content: str | None) -> None:
     if content is not None:
         (tmp_path / "report.json").write_bytes(content.encode("utf-8", "surrogatepass"))
-    assert read_found(tmp_path / "report.json") == Found()
+    assert read_outcome(tmp_path) == Outcome()
