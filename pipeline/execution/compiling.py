@@ -28,7 +28,6 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     filter_and_smoother.forward,
     filter_and_smoother.backward,
     dataflash.follow_chain,
-    rigid_body.path_sensitivities,
     dataflash.gather,
     rigid_body.accelerations,
     carrying.carry,

@@ -24,12 +24,10 @@ from sysid.rigid_body.body_parameters import (
     undetermined,
 )
 from sysid.rigid_body.conditions.carried import WIND_SIGMA
-from sysid.rigid_body.conditions.trim import known_at_best, trim_from, trim_prior
-from sysid.rigid_body.conditions.wind import FlightTrim, wind_knots, wind_shapes
+from sysid.rigid_body.conditions.trim import known_at_best, match_path, trim_from, trim_prior
+from sysid.rigid_body.conditions.wind import FlightTrim, wind_knots
 from sysid.rigid_body.methods.drag_law import fit_best_law
-from sysid.rigid_body.methods.equation_error import fit_equation_error
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, mean_winds
-from sysid.rigid_body.methods.output_error import Prior, fit_output_error, flight_slice
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, flight_slice, mean_winds
 from sysid.rigid_body.methods.systematic import wind_error, with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
@@ -62,6 +60,9 @@ SATURATED = 0.05
 #: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
 #: 50 s in light wind), so that free runs of a fitted flight follow them; longer than a window.
 WIND_SPACING = 20.0
+
+#: Length of the runs whose error a fit states, s.
+WINDOW_SECONDS = 10.0
 
 
 def fit_rigid_body(
@@ -113,11 +114,9 @@ def fit_rigid_body(
     vehicle, findings = vehicle_of(records[0])
     voltage = reference_voltage(records)
     findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
-    report("accelerations", 0.0)
     motions = [motion(record, vehicle, voltage, joined=True) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
-    rough = fit_equation_error(motions, [np.ones((len(flight.t), 1)) for flight in motions], start, prior)
-    fine, law = fit_best_law(motions, prior, rough, begun + time_limit, report)
+    fine, law = fit_best_law(motions, prior, start, begun + time_limit, report)
     fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0)
     if not fine.converged:
         findings.append(
@@ -128,8 +127,9 @@ def fit_rigid_body(
                 "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
             )
         )
-    report("paths over windows", 0.7)
-    trims, rmse = _trims(motions, fine, law, _knots(motions, wind_spacing), begun + time_limit)
+    report("paths", 0.7)
+    trims = _trims(motions, fine, law, wind_spacing)
+    rmse = _window_error(motions, fine.values[:SHARED], trims, law)
     report("rotation", 0.8)
     place = THETA.index("thrust_expo")
     curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
@@ -256,7 +256,7 @@ def _prior(
                 f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}"
             )
         shared[THETA.index(name), :2] = mean, sigma
-    own = np.array(trim_prior(1, 0.0)).T
+    own = np.array(trim_prior()).T
     table = np.vstack([shared, *([own] * len(motions))])
     prior = Prior(*np.ascontiguousarray(table.T))
     start = prior.mean.copy()
@@ -269,56 +269,42 @@ def _prior(
     return prior, start
 
 
-def _knots(motions: Sequence[Motion], spacing: float | None) -> list[Floats]:
-    """Place the points between which winds vary, as many in each flight as the longest needs."""
-    most = max(len(wind_knots(flight.t, spacing)) for flight in motions)
-    return [np.linspace(flight.t[0], flight.t[-1], most) for flight in motions]
+def _trims(motions: Sequence[Motion], fine: FilterErrorFit, law: int, spacing: float | None) -> list[FlightTrim]:
+    """Find wind and thrust scale of every flight with its craft's parameters held.
 
-
-def _trims(
-    motions: Sequence[Motion], fine: FilterErrorFit, law: int, knots: Sequence[Floats], deadline: float
-) -> tuple[list[FlightTrim], float]:
-    """Find wind and thrust scale of every flight with its craft's parameters held, and the paths' error [m].
-
-    Winds that vary follow the paths over windows; standard errors are those of the filter error, because gusts are no
-    error of a mean wind, and of the attitude.
+    Winds that vary follow the paths; standard errors are those of the filter error, because gusts are no error of a
+    mean wind, and of the attitude.
     """
-    shapes = [wind_shapes(flight.t, k) for flight, k in zip(motions, knots, strict=True)]
-    prior, values = _widened(fine, len(motions), shapes[0].shape[1])
-    paths = fit_output_error(motions, shapes, values, prior, law=law, deadline=deadline)
-    trims = []
-    winds = mean_winds(motions, fine, law)
-    for k, (flight, own_knots, wind) in enumerate(zip(motions, knots, winds, strict=True)):
-        own = flight_slice(k, 1 + len(own_knots))
-        trim = trim_from(paths.values[own], paths.covariance[own, own], own_knots, "fit")
+    trims, winds = [], mean_winds(motions, fine, law)
+    for k, (flight, wind) in enumerate(zip(motions, winds, strict=True)):
+        own, knots = flight_slice(k), wind_knots(flight.t, spacing)
+        start = np.concatenate([fine.values[own][: len(OWN)], wind.mean])
+        path = match_path(flight, fine.values[:SHARED], start, law, knots)
+        trim = trim_from(path, fine.covariance[own, own], knots, "fit")
         told = np.max(np.diag(wind.covariance)) + wind_error(flight, wind.mean, wind.drag) ** 2
-        exponent, scale = (flight_slice(k, 1).start + place for place in range(len(OWN)))
-        of_exponent, of_scale = (float(np.sqrt(fine.covariance[at, at])) for at in (exponent, scale))
         in_runs = np.sqrt(np.max(np.diag(wind.noise)) + known_at_best(wind.mean)[-1] ** 2)
         trims.append(
             replace(
                 trim,
                 # Nothing is known worse than beforehand.
                 wind_sigma=float(1.0 / np.sqrt(1.0 / told + 1.0 / WIND_SIGMA**2)),
-                thrust_scale_sigma=of_scale,
-                wind_exponent_sigma=of_exponent,
-                in_runs=(of_exponent, of_scale, float(in_runs)),
+                in_runs=(*trim.in_runs[:2], float(in_runs)),
             )
         )
-    return trims, paths.rmse
+    return trims
 
 
-def _widened(fine: FilterErrorFit, flights: int, shapes: int) -> tuple[Prior, Floats]:
-    """Hold what is known of the craft and the wind's profile; make room for winds that vary about the constant ones."""
-    held = fine.values[:SHARED]
-    parts, start = [np.array([held, np.zeros(SHARED), held, held])], [held]
-    for flight in range(flights):
-        exponent, scale, north, east = fine.values[flight_slice(flight, 1)]
-        own = np.array(trim_prior(shapes, float(np.hypot(north, east))))
-        own[:, 0] = exponent, 0.0, exponent, exponent
-        parts.append(own)
-        start.append(np.array([exponent, scale, north, east, *np.zeros(2 * (shapes - 1))]))
-    return Prior(*np.ascontiguousarray(np.hstack(parts))), np.concatenate(start)
+def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:
+    """Root mean square error of positions over runs of `WINDOW_SECONDS` from measured states, m."""
+    missed = []
+    for flight, trim in zip(motions, trims, strict=True):
+        theta, shapes = np.concatenate([shared, trim.own]), np.ascontiguousarray(trim.wind(flight.t))
+        size = round(WINDOW_SECONDS / flight.dt)
+        for start in range(0, len(flight.t) - 1, size):
+            stop = min(start + size, len(flight.t))
+            run = flight.run(theta, shapes, law, start, stop)
+            missed.append((run[:, :3] - flight.position[start:stop]).ravel())
+    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
 
 
 def _rotation(

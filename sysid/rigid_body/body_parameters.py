@@ -12,8 +12,7 @@ from sysid.records.experiment import Experiment, Floats
 from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.records.motor_signals import ENOUGH
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rigid_body.methods.filter_error import FilterErrorFit
-from sysid.rigid_body.methods.output_error import Prior
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior
 from sysid.rigid_body.methods.systematic import unlike_motors, usual_speed
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter

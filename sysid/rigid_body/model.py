@@ -444,8 +444,7 @@ class RigidBodyModel(Summarised):
 
     def kernel_inputs(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
         """Return parameters and wind for the kernels: the winds north and east are shapes of their own."""
-        own = (trim.wind_exponent, trim.thrust_scale)
-        return np.array([*self._shared, *own, 1.0, 0.0, 0.0, 1.0]), np.ascontiguousarray(trim.wind(flight.t))
+        return np.concatenate([self._shared, trim.own]), np.ascontiguousarray(trim.wind(flight.t))
 
     @staticmethod
     def _outputs(experiment: Experiment, position: Floats) -> Floats:

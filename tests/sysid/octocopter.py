@@ -36,7 +36,6 @@ def level(samples, dt=0.02, thrust_over_weight=1.0):
         square=np.full(samples, thrust_over_weight),
         position=np.zeros((samples, 3)),
         velocity=np.zeros((samples, 3)),
-        acceleration=None,
         ground=1e-9,
         attitude_sigma=np.zeros(3),
         input_interval=dt,

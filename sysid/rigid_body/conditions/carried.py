@@ -14,7 +14,7 @@ from sysid.records.experiment import Floats
 from sysid.rigid_body.conditions._carry_kernels import carry
 from sysid.rigid_body.conditions.wander import FIXED, GATE, MEMORY, STATES, Wander, fit_wander, own_design
 from sysid.rigid_body.conditions.wind import WIND_EXPONENT
-from sysid.rigid_body.methods.output_error import HUBER
+from sysid.rigid_body.methods.filter_error import HUBER
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion
 from sysid.rigid_body.motion.increments import Increments, velocity_increments
 

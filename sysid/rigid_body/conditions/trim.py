@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Floats
@@ -19,7 +20,6 @@ from sysid.rigid_body.conditions.carried import (
 )
 from sysid.rigid_body.conditions.wander import FIXED
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
-from sysid.rigid_body.methods.output_error import Prior, fit_output_error
 from sysid.rigid_body.methods.systematic import wind_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
 from sysid.rigid_body.motion.increments import velocity_increments
@@ -33,25 +33,19 @@ UNUSUAL = 2.5
 #: speed, but for this, m/s: winds carried through 13 firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm.
 _EXPONENT_AT_BEST, _SCALE_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 1e-3, 0.02, 0.002
 
+#: Time between the points of a path that a free run is matched at, and how well positions are known at best, m.
+PATH_SECONDS, SMALLEST_SIGMA = 1.0, 1e-4
+
 #: Place of the first wind coefficient among the parameters of a flight.
 _WIND = len(OWN)
 
 
-def trim_prior(shapes: int, wind: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return mean, sigma and limits of a training flight's exponent, thrust scale and wind coefficients.
+def trim_prior() -> tuple[Floats, Floats, Floats, Floats]:
+    """Return mean, sigma and limits of a training flight's exponent, thrust scale and wind.
 
     Flights that are fitted together are of one load, so that air temperature is what their thrust may differ by.
-
-    Parameters
-    ----------
-    shapes : int
-        How many coefficients there are for each direction.
     """
-    gust = TURBULENCE * max(wind, LIGHT)
-    more = 2 * (shapes - 1)
-    mean = np.concatenate([ANY_FLIGHT, np.zeros(more)])
-    sigma = np.concatenate([[ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA], np.full(more, gust)])
-    return mean, sigma, np.concatenate([LOWEST, np.full(more, -50.0)]), np.concatenate([HIGHEST, np.full(more, 50.0)])
+    return ANY_FLIGHT, np.array([ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA]), LOWEST, HIGHEST
 
 
 def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Floats | None = None) -> FlightTrim:
@@ -79,21 +73,38 @@ def whole_trim(
     free run has no scatter to tell errors from; what lies between the two is added.
     """
     told = carry_states(flight, shared, law)
-    start = told.own[-1]
-    shapes, prior = wind_shapes(flight.t, np.zeros(0)), _prior(shared, start, 1, 0.0)
-    values = np.concatenate([shared, start])
-    free = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
-    own = free.values[SHARED:]
+    own = match_path(flight, shared, told.own[-1], law, np.zeros(0))
     covariance = _stated(flight, shared, law, own, doubt)
     knots = wind_knots(flight.t, spacing)
-    if len(knots) == 0:
-        return with_attitude(trim_from(own, covariance, knots, source), flight, shared, law, _in_runs(told))
+    if len(knots) > 0:
+        own = match_path(flight, shared, own, law, knots)
+    return with_attitude(trim_from(own, covariance, knots, source), flight, shared, law, _in_runs(told))
+
+
+def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: Floats) -> Floats:
+    """Find thrust scale and wind, (4 + 2 k,), by which the free run is nearest to the measured path.
+
+    The wind's exponent stays; winds at the k `knots` depart from the mean as far as turbulence lets them.
+    """
     shapes = wind_shapes(flight.t, knots)
-    values = np.concatenate([free.values, np.zeros(2 * len(knots))])
-    prior = _prior(shared, own, 1 + len(knots), float(np.hypot(*own[_WIND:])))
-    varying = fit_output_error([flight], [shapes], values, prior, law=law, window_seconds=None)
-    trim = trim_from(varying.values[SHARED:], covariance, knots, source)
-    return with_attitude(trim, flight, shared, law, _in_runs(told))
+    gust = TURBULENCE * max(float(np.hypot(*start[_WIND:])), LIGHT)
+    every = max(round(PATH_SECONDS / flight.dt), 1)
+    first = np.concatenate([start[1:], np.zeros(2 * len(knots))])
+
+    def missed(own: Floats) -> Floats:
+        run = flight.run(np.concatenate([shared, start[:1], own]), shapes, law)
+        return np.asarray((run[::every, :3] - flight.position[::every]).ravel())
+
+    spread = max(float(np.sqrt(np.mean(missed(first) ** 2))), SMALLEST_SIGMA) if len(knots) else 1.0
+
+    def weighted(own: Floats) -> Floats:
+        return np.concatenate([missed(own) / spread, own[3:] / gust])
+
+    more = np.full(2 * len(knots), HIGHEST[-1])
+    limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
+    scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
+    found = scipy.optimize.least_squares(weighted, first, bounds=limits, x_scale=scales, ftol=1e-3)
+    return np.concatenate([start[:1], found.x])
 
 
 def with_attitude(
@@ -186,16 +197,4 @@ def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
         "battery or propellers, or another craft",
         "weigh the craft and check battery and propellers; fit flights of one load together",
         {"flight": flight, "thrust_scale": trim.thrust_scale, "sigma": trim.thrust_scale_sigma},
-    )
-
-
-def _prior(shared: Floats, own: Floats, shapes: int, wind: float) -> Prior:
-    """Hold the craft's parameters and the exponent, and leave the scale free."""
-    mean, sigma, low, high = trim_prior(shapes, wind)
-    mean[0], sigma[0], sigma[1] = own[0], 0.0, np.inf
-    return Prior(
-        np.concatenate([shared, mean]),
-        np.concatenate([np.zeros(SHARED), sigma]),
-        np.concatenate([shared, low]),
-        np.concatenate([shared, high]),
     )

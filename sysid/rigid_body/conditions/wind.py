@@ -51,6 +51,11 @@ class FlightTrim:
     #: constant wind.
     variation: tuple[tuple[float, float, float], ...] = ()
 
+    @property
+    def own(self) -> Floats:
+        """Parameters of the flight for the kernels, where the winds north and east are shapes of their own."""
+        return np.array([self.wind_exponent, self.thrust_scale, 1.0, 0.0, 0.0, 1.0])
+
     def wind(self, t: Floats) -> Floats:
         """Wind at 10 m at times t [s], north and east; shape (N, 2)."""
         mean: Floats = np.tile([self.wind_n, self.wind_e], (len(t), 1))

@@ -8,21 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.rigid_body.methods.equation_error import EquationErrorFit
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, fit_filter_error
-from sysid.rigid_body.methods.output_error import Prior
+from sysid.records.experiment import Floats
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, fit_filter_error
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.motion.body_motion import SHARED, Motion
 from sysid.transfer_functions.search import Progress
 
+#: Laws of drag in the order of preference.
+LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
+
 
 def fit_best_law(
-    motions: Sequence[Motion], prior: Prior, rough: EquationErrorFit, deadline: float, report: Progress
+    motions: Sequence[Motion], prior: Prior, start: Floats, deadline: float, report: Progress
 ) -> tuple[FilterErrorFit, int]:
     """Fit by filter error under every law of drag; return the likeliest.
 
-    Equation error rules none out: in gusts it took the right one for 1.5 times as bad as another. All are compared
-    under the disturbances of the first. Laws that can hardly be told from the best may each be the true one: the
-    covariance is that of their mixture, the mean of theirs and of what they find otherwise.
+    All are compared under the disturbances of the first. Laws that can hardly be told from the best may each be the
+    true one: the covariance is that of their mixture, the mean of theirs and of what they find otherwise.
 
     Returns
     -------
@@ -30,13 +32,13 @@ def fit_best_law(
     int
         The law, as the kernels number it.
     """
-    report("gusts", 0.1)
-    first = fit_filter_error(motions, rough.values, prior, rough.laws[0], deadline=deadline)
-    fits = {rough.laws[0]: first}
-    for number, other in enumerate(rough.laws[1:], start=1):
-        report("gusts, another law of drag", 0.1 + 0.5 * number / len(rough.laws))
+    report("gusts", 0.0)
+    first = fit_filter_error(motions, start, prior, LAWS[0], deadline=deadline)
+    fits = {LAWS[0]: first}
+    for number, other in enumerate(LAWS[1:], start=1):
+        report("gusts, another law of drag", 0.6 * number / len(LAWS))
         if time.monotonic() > deadline:
-            return replace(first, converged=False), rough.laws[0]
+            return replace(first, converged=False), LAWS[0]
         rival = min(fit.cost for fit in fits.values())
         fits[other] = fit_filter_error(
             motions, first.values, prior, other, disturbances=first.disturbances, rival=rival, deadline=deadline
@@ -50,7 +52,7 @@ def fit_best_law(
         off = (fit.values - best.values)[:SHARED]
         mixed[:SHARED, :SHARED] += weights[other] * np.outer(off, off)
         mixed += 0.0 if other == law else weights[other] * fit.covariance
-    if law != rough.laws[0]:
+    if law != LAWS[0]:
         report("gusts", 0.6)
         best = fit_filter_error(motions, best.values, prior, law, deadline=deadline)
     return replace(best, covariance=weights[law] * best.covariance + mixed), law

@@ -27,9 +27,11 @@ from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body.methods._gust_kernels import whiten
-from sysid.rigid_body.methods.output_error import HUBER, Prior, flight_slice, step_within
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
 from sysid.rigid_body.motion.increments import mean_accelerations
+
+#: Residuals beyond this many standard deviations pull with constant force (Huber).
+HUBER = 3.0
 
 #: Shortest and longest time between innovations, s, twice that of the motor outputs where the log has them so often. An
 #: autopilot that answers to a gust within a step ties its inputs to what they are taken to be independent of; steps as
@@ -41,7 +43,7 @@ CLUSTER_SECONDS = 10.0
 
 #: Most rounds of parameters and disturbances in turn, and the change of the log-likelihood that ends them; most steps
 #: in a round, and a gain that is not worth one: the noise in a single parameter is worth a half.
-_ROUNDS, _SETTLED = 6, 0.2
+_ROUNDS, _SETTLED = 7, 0.2
 _STEPS, _CONVERGED = 10, 0.01
 
 #: A fit whose cost is farther from a rival's than so many times its last gain will not reach it.
@@ -56,6 +58,17 @@ _EVALUATIONS = 250
 #: Correlation time of gusts beforehand: mean and standard deviation of its logarithm. Dryden's length is some 100 m at
 #: 15 m height; a push that wandered without end would pass for the mean wind.
 _TAU = (np.log(10.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known beforehand: independent normal distributions, and the range in which values make sense."""
+
+    #: shape (n,): Of all parameters as in `FilterErrorFit`; sigma may be infinite, or 0 for what is held.
+    mean: Floats
+    sigma: Floats
+    low: Floats
+    high: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +134,12 @@ class _Linearised:
         return float(self.costs.sum())
 
 
+def flight_slice(flight: int) -> slice:
+    """Return where exponent, scale and wind of a flight stand among the parameters."""
+    width = len(OWN) + 2
+    return slice(SHARED + flight * width, SHARED + (flight + 1) * width)
+
+
 def fit_filter_error(
     motions: Sequence[Motion],
     start: Floats,
@@ -141,15 +160,17 @@ def fit_filter_error(
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
     values, converged, last = np.clip(start, prior.low, prior.high), False, np.inf
-    found = list(disturbances or [])
+    # What is left over at first values is of the parameters: usual disturbances lead to better ones.
+    usual = Disturbance(*map(float, np.exp(_START)))
+    found = list(disturbances or [(usual, usual)] * len(motions))
 
     def spent(now: _Linearised, at: Floats) -> float:
         return now.cost + 0.5 * float(weight @ (at[free] - prior.mean[free]) ** 2)
 
     parts = _explained(motions, values, law)
-    for _ in range(_ROUNDS if disturbances is None else 1):
-        if disturbances is None:
-            found = [_likeliest(left, dt, found[k] if found else None) for k, (left, _, dt) in enumerate(parts)]
+    for number in range(_ROUNDS if disturbances is None else 1):
+        if number > 0:
+            found = [_likeliest(left, dt, both) for (left, _, dt), both in zip(parts, found, strict=True)]
         now, damping = _linearise(parts, len(values), found), 1e-9
         total = spent(now, values)
         for _ in range(_STEPS):
@@ -176,11 +197,34 @@ def fit_filter_error(
                 break
         if time.monotonic() > deadline:
             break
-        if disturbances is not None or abs(last - total) < _SETTLED:
+        if disturbances is not None or (number > 1 and abs(last - total) < _SETTLED):
             converged = True
             break
         last = total
     return _result(now, values, free, weight, tuple(found), converged)
+
+
+def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
+    """Where a damped Gauss-Newton step leads within limits.
+
+    What stands at its limit and is pulled outward stays; what would step over its limit stops there, and the others
+    step anew as is best for them with that, lest they follow a step that is not taken.
+    """
+    stopped = ((values <= low) & (uphill < 0.0)) | ((values >= high) & (uphill > 0.0))
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    normal = hessian / np.outer(scale, scale) + damping * np.eye(len(values))
+    reached = values.copy()
+    while not stopped.all():
+        moves = np.flatnonzero(~stopped)
+        known = uphill[moves] / scale[moves] - normal[np.ix_(moves, stopped)] @ (scale * (reached - values))[stopped]
+        step = np.linalg.lstsq(normal[np.ix_(moves, moves)], known, rcond=1e-13)[0]
+        reached[moves] = values[moves] + step / scale[moves]
+        over = (reached < low) | (reached > high)
+        reached = np.clip(reached, low, high)
+        if not over.any():
+            break
+        stopped |= over
+    return reached
 
 
 def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list[MeanWind]:
@@ -196,7 +240,7 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
     """
     result = []
     for k, (motion, (gusts, _)) in enumerate(zip(motions, fit.disturbances, strict=True)):
-        own = flight_slice(k, 1)
+        own = flight_slice(k)
         values = fit.values.copy()
         for _ in range(_STEPS):
             left, jacobian, _ = _velocities(motion, values, k, law)
@@ -220,7 +264,7 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
 
 def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Velocities:
     """Hold the velocity of a flight against the integral of its modelled accelerations."""
-    theta = np.concatenate([values[:SHARED], values[flight_slice(flight, 1)]])
+    theta = np.concatenate([values[:SHARED], values[flight_slice(flight)]])
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
     stride = max(round(step / motion.dt), 1)
     push, slopes = mean_accelerations(motion, theta, np.ones((len(motion.t), 1)), law, stride)
@@ -232,7 +276,7 @@ def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Veloc
     return motion.velocity[::stride] - integrated(push), integrated(slopes), seconds
 
 
-def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturbances:
+def _likeliest(left: Floats, dt: float, before: Disturbances) -> Disturbances:
     """Find the likeliest disturbances, horizontal and vertical, of unexplained velocities (n, 3)."""
 
     def search(columns: Floats, start: Floats) -> Disturbance:
@@ -252,13 +296,9 @@ def _likeliest(left: Floats, dt: float, before: Disturbances | None) -> Disturba
         )
         return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
 
-    starts = [_START, _START] if before is None else [_logarithms(each) for each in before]
+    starts = [np.log([each.gust, each.tau, each.jolt, each.noise]) for each in before]
     horizontal, vertical = np.ascontiguousarray(left[:, :2]), np.ascontiguousarray(left[:, 2:])
     return search(horizontal, starts[0]), search(vertical, starts[1])
-
-
-def _logarithms(each: Disturbance) -> Floats:
-    return np.log([each.gust, each.tau, each.jolt, each.noise])
 
 
 def _huber(z: Floats) -> Floats:
@@ -282,7 +322,7 @@ def _linearised(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Dis
     hessian, gradient = np.zeros((n, n)), np.zeros(n)
     costs, scores, flights = [], [], []
     for flight, ((left, jacobian, dt), both) in enumerate(zip(parts, disturbances, strict=True)):
-        places = np.r_[np.arange(SHARED), np.arange(n)[flight_slice(flight, 1)]]
+        places = np.r_[np.arange(SHARED), np.arange(n)[flight_slice(flight)]]
         starts = np.arange(0, max(len(left) - 1, 1), max(round(CLUSTER_SECONDS / dt), 1))
         spent, own = np.zeros(len(starts)), np.zeros((len(starts), n))
         for axis, noise in enumerate((both[0], both[0], both[1])):

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods.filter_error import FilterErrorFit
-from sysid.rigid_body.methods.output_error import flight_slice
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, flight_slice
 from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
@@ -70,7 +69,7 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     curved = np.zeros(SHARED)
     curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
     covariance[:SHARED, :SHARED] += np.outer(curved, curved)
-    exponents = [flight_slice(k, 1).start for k in range(len(motions))]
+    exponents = [flight_slice(k).start for k in range(len(motions))]
     covariance[exponents, exponents] += EXPONENT_ERROR**2
     assumed = np.diag(covariance - fit.covariance)[:SHARED]
     return replace(fit, covariance=covariance, assumed=assumed)

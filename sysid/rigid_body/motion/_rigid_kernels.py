@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.compiled import inner, njit
-from core.kernel_types import Int64s, Matrix, Stack, Vector
+from core.kernel_types import Matrix, Stack, Vector
 from core.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
@@ -354,89 +354,3 @@ def ahead(
         for k in range(steps):
             _step(thetas[restart], rotation, density, late, shapes, first + k, k, dt, ground, law, x, work)
         _keep(x, out, first + steps)
-
-
-@inner(nogil=True, fastmath=_FAST)
-def _keep_sensitivities(z: Floats, out: Floats, row: int) -> None:
-    columns = out.shape[2]
-    for a in range(3):
-        for c in range(columns):
-            out[row, a, c] = z[a * columns + c]
-
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def path_sensitivities(
-    theta: Vector,
-    rotation: Matrix,
-    density: Vector,
-    late: Matrix,
-    shapes: Matrix,
-    dt: float,
-    ground: float,
-    law: int,
-    start: int,
-    initial: Vector,
-    stride: int,
-    moving: Int64s,
-    out: Matrix,
-    sensitivities: Stack,
-) -> None:
-    """Positions as `path` and their derivatives by m `moving` parameters and the initial state: (n, 3), (n, 3, m + 6).
-
-    Of every `stride`-th sample only, from `start` on; the wind's shapes begin there.
-    """
-    x = initial.copy()
-    q = len(moving)
-    columns = q + 6
-    # By rows of the state, one behind the other: one long loop takes less time than six short ones.
-    half, whole = 3 * columns, 6 * columns
-    z, stage_z, rate_z = np.zeros(whole), np.empty(whole), np.zeros((4, whole))
-    for i in range(6):
-        z[i * columns + q + i] = 1.0
-    stage, rate = np.empty(6), np.zeros((4, 6))
-    s = np.empty(_SIGNALS)
-    body, by_velocity, by_height = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    # The columns of the initial state stay zero here.
-    by_theta, by_column = np.empty((3, len(theta))), np.zeros(columns)
-    _keep(x, out, 0)
-    _keep_sensitivities(z, sensitivities, 0)
-    for n in range(1, (len(out) - 1) * stride + 1):
-        k = n - 1
-        for i in range(4):
-            part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
-            if i != 2:
-                _blend(rotation, density, late, start + k, part, s)
-                wind = _wind(theta, shapes, k, part)
-            step, before, now = part * dt, max(i - 1, 0), rate_z[i]
-            for a in range(6):
-                stage[a] = x[a] + step * rate[before, a]
-            for c in range(whole):
-                stage_z[c] = z[c] + step * rate_z[before, c]
-            for a in range(3):
-                rate[i, a] = stage[3 + a]
-            above = _above(ground - stage[2])
-            profile = exp(theta[12] * above)
-            u = _relative(s, profile * wind[0], profile * wind[1], stage[3:])
-            _acceleration(theta, s, u, law, rate[i, 3:])
-            _derivatives(theta, s, shapes, k, part, wind, above, u, law, body, by_velocity, by_height, by_theta)
-            for c in range(half):
-                now[c] = stage_z[half + c]
-            for a in range(3):
-                for c in range(q):
-                    by_column[c] = by_theta[a, moving[c]]
-                vn, ve, vd, h = by_velocity[a, 0], by_velocity[a, 1], by_velocity[a, 2], by_height[a]
-                for c in range(columns):
-                    now[half + a * columns + c] = (
-                        by_column[c]
-                        + vn * stage_z[half + c]
-                        + ve * stage_z[half + columns + c]
-                        + vd * stage_z[half + 2 * columns + c]
-                        - h * stage_z[2 * columns + c]
-                    )
-        for a in range(6):
-            x[a] += dt / 6.0 * (rate[0, a] + 2.0 * rate[1, a] + 2.0 * rate[2, a] + rate[3, a])
-        for c in range(whole):
-            z[c] += dt / 6.0 * (rate_z[0, c] + 2.0 * rate_z[1, c] + 2.0 * rate_z[2, c] + rate_z[3, c])
-        if n % stride == 0:
-            _keep(x, out, n // stride)
-            _keep_sensitivities(z, sensitivities, n // stride)

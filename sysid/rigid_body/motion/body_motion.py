@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from core.recent import Recent
-from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
@@ -43,7 +42,6 @@ _LAG_STEP = 1e-3
 
 _ANGLES = ("roll", "pitch", "yaw")
 _VELOCITY = ("v_n", "v_e", "v_d")
-_FORCE = ("f_x", "f_y", "f_z")
 _ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
 
 #: Longest time between logged motor outputs that is told apart, s.
@@ -67,7 +65,6 @@ class Motion:
     #: shape (N, 3): NED from the first sample, m and m/s.
     position: Floats
     velocity: Floats
-    acceleration: Floats | None  #: shape (N, 3): NED, by the accelerometer, m/s^2.
     ground: float  #: Down coordinate of the place of take-off, m.
     #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
     attitude_sigma: Floats
@@ -107,7 +104,6 @@ class Motion:
             square=self.square[part],
             position=np.ascontiguousarray(self.position[part]),
             velocity=np.ascontiguousarray(self.velocity[part]),
-            acceleration=None if self.acceleration is None else self.acceleration[part],
         )
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
@@ -176,10 +172,6 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
     velocity = context[list(_VELOCITY)].to_numpy(np.float64)
     if not np.isfinite(velocity).all():
         velocity = np.gradient(position, record.dt, axis=0)
-    force = context[list(_FORCE)].to_numpy(np.float64)
-    acceleration = None
-    if np.isfinite(force).all():
-        acceleration = np.einsum("nij,nj->ni", rotation, force) + np.array([0.0, 0.0, STANDARD_GRAVITY])
     return Motion(
         name=record.name,
         t=record.t,
@@ -189,7 +181,6 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         square=ratio * (command**2).sum(axis=1),
         position=np.ascontiguousarray(position),
         velocity=np.ascontiguousarray(velocity),
-        acceleration=acceleration,
         # A record that does not tell begins or ends near the ground.
         ground=float(context["height"].iloc[0] if "height" in context else max(position[0, 2], position[-1, 2])),
         attitude_sigma=_attitude_sigma(context),
