@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self, TypeVar, overload, runtime_checkable
+from typing import TYPE_CHECKING, Self, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ from core.lazy import lazy
 from core.summary import Summarised, listed
 from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
-from logparse.messages import Messages, Passing
+from logparse.messages import Messages, PassingMessages
 from logparse.source import Boot, MessageSource
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
@@ -53,21 +53,6 @@ _READERS = (
 _MOST_BOOTS = 8
 
 
-@runtime_checkable
-class _ParameterSource(Protocol):
-    """A source whose format keeps parameters outside its messages."""
-
-    def parameters(self, boot: Boot) -> Mapping[str, float]: ...
-
-
-@runtime_checkable
-class _PreludeSource(Protocol):
-    """A source whose format may begin with lines that are no messages."""
-
-    @property
-    def prelude(self) -> tuple[str, ...]: ...
-
-
 class FlightLog(Summarised):
     """One boot of a flight log.
 
@@ -98,8 +83,9 @@ class FlightLog(Summarised):
     @cached_property
     def parameters(self) -> Mapping[str, float]:
         """Autopilot parameters: the last value of each in this boot."""
-        if isinstance(self._source, _ParameterSource):
-            found = dict(self._source.parameters(self.boot))
+        kept = self._source.parameters(self.boot)
+        if kept is not None:
+            found = dict(kept)
         elif "PARM" in self.messages:
             self.messages.load(("PARM", "MSG"))  # `vehicle` asks for the other: one pass over the file
             rows = self.messages["PARM"]
@@ -141,17 +127,17 @@ class FlightLog(Summarised):
     @cached_property
     def vehicle(self) -> "Vehicle":
         """The craft as the log describes it."""
-        prelude = self._source.prelude if isinstance(self._source, _PreludeSource) else ()
         others = (Messages(self._source, boot) for boot in self.boots[:_MOST_BOOTS] if boot != self.boot)
-        elsewhere = chain(prelude, *map(craft.printed, others))
+        elsewhere = chain(self._source.prelude, *map(craft.printed, others))
         return craft.describe(self.messages, format=self.format, parameters=self.parameters, elsewhere=elsewhere)
 
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
-        messages = Passing(self.messages)
         parameters, vehicle = self.parameters, self.vehicle
-        with messages.held(canonical.TOGETHER):
-            return canonical.gather_tables(messages, format=self.format, parameters=parameters, vehicle=vehicle)
+        messages = PassingMessages(self.messages, canonical.TOGETHER)
+        built = canonical.gather_tables(messages, format=self.format, parameters=parameters, vehicle=vehicle)
+        messages.release()
+        return built
 
     @property
     def tables(self) -> "Tables":

@@ -1,9 +1,8 @@
 """The messages of a log by name, each decoded when it is asked for."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Protocol, runtime_checkable
 
+import numpy as np
 import pandas as pd
 
 from logparse.source import LONG, Boot, MessageSource
@@ -15,20 +14,6 @@ _ASKED, _SHARE = 2, 2
 _HELD = 5
 
 
-@runtime_checkable
-class _BatchSource(Protocol):
-    """A source that decodes several message types in one pass over the file."""
-
-    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]: ...
-
-
-@runtime_checkable
-class _FieldSource(Protocol):
-    """A source that decodes some of the fields of a message type."""
-
-    def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame: ...
-
-
 class Messages(Mapping[str, pd.DataFrame]):
     """The messages of one boot by name as logged, decoded when first asked for.
 
@@ -38,42 +23,22 @@ class Messages(Mapping[str, pd.DataFrame]):
 
     def __init__(self, source: MessageSource, boot: Boot):
         self._source, self._boot = source, boot
-        self._counts = source.counts(boot)
+        self.counts = source.counts(boot)  #: Rows of each message type, without decoding.
         self._frames: dict[str, pd.DataFrame] = {}
         self._asking: int | None = None  # Messages that a loop over the names has asked for and were not there.
 
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Rows of each message type, without decoding."""
-        return self._counts
-
     def load(self, names: Iterable[str]) -> None:
         """Decode several message types at once; names that the log does not have are passed over."""
-        missing = [name for name in names if name in self._counts and name not in self._frames]
-        if isinstance(self._source, _BatchSource) and missing:
-            self._frames.update(self._source.decode_many(missing, self._boot))
-        else:
-            for name in missing:
-                self._frames[name] = self._source.decode(name, self._boot)
+        self._frames |= self.decode(names)
 
-    def together(self, names: Iterable[str]) -> dict[str, pd.DataFrame]:
-        """Decode several message types in one pass over the file; long ones are not kept.
-
-        Parameters
-        ----------
-        names : iterable of str
-            Message types; those that the log lacks are passed over.
-        """
-        missing = [name for name in names if name in self._counts and name not in self._frames]
-        if not isinstance(self._source, _BatchSource) or not missing:
-            return {}
-        frames = self._source.decode_many(missing, self._boot)
-        self._frames |= {name: frame for name, frame in frames.items() if self._counts[name] < LONG}
-        return frames
+    def decode(self, names: Iterable[str]) -> dict[str, pd.DataFrame]:
+        """Return several message types that are not there yet, decoded in one pass over the file and not kept."""
+        missing = [name for name in names if name in self.counts and name not in self._frames]
+        return self._source.decode_many(missing, self._boot) if missing else {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         if name not in self._frames:
-            if name not in self._counts:
+            if name not in self.counts:
                 raise KeyError(name)
             self.load([name, *self._next(name)])
         return self._frames[name]
@@ -105,13 +70,13 @@ class Messages(Mapping[str, pd.DataFrame]):
         if asked is None:
             return
         self._asking = asked + 1
-        if asked + 1 < _ASKED or not isinstance(self._source, _BatchSource):
+        if asked + 1 < _ASKED:
             return
-        names = list(self._counts)
-        rows = self._counts[name]
+        names = list(self.counts)
+        rows = self.counts[name]
         for other in names[names.index(name) + 1 :]:
-            rows += 0 if other in self._frames else self._counts[other]
-            if rows > sum(self._counts.values()) // _SHARE:
+            rows += 0 if other in self._frames else self.counts[other]
+            if rows > sum(self.counts.values()) // _SHARE:
                 return
             yield other
 
@@ -119,74 +84,43 @@ class Messages(Mapping[str, pd.DataFrame]):
         """Decode a message without keeping it, of `fields` only where that spares memory; or the one that is kept."""
         if name in self._frames:
             return self._frames[name]
-        if fields is not None and isinstance(self._source, _FieldSource):
-            return self._source.decode_fields(name, self._boot, fields)
-        return self._source.decode(name, self._boot)
+        return self._source.decode_many((name,), self._boot, fields)[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._counts
+        return name in self.counts
 
     def __iter__(self) -> Iterator[str]:
         self._asking = 0
         try:
-            yield from self._counts
+            yield from self.counts
         finally:
             self._asking = None
 
     def __len__(self) -> int:
-        return len(self._counts)
+        return len(self.counts)
 
     def values(self):  # type: ignore[no-untyped-def]
         """Frames, all decoded."""
-        self.load(self._counts)
+        self.load(self.counts)
         return super().values()
 
     def items(self):  # type: ignore[no-untyped-def]
         """Names and frames, all decoded."""
-        self.load(self._counts)
+        self.load(self.counts)
         return super().items()
 
     def __repr__(self) -> str:
         return f"<Messages of {len(self)} types: {', '.join(self)}>"
 
 
-class Passing(Mapping[str, pd.DataFrame]):
-    """Messages for whoever builds tables of them: long ones that nobody asked for by name are not kept."""
+class MessageView(Mapping[str, pd.DataFrame]):
+    """The messages of a log, seen in another way."""
 
-    def __init__(self, messages: Messages):
+    def __init__(self, messages: Mapping[str, pd.DataFrame]):
         self._messages = messages
-        self._held: dict[str, pd.DataFrame] = {}
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Rows of each message type, without decoding."""
-        return self._messages.counts
-
-    @contextmanager
-    def held(self, names: Iterable[str]) -> Iterator[None]:
-        """Hold messages while several tables are built of them: decoding one by one passes over the file each time."""
-        counts, room = self.counts, sum(self.counts.values()) // _HELD
-        chosen = []
-        for name in sorted(set(names) & set(counts), key=lambda name: (counts[name], name)):
-            room -= counts[name]
-            if room >= 0 or counts[name] < LONG:
-                chosen.append(name)
-        self._held = self._messages.together(chosen)
-        try:
-            yield
-        finally:
-            self._held = {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        return self.choose(name, None)
-
-    def choose(self, name: str, fields: Collection[str] | None) -> pd.DataFrame:
-        """Decode a message; of a long one only `fields`."""
-        if name in self._held:
-            return self._held[name]
-        if self._messages.counts.get(name, 0) < LONG:
-            return self._messages[name]
-        return self._messages.once(name, fields)
+        return self._messages[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._messages
@@ -196,3 +130,50 @@ class Passing(Mapping[str, pd.DataFrame]):
 
     def __len__(self) -> int:
         return len(self._messages)
+
+
+class PassingMessages(MessageView):
+    """Messages for whoever builds tables of them: long ones that nobody asked for by name are not kept.
+
+    Those of `together` are, until `release`, as far as there is room: to decode one by one passes over the file each
+    time.
+    """
+
+    _messages: Messages
+
+    def __init__(self, messages: Messages, together: Iterable[str]):
+        super().__init__(messages)
+        self.counts = messages.counts
+        room = sum(self.counts.values()) // _HELD
+        chosen = []
+        for name in sorted(set(together) & set(self.counts), key=lambda name: (self.counts[name], name)):
+            room -= self.counts[name]
+            if room >= 0 or self.counts[name] < LONG:
+                chosen.append(name)
+        self._held = messages.decode(chosen)
+        messages._frames |= {name: frame for name, frame in self._held.items() if self.counts[name] < LONG}
+
+    def release(self) -> None:
+        """Release what was decoded together."""
+        self._held = {}
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        return self.once(name)
+
+    def once(self, name: str, fields: Collection[str] | None = None) -> pd.DataFrame:
+        """Return a message; of a long one only `fields`."""
+        if name in self._held:
+            return self._held[name]
+        return self._messages[name] if self.counts.get(name, 0) < LONG else self._messages.once(name, fields)
+
+
+class NumericMessages(MessageView):
+    """Messages as logged, with NaN for what is no number: damage and strange writers make text of fields."""
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        frame = self._messages[name]
+        texts = [column for column in frame.columns if not pd.api.types.is_numeric_dtype(frame[column].dtype)]
+        numbers = {
+            text: pd.to_numeric(frame[text], errors="coerce").to_numpy(np.float64, na_value=np.nan) for text in texts
+        }
+        return frame.assign(**numbers) if texts else frame

@@ -1,8 +1,7 @@
 """Interface between the file formats and `FlightLog`: what every format reader offers."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import pandas as pd
 
@@ -26,32 +25,44 @@ class Boot:
     t_end: float
 
 
-class MessageSource(Protocol):
-    """An opened log file of one format, scanned but not yet decoded."""
+class MessageSource:
+    """An opened log file of one format, scanned but not yet decoded; base of the formats' readers."""
 
-    @property
-    def format(self) -> str:
-        """``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``."""
+    #: ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
+    format: str
+    #: Lines before the first message.
+    prelude: tuple[str, ...] = ()
 
     @property
     def boots(self) -> tuple[Boot, ...]:
         """At least one."""
+        raise NotImplementedError
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the scan and the decoding so far had to say."""
+        raise NotImplementedError
 
     def counts(self, boot: Boot) -> Mapping[str, int]:
-        """Messages of each type in this boot, by name as logged."""
+        """Return the messages of each type in this boot, by name as logged."""
+        raise NotImplementedError
 
-    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        """All fields of one message type, rows in file order.
+    def decode_many(
+        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
+    ) -> dict[str, pd.DataFrame]:
+        """Return several message types, rows in file order; of `fields` only, where that spares memory.
 
         The index `t` is in seconds on the boot clock (raw messages may step slightly backwards); columns are named as
         logged and scaled to the units in ``frame.attrs["units"]`` (column name -> unit as logged, such as ``"deg"``).
         ``frame.attrs["multipliers"]`` says what each scaled column was multiplied by, ``frame.attrs["instance"]`` which
         column tells the instances of a sensor apart; both only where the format knows them.
         """
+        raise NotImplementedError
 
-    def units(self, name: str) -> Mapping[str, str]:
-        """Return the unit of each field as the file or the protocol declares it; absent where it does not."""
+    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
+        """Return all fields of one message type."""
+        return self.decode_many((name,), boot)[name]
+
+    def parameters(self, boot: Boot) -> Mapping[str, float] | None:
+        """Return the autopilot's parameters where the format keeps them outside its messages."""
+        return None

@@ -5,9 +5,10 @@ increasing). SI units and radians; world frame NED (north, east, down), body fra
 A value that was not logged or cannot be is NaN. A table that the log does not have is None.
 """
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -145,8 +146,52 @@ class Geodetic:
     alt: float
 
 
+#: A table and those of the other instances of its sensor.
+Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class LongTable:
+    """How to build a table of which an hour at 400 Hz is 1.4 million rows: several times the log, beside its messages.
+
+    `columns` yields wanted columns one by one, without the table.
+    """
+
+    build: Callable[[], Built]
+    columns: Callable[[Collection[str]], Iterator["pd.Series[float]"]] | None = None
+
+
+class _LongTables:
+    """Slots of `Tables` for the long ones, which are built when they are asked for: their own slots stay empty."""
+
+    __slots__ = ("_built", "_long", "_others")
+    _long: Mapping[str, LongTable]
+    _built: dict[str, Built]  # The one asked for last, until another is: two are as large as the log.
+    _others: Mapping[str, tuple[pd.DataFrame, ...]]
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Build what stands in an empty slot."""
+            if name == "_long":
+                return {}
+            if name == "further":
+                others = self._build("imu")[1]
+                return {**self._others, "imu": others} if others else self._others
+            if name not in self._long:
+                raise AttributeError(f"tables have no {name}")
+            return self._build(name)[0]
+
+    def _build(self, name: str) -> Built:
+        if name not in self._built:
+            self._built.clear()
+            table, others = self._long[name].build()
+            self._built[name] = (table if table is not None and len(table) else None), others
+        return self._built[name]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Tables(Summarised):
+class Tables(_LongTables, Summarised):
     """The canonical tables of one log (see `COLUMNS`) and the parameters that say how they were sensed.
 
     `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
@@ -174,6 +219,15 @@ class Tables(Summarised):
     parameters: Mapping[str, float] = field(default_factory=dict)
     origin: Geodetic | None = None
 
+    def with_long(self, long: Mapping[str, LongTable]) -> "Tables":
+        """Return the same tables with long ones in place of some, built when they are first asked for."""
+        made = replace(self)
+        for name, value in (("_long", long), ("_built", {}), ("_others", self.further)):
+            object.__setattr__(made, name, value)
+        for name in (*long, *(("further",) if "imu" in long else ())):
+            object.__delattr__(made, name)
+        return made
+
     def summary(self) -> dict[str, str]:
         """Return the rows and columns of each table that the log has."""
         found = {each.name: getattr(self, each.name) for each in fields(self)}
@@ -184,11 +238,11 @@ class Tables(Summarised):
         }
 
     def has(self, name: str) -> bool:
-        """Whether the log has a table."""
-        return getattr(self, name) is not None
+        """Whether the log has a table; a long one need not be built for that."""
+        return name in self._long or getattr(self, name) is not None
 
     def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
-        """Yield columns of a table one by one, for who needs no more than one at a time; none without the table.
+        """Yield columns of a table one by one, of a long one no more than one in memory; none without the table.
 
         Parameters
         ----------
@@ -197,14 +251,22 @@ class Tables(Summarised):
         wanted : collection of str, optional
             Names of the columns, in the order in which they come; all by default.
         """
+        long = self._long.get(name)
+        if long is not None and long.columns is not None and name not in self._built:
+            yield from long.columns(list(COLUMNS[name]) if wanted is None else wanted)
+            return
         table = getattr(self, name)
         if table is not None:
             yield from (table[column] for column in (table.columns if wanted is None else wanted))
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
+        if name in self._long and self._long[name].columns is not None:
+            return next(self.columns(name, list(COLUMNS[name])[:1])).index.to_numpy(np.float64)
         table = getattr(self, name)
         return None if table is None else table.index.to_numpy(np.float64)
 
     def release(self, keep: str = "") -> None:
-        """Release tables, but for `keep`, that can be built anew when they are asked for again; here there are none."""
+        """Release the long table that is kept, unless it is `keep`: it is built anew when it is asked for again."""
+        if self._long and keep not in self._built:
+            self._built.clear()

@@ -7,10 +7,9 @@ import pandas as pd
 
 from core.findings import Finding, Severity
 from logparse.canonical import dataflash, px4, telemetry
-from logparse.canonical.deferred import DeferredTables, Later
 from logparse.canonical.remarks import Remarks
 from logparse.craft.frames import Vehicle
-from logparse.tables import COLUMNS, Tables
+from logparse.tables import COLUMNS, LongTable, Tables
 
 __all__ = ["TOGETHER", "gather_tables"]
 
@@ -48,23 +47,21 @@ def gather_tables(
         Gives what had to be left out or assumed, as a tuple of Finding; builds what is not yet built.
     """
     remarks = Remarks()
-    later = Later()
+    said: dict[str, Remarks] = {}  # Of long tables, when they are built.
+    long: Mapping[str, LongTable] = {}
     if format.startswith("dataflash"):
-        tables = dataflash.build(messages, parameters, vehicle, remarks, later)
+        long = dataflash.long_tables(messages, said)
+        tables = dataflash.build(messages, parameters, vehicle, remarks, long)
     elif format == "ulog":
         tables = px4.build(messages, parameters, vehicle, remarks)
     else:
         tables = telemetry.build(messages, parameters, vehicle, remarks)
     # A table without a row says no more than a missing one.
-    empty = {
-        name: None
-        for name in COLUMNS
-        if name not in later.builders and (table := getattr(tables, name)) is not None and len(table) == 0
-    }
+    empty = {name: None for name in COLUMNS if (table := getattr(tables, name)) is not None and len(table) == 0}
     if empty:
         tables = replace(tables, **empty)  # type: ignore[arg-type]
-    if later.builders:
-        tables = DeferredTables.of(tables, later)
+    if long:
+        tables = tables.with_long(long)
     if vehicle.frame_source == "outputs":
         remarks.add(
             Finding(
@@ -103,8 +100,11 @@ def gather_tables(
         )
 
     def findings() -> tuple[Finding, ...]:
-        for name in later.silent():
-            getattr(tables, name)  # kept for who asks for the table next
-        return later.findings(remarks)
+        if "imu" in long and "imu" not in said:
+            tables.imu  # noqa: B018 -- kept for who asks for the table next
+        together = Remarks()
+        for each in (remarks, *said.values()):
+            together.take(each)
+        return together.findings()
 
     return tables, findings

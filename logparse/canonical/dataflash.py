@@ -1,7 +1,7 @@
 """Canonical tables of DataFlash logs, binary or text."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
@@ -11,11 +11,11 @@ from logparse.canonical import dataflash_control as control
 from logparse.canonical import dataflash_events, dataflash_sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.dataflash_sensors import Sensor
-from logparse.canonical.deferred import KeptFields, Later
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
-from logparse.tables import Tables
+from logparse.source import LONG
+from logparse.tables import Built, LongTable, Tables
 
 #: Messages that the tables of which there may be a row for every step of the fast loop are made of.
 _IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
@@ -29,25 +29,33 @@ TOGETHER = (
 )
 
 
+def long_tables(messages: Mapping[str, pd.DataFrame], said: dict[str, Remarks]) -> dict[str, LongTable]:
+    """Return how to build the tables that are long; `said` gets what building them has to say."""
+    counts: Mapping[str, int] = getattr(messages, "counts", {})
+
+    def inertial() -> Built:
+        said["imu"] = Remarks()
+        return _inertial(messages, said["imu"])
+
+    found = {}
+    if sum(counts.get(name, 0) for name in _IMU) >= LONG:
+        found["imu"] = LongTable(inertial)
+    if sum(counts.get(name, 0) for name in _RATES) >= LONG:
+        columns = (lambda wanted: control.rate_columns(messages, wanted)) if "RATE" in messages else None
+        found["rates"] = LongTable(lambda: (control.rates(messages), ()), columns)
+    return found
+
+
 def build(
     messages: Mapping[str, pd.DataFrame],
     parameters: Mapping[str, float],
     vehicle: Vehicle,
     remarks: Remarks,
-    later: Later,
+    long: Collection[str],
 ) -> Tables:
-    """Build all tables that the messages allow, but for those that `later` takes."""
-    imu, further_imu = later.take("imu", messages, _IMU, lambda own: _inertial(messages, own), remarks)
-    kept = KeptFields(messages)
-    later.kept.append(kept)
-    rates, _ = later.take(
-        "rates",
-        messages,
-        _RATES,
-        lambda _: (control.rates(messages), ()),
-        remarks,
-        (lambda wanted: control.rate_columns(kept, wanted)) if "RATE" in messages else None,
-    )
+    """Build all tables that the messages allow, but for long ones."""
+    imu, further_imu = (None, ()) if "imu" in long else _inertial(messages, remarks)
+    rates = None if "rates" in long else control.rates(messages)
     gps, further_gps = dataflash_sensors.gps(
         messages, parameters, _old_receiver(messages, parameters, vehicle), remarks
     )

@@ -8,8 +8,7 @@ import pymap3d
 
 from core.cubic_spline import cubic_spline
 from core.units import numbers, quantity
-from logparse.canonical.deferred import KeptFields, SomeFields
-from logparse.canonical.instances import instances
+from logparse.canonical.instances import instances, some_fields
 from logparse.canonical.series import Array, columns_of, euler_angles, join, quaternions, sample, series, wrap
 from logparse.craft.frames import Vehicle
 from logparse.tables import COLUMNS, Geodetic
@@ -242,13 +241,13 @@ def rates(messages: Messages) -> pd.DataFrame | None:
     """Rate controller: targets, rates and outputs of RATE, or of PIDR, PIDP and PIDY where RATE is not logged."""
     if "RATE" not in messages:
         return _rates_from_pid(messages)
-    frame = SomeFields(messages, {field for field, _ in _RATE_FIELDS.values()})["RATE"]
+    frame = some_fields(messages, "RATE", {field for field, _ in _RATE_FIELDS.values()})
     return series(frame.index, ((name, quantity(frame, *source)) for name, source in _RATE_FIELDS.items()))
 
 
-def rate_columns(messages: KeptFields, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
-    frame = messages.some("RATE", {_RATE_FIELDS[name][0] for name in wanted})
+    frame = some_fields(messages, "RATE", {_RATE_FIELDS[name][0] for name in wanted})
     return columns_of(frame.index, ((name, quantity(frame, *_RATE_FIELDS[name])) for name in wanted))
 
 

@@ -9,7 +9,6 @@ import pandas as pd
 
 from core.findings import Finding, Severity
 from core.units import numbers, quantities, quantity, sample_times
-from logparse.canonical.deferred import SomeFields
 from logparse.canonical.instances import instances, pick
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
@@ -115,14 +114,13 @@ _IMU_FIELDS = (
 def imu(messages: Messages, remarks: Remarks) -> Sensor:
     """Angular rate and specific force: IMU, IMU2, IMU3 or IMU with its instance; ACC1 and GYR1 where IMU is missing."""
     tables = []
-    messages = SomeFields(messages, _IMU_FIELDS)
     fields = [(f"Gyr{axis}", "rad/s") for axis in "XYZ"] + [(f"Acc{axis}", "m/s/s") for axis in "XYZ"]
-    for name, frame in instances(messages, "IMU", "IMU2", "IMU3"):
+    for name, frame in instances(messages, "IMU", "IMU2", "IMU3", fields=_IMU_FIELDS):
         pieces = quantities(frame, fields, _PIECE)
         tables.append((name, _imu_table(frame.index.to_numpy(), pieces, name, remarks, _flags(frame))))
     if not tables:
-        for k, (name, gyro) in enumerate(instances(messages, "GYR", "GYR1", "GYR2", "GYR3")):
-            accel = instances(messages, "ACC", "ACC1", "ACC2", "ACC3")
+        for k, (name, gyro) in enumerate(instances(messages, "GYR", "GYR1", "GYR2", "GYR3", fields=_IMU_FIELDS)):
+            accel = instances(messages, "ACC", "ACC1", "ACC2", "ACC3", fields=_IMU_FIELDS)
             if k >= len(accel):
                 break
             force_name, force = accel[k]

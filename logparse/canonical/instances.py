@@ -1,23 +1,31 @@
 """Sensors that come several times: messages with a number in their name, or with an instance column."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
 
 from core.units import numbers
+from logparse.messages import PassingMessages
 
 #: Columns that hold the instance, by age of the firmware.
 INSTANCE_NAMES = ("I", "Instance", "Inst")
 
 
-def instances(messages: Mapping[str, pd.DataFrame], *names: str) -> list[tuple[str, pd.DataFrame]]:
+def some_fields(messages: Mapping[str, pd.DataFrame], name: str, fields: Collection[str] | None) -> pd.DataFrame:
+    """Return a message; of a long one only `fields`, for the others would take memory for nothing."""
+    return messages.once(name, fields) if isinstance(messages, PassingMessages) else messages[name]
+
+
+def instances(
+    messages: Mapping[str, pd.DataFrame], *names: str, fields: Collection[str] | None = None
+) -> list[tuple[str, pd.DataFrame]]:
     """List the instances of a sensor in their order, each with its name for findings."""
     found: list[tuple[str, pd.DataFrame]] = []
     for name in names:
         if name not in messages:
             continue
-        frame = messages[name]
+        frame = some_fields(messages, name, fields)
         column = instance_column(frame)
         if column is None:
             if len(frame):

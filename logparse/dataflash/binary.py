@@ -23,7 +23,7 @@ from logparse.dataflash.chain import Chain, Slot
 from logparse.dataflash.columns import Layout
 from logparse.dataflash.findings import decoding_findings, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable, clean_text
-from logparse.source import Boot
+from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 
 #: Times so far outside a boot, us, are not taken for neighbours.
@@ -37,19 +37,8 @@ def looks_like(head: bytes) -> bool:
     return head.count(HEADER + bytes((FMT_ID,))) >= 3 or head.count(HEADER) > max(8, len(head) // 400)
 
 
-class DataflashSource:
-    """An opened DataFlash binary log; see `logparse.source.MessageSource`.
-
-    Parameters
-    ----------
-    buffer : bytes or mmap
-        The whole file.
-
-    Raises
-    ------
-    LogError
-        Not one intact message.
-    """
+class DataflashSource(MessageSource):
+    """An opened DataFlash binary log; LogError where not one message is intact."""
 
     format = "dataflash"
 
@@ -100,14 +89,6 @@ class DataflashSource:
             counts[name] = counts.get(name, 0) + int(found[number])
         return counts
 
-    def units(self, name: str) -> dict[str, str]:
-        """Units of the fields as declared, after scaling."""
-        units: dict[str, str] = {}
-        for slot in self._chain.slots:
-            if slot.name == name:
-                units.update(slot.unit_labels(self._units))
-        return units
-
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the scan and the decoding so far had to say."""
@@ -117,19 +98,10 @@ class DataflashSource:
     def _scan_findings(self) -> list[Finding]:
         return scan_findings(self._chain)
 
-    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        """All fields of one message type."""
-        return self.decode_many((name,), boot)[name]
-
-    def decode_fields(self, name: str, boot: Boot, fields: Collection[str]) -> pd.DataFrame:
-        """Those of the fields of one message type that it has."""
-        return self._decode((name,), boot, fields)[name]
-
-    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]:
-        """All fields of several message types, in one pass over the file."""
-        return self._decode(names, boot, None)
-
-    def _decode(self, names: Iterable[str], boot: Boot, fields: Collection[str] | None) -> dict[str, pd.DataFrame]:
+    def decode_many(
+        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
+    ) -> dict[str, pd.DataFrame]:
+        """Return several message types, decoded in one pass over the file."""
         chain, span = self._chain, self._chain.spans[boot]
         names = list(dict.fromkeys(names))
         found = chain.totals(span)

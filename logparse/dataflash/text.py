@@ -6,7 +6,7 @@ FMT line and lines that do not fit their format are passed over.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
-from logparse.source import Boot
+from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 
 _FMT_LINE = re.compile(rb"^\s*FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
@@ -102,14 +102,8 @@ class _Group:
         return np.rint(np.where((seconds >= 0) & (seconds < 1e11), seconds * 1e6, -1.0)).astype(np.int64)
 
 
-class DataflashTextSource:
-    """An opened DataFlash text log; see `logparse.source.MessageSource`. Positions are line numbers from 0.
-
-    Raises
-    ------
-    LogError
-        Not one message that a FMT line explains.
-    """
+class DataflashTextSource(MessageSource):
+    """An opened DataFlash text log; positions are line numbers from 0. LogError where not one line fits a FMT line."""
 
     format = "dataflash-text"
 
@@ -210,16 +204,13 @@ class DataflashTextSource:
         a, b = np.searchsorted(group.numbers, (span.first, span.last))
         return range(int(a), int(b))
 
-    def units(self, name: str) -> Mapping[str, str]:
-        """Units of the fields as declared, after scaling."""
-        units: dict[str, str] = {}
-        for group in self._groups:
-            if group.definition.name == name:
-                units.update(self._units.units(group.fields, group.units, group.time, group.time_scale))
-        return units
+    def decode_many(
+        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
+    ) -> dict[str, pd.DataFrame]:
+        """Return several message types."""
+        return {name: self._decode(name, boot) for name in names}
 
-    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        """All fields of one message type."""
+    def _decode(self, name: str, boot: Boot) -> pd.DataFrame:
         span = self._spans[boot]
         groups = [g for g in self._groups if g.definition.name == name and len(self._selected(g, span))]
         if not groups:

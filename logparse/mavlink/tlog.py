@@ -9,7 +9,7 @@ verified; it is skipped as one where the next frame follows it.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -28,7 +28,7 @@ from logparse.mavlink.clock import BootClock, find_boots, logger_clock
 from logparse.mavlink.dialect import definitions
 from logparse.mavlink.findings import scan_findings
 from logparse.mavlink.scan import Release, Scan, dialect_arrays
-from logparse.source import Boot
+from logparse.source import Boot, MessageSource
 
 _STAMP_BYTES = 8
 #: Bytes by which a stream with time stamps is told from one without.
@@ -99,19 +99,8 @@ def _stamp_bytes(data: npt.NDArray[np.uint8]) -> int:
     return 0 if breaks[0] < breaks[_STAMP_BYTES] else _STAMP_BYTES
 
 
-class TlogSource:
-    """An opened telemetry log; see `logparse.source.MessageSource`.
-
-    Parameters
-    ----------
-    buffer : bytes or mmap
-        The whole file.
-
-    Raises
-    ------
-    LogError
-        Not one intact frame.
-    """
+class TlogSource(MessageSource):
+    """An opened telemetry log; LogError where not one frame is intact."""
 
     def __init__(self, buffer: Buffer):
         if not len(buffer):
@@ -124,15 +113,11 @@ class TlogSource:
         if not self._scan.frames:
             raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
         self._stamped = self._scan.stamp_bytes > 0
+        self.format = "tlog" if self._stamped else "mavlink-raw"
         self._autopilot = self._scan.autopilot()
         self._clock = self._find_boots()
         self._release.everything()
         self._counts: dict[Boot, dict[str, int]] = {}
-
-    @property
-    def format(self) -> str:
-        """``"tlog"``, or ``"mavlink-raw"`` for a stream without time stamps."""
-        return "tlog" if self._stamped else "mavlink-raw"
 
     @property
     def boots(self) -> tuple[Boot, ...]:
@@ -203,21 +188,15 @@ class TlogSource:
             self._counts[boot] = {names[slot]: int(total[slot]) for slot in np.flatnonzero(total)}
         return self._counts[boot]
 
-    def units(self, name: str) -> Mapping[str, str]:
-        """Units as the protocol declares them."""
-        return _units(name)
-
-    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        """All fields of one message from all senders.
+    def decode_many(
+        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
+    ) -> dict[str, pd.DataFrame]:
+        """Return all fields of several messages from all senders, decoded in one pass over the file.
 
         The index is the boot clock of the autopilot: the message's own time where it comes from there, else logger time
         less the delay of the messages around it. Arrays have a column for each element (``voltages[0]``). Columns
         ``system`` and ``component`` say who sent each row.
         """
-        return self.decode_many((name,), boot)[name]
-
-    def decode_many(self, names: Iterable[str], boot: Boot) -> dict[str, pd.DataFrame]:
-        """All fields of several messages, in one pass over the file."""
         counts = self.counts(boot)
         names = list(dict.fromkeys(names))
         plan = _Plan(names, [counts.get(name, 0) for name in names])

@@ -8,7 +8,7 @@ columns ``level``, ``message``).
 import contextlib
 import io
 import traceback
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from pyulog import ULog
 from core.errors import LogError
 from core.findings import Finding, Severity
 from logparse.containers import Buffer
-from logparse.source import Boot
+from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 from logparse.ulog.chain import whole_messages
 
@@ -93,19 +93,8 @@ class _Handle(io.BytesIO):
         return super().seek(max(target, self._header + 1))
 
 
-class UlogSource:
-    """An opened PX4 log; see `logparse.source.MessageSource`.
-
-    Parameters
-    ----------
-    buffer : bytes or mmap
-        The whole file.
-
-    Raises
-    ------
-    LogError
-        pyulog cannot read the file, or it holds no data.
-    """
+class UlogSource(MessageSource):
+    """An opened PX4 log; LogError where pyulog cannot read the file, or it holds no data."""
 
     format = "ulog"
 
@@ -179,18 +168,19 @@ class UlogSource:
         counts["logged_messages"] = len(self._texts())
         return {name: count for name, count in counts.items() if count}
 
-    def units(self, name: str) -> Mapping[str, str]:
-        """Return nothing: PX4 logs do not declare units; topics are in SI units unless a name says otherwise."""
-        return {}
-
     def parameters(self, boot: Boot) -> Mapping[str, float]:
         """Autopilot parameters, the last value of each."""
         found = {name: float(value) for name, value in self._log.initial_parameters.items() if _is_number(value)}
         found.update({name: float(value) for _, name, value in self._log.changed_parameters if _is_number(value)})
         return found
 
-    def decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        """All fields of one topic; arrays have a column for each element (``q[0]``), text has one."""
+    def decode_many(
+        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
+    ) -> dict[str, pd.DataFrame]:
+        """Return several topics; arrays have a column for each element (``q[0]``), text has one."""
+        return {name: self._decode(name, boot) for name in names}
+
+    def _decode(self, name: str, boot: Boot) -> pd.DataFrame:
         if name == "information":
             facts = self._log.msg_info_dict
             columns: dict[str, Any] = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from logparse import FlightLog, Tables
 from logparse.craft.pwm_range import pwm_range
 from logparse.heights import ground_level, heights
-from logparse.numeric import NumericMessages
+from logparse.messages import NumericMessages
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import vibration

@@ -113,7 +113,6 @@ def test_multipliers_are_applied_once() -> None:
         "TimeUS": "us", "MagX": "Gauss", "Alt": "m", "Lat": "deglatitude", "GMS": "s", "Volt": "V",
     }  # fmt: skip
     assert frame.attrs["instance"] == "I"
-    assert source.units("M") == frame.attrs["units"]
 
 
 def test_text_is_cut_at_nul_and_odd_bytes_are_kept_as_letters() -> None:

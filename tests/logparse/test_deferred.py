@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import logparse.canonical.deferred
+import logparse.canonical.dataflash
 import logparse.messages
 from logparse import Tables, read_log
 
@@ -23,7 +23,7 @@ def at_once():
 @pytest.fixture
 def deferred(monkeypatch):
     """Return the log as if a thousand rows were many."""
-    monkeypatch.setattr(logparse.canonical.deferred, "LONG", 1000)
+    monkeypatch.setattr(logparse.canonical.dataflash, "LONG", 1000)
     monkeypatch.setattr(logparse.messages, "LONG", 1000)
     return read_log(LOG)
 
@@ -47,10 +47,6 @@ def same_tables(a, b):
 
 def test_tables_and_findings_are_the_same(at_once, deferred):
     same_tables(at_once[0], deferred.tables)
-    assert deferred.findings == at_once[1]
-
-
-def test_findings_do_not_wait_for_somebody_to_ask_for_tables(at_once, deferred):
     assert deferred.findings == at_once[1]
 
 
@@ -79,14 +75,9 @@ def test_columns_come_one_by_one_without_their_table(at_once, deferred):
     assert list(Tables().columns("rates", wanted)) == []
 
 
-def test_times_are_those_of_the_table_until_they_are_released(at_once, deferred):
-    whole, tables = at_once[0], deferred.tables
+def test_times_are_those_of_the_table(at_once, deferred):
     for name in ("imu", "rates", "gps"):
-        assert tables.times(name).tolist() == whole.times(name).tolist() == getattr(whole, name).index.tolist()
-    kept = tables.times("imu")
-    assert tables.times("imu") is kept
-    tables.release()
-    assert tables.times("imu") is not kept
+        assert deferred.tables.times(name).tolist() == at_once[0].times(name).tolist()
     assert Tables().times("imu") is None
 
 
@@ -106,20 +97,9 @@ def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
 
 
 def test_a_table_may_be_kept_when_the_others_are_released(deferred):
-    tables = deferred.tables
-    imu, out = tables.imu, next(tables.columns("rates", ("out_roll",)))
-    tables.release(keep="imu")
-    assert tables.imu is imu
-    again = next(tables.columns("rates", ("out_roll",)))
-    assert again.index is not out.index
-    pd.testing.assert_series_equal(again, out, check_exact=True)
-
-
-def test_columns_asked_for_one_after_another_share_their_times(at_once, deferred):
-    whole, tables = at_once[0], deferred.tables
-    first, second = (next(tables.columns("rates", (name,))) for name in ("out_roll", "w_z"))
-    assert first.index is second.index
-    pd.testing.assert_series_equal(second, whole.rates["w_z"], check_exact=True)
+    imu = deferred.tables.imu
+    deferred.tables.release(keep="imu")
+    assert deferred.tables.imu is imu
 
 
 def test_messages_held_together_are_not_kept(deferred):

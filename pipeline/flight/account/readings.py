@@ -14,7 +14,7 @@ from core.units import STANDARD_GRAVITY
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
 from logparse.heights import ground_level, height_above_ground, slope_down
-from logparse.numeric import NumericMessages
+from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.results.span import Span, around
 
