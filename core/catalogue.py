@@ -13,7 +13,7 @@ from core.serialization import restored
 class Entry:
     """One line of the catalogue."""
 
-    ids: tuple[str, ...]  #: Names that mean the same, as `core.findings.Finding.id` has them.
+    id: str  #: As `core.findings.Finding.id` has it.
     severities: tuple[Severity, ...]  #: Which a log may give them, worst first.
     meaning: str
     advice: str
@@ -41,8 +41,7 @@ class Catalogue:
         for section in self.sections:
             head = "| finding | severity | what it means | what to do |\n|---|---|---|---|\n"
             rows = (
-                f"| {', '.join(f'`{name}`' for name in each.ids)} | {', '.join(each.severities)} | {each.meaning} "
-                f"| {each.advice} |"
+                f"| `{each.id}` | {', '.join(each.severities)} | {each.meaning} | {each.advice} |"
                 for each in section.findings
             )
             parts += [f"## {section.title}", *filter(None, [section.text.strip()]), head + "\n".join(rows)]
@@ -58,7 +57,7 @@ def read_catalogue() -> Catalogue:
 @cache
 def _entries() -> dict[str, Entry]:
     """Lines of the catalogue by the names of their findings."""
-    return {name: each for section in read_catalogue().sections for each in section.findings for name in each.ids}
+    return {each.id: each for section in read_catalogue().sections for each in section.findings}
 
 
 def finding(

@@ -215,7 +215,7 @@ def turned_compass(turn: Turn) -> Finding:
         return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
     if turn.doubtful:
         return Finding(
-            "compass-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             f"The compass shows {shown}: too little to turn it or the IMU by, and headings are no better known than "
             "that.",
@@ -224,7 +224,7 @@ def turned_compass(turn: Turn) -> Finding:
             evidence,
         )
     return Finding(
-        "compass-doubtful",
+        "sensor-doubtful",
         Severity.WARNING,
         f"The compass shows {shown}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
         "compass is turned back by so much: if it is the IMU, headings are still off by that.",

@@ -195,7 +195,7 @@ def late_sensors(lags: Mapping[str, float]) -> list[Finding]:
     """Name sensors whose clock is off; their data are used at the times that were found."""
     return [
         Finding(
-            "sensor-late",
+            "sensor-doubtful",
             Severity.WARNING,
             f"The {CALLED[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
             "than its rows say, by the IMU's movement; its data are used at the times found.",
@@ -232,7 +232,7 @@ def wandering_compass(walk: float) -> list[Finding]:
     moved = walk * 1e6 * float(np.sqrt(10.0))
     return [
         Finding(
-            "compass-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             f"The compass's readings wander by {moved:.1f} µT within ten seconds, beside what turning explains: "
             "headings rest on the gyro and on how the craft accelerates.",
@@ -250,7 +250,7 @@ def scaled_gyro(yaw_scale: float) -> list[Finding]:
         return []
     return [
         Finding(
-            "imu-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             f"The gyro shows {abs(off):.1%} {'more' if off > 0.0 else 'less'} yaw than the craft turned, by compass "
             "and GPS; its rates are used with the scale found.",
@@ -269,7 +269,7 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
     share = len(seconds) / max(length, 1.0)
     findings = [
         Finding(
-            "imu-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             f"At {len(t)} moments from t = {t.min():.1f} to {t.max():.1f} s, in {share:.0%} of the log's seconds, the "
             "craft's motion changed by more than its IMU tells: impacts, saturation, or vibration beyond its range.",
@@ -309,42 +309,35 @@ GLITCH_PAUSE = 2.0
 
 def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
     """Report which aiding sensors are not there, each flag telling whether it is."""
-    findings = []
-    if not gps:
-        findings.append(
-            Finding(
-                "no-gps",
-                Severity.ERROR,
-                "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
-                "Log GPS and wait for a 3-D fix before take-off.",
-            )
-        )
-    if not mag:
-        findings.append(
-            Finding(
-                "no-magnetometer",
-                Severity.WARNING,
-                "No magnetometer: heading is known only from the movement of the craft, if it moves.",
-                "Log the compass.",
-            )
-        )
-    if not baro:
-        findings.append(
-            Finding(
-                "no-baro",
-                Severity.INFO,
-                "No barometer: height rests on GPS alone.",
-                "Log the barometer.",
-            )
-        )
-    return findings
+    lacking = (
+        (
+            gps,
+            "gps",
+            Severity.ERROR,
+            "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
+            "Log GPS and wait for a 3-D fix before take-off.",
+        ),
+        (
+            mag,
+            "mag",
+            Severity.WARNING,
+            "No magnetometer: heading is known only from the movement of the craft, if it moves.",
+            "Log the compass.",
+        ),
+        (baro, "baro", Severity.INFO, "No barometer: height rests on GPS alone.", "Log the barometer."),
+    )
+    return [
+        Finding("not-logged", severity, reason, advice, {"what": what})
+        for there, what, severity, reason, advice in lacking
+        if not there
+    ]
 
 
 def stuck_magnetometer() -> list[Finding]:
     """Report a magnetometer whose readings never change although the craft turns."""
     return [
         Finding(
-            "compass-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
             "from the movement of the craft.",
@@ -357,7 +350,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
     """Report where no IMU was logged: between the samples of successive segments."""
     return [
         Finding(
-            "imu-hole",
+            "gap-in-table",
             Severity.WARNING,
             f"No IMU samples for {after.index[0] - before.index[-1]:.1f} s from t = {before.index[-1]:.1f} s; "
             "the trajectory has no rows there.",
@@ -379,7 +372,7 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
     )
     return [
         Finding(
-            "imu-doubtful",
+            "sensor-doubtful",
             Severity.WARNING,
             f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
             "Look at the mounting, calibration and temperature of the first IMU.",
@@ -425,7 +418,7 @@ def _outage(start: float, stop: float, position: float, velocity: float, *, lost
     known = f"there the horizontal position is known to {position:.3g} m, velocity to {velocity:.2g} m/s (1-sigma)"
     silence = f"No GPS position for {stop - start:.0f} s from t = {start:.1f} s"
     return Finding(
-        "gps-outage",
+        "position-unknown",
         Severity.ERROR if lost and position > POSITION_KNOWN else Severity.WARNING,
         f"{silence} to the end of the record: {known} at worst."
         if lost

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from logparse.flights import LONGEST_GAP, Flight
     from logparse.log import FlightLog
 
-#: Tables that identification needs: finding, what it is called, what it is for, severity when missing.
+#: Tables that identification needs: what each is called, what becomes of its lack, and how much that matters.
 _NEEDED = (
-    ("motors", "no-motor-outputs", "motor outputs", "no model from motors to motion", Need.MOTORS, Severity.ERROR),
-    ("imu", "no-imu", "gyro and accelerometer", "the motion is known at 10 Hz at best", Need.IMU, Severity.WARNING),
-    ("gps", "no-gps", "GPS", "there is no position to fit", Need.GPS, Severity.ERROR),
-    ("baro", "no-baro", "barometer", "height rests on GPS alone", Need.BARO, Severity.WARNING),
-    ("mag", "no-mag", "magnetometer", "heading drifts by some ten degrees", Need.COMPASS, Severity.WARNING),
-    ("attitude", "no-attitude", "attitude", "it must come from the IMU alone", Need.ATTITUDE, Severity.WARNING),
-    ("battery", "no-battery", "battery voltage", "thrust cannot be related to it", Need.BATTERY, Severity.INFO),
+    ("motors", "motor outputs", "no model from motors to motion", Need.MOTORS, Severity.ERROR),
+    ("imu", "gyro and accelerometer", "the motion is known at 10 Hz at best", Need.IMU, Severity.WARNING),
+    ("gps", "GPS", "there is no position to fit", Need.GPS, Severity.ERROR),
+    ("baro", "barometer", "height rests on GPS alone", Need.BARO, Severity.WARNING),
+    ("mag", "magnetometer", "heading drifts by some ten degrees", Need.COMPASS, Severity.WARNING),
+    ("attitude", "attitude", "it must come from the IMU alone", Need.ATTITUDE, Severity.WARNING),
+    ("battery", "battery voltage", "thrust cannot be related to it", Need.BATTERY, Severity.INFO),
 )
 
 #: Rates [Hz] below which a table is too slow for its purpose.
@@ -85,12 +85,13 @@ def _advised(log: "FlightLog", lacking: Sequence[tuple[Need, Finding]]) -> Itera
 
 
 def _missing(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
-    for table, name, what, so, need, severity in _NEEDED:
-        if table == "motors" and any(finding.id == "frame-unknown" for finding in log.findings):
+    unknown = any(each.id == "frame-unknown" and each.severity is Severity.ERROR for each in log.findings)
+    for table, called, so, need, severity in _NEEDED:
+        if table == "motors" and unknown:
             # The outputs are there; which of them are motors is another matter and told already.
             continue
         if not log.tables.has(table):
-            yield need, Finding(name, severity, f"No {what} in the log: {so}.")
+            yield need, Finding("not-logged", severity, f"No {called} in the log: {so}.", evidence={"what": table})
 
 
 def _why_no_flight(log: "FlightLog") -> str:
@@ -127,10 +128,10 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
         yield (
             Need.FAST_MOTORS,
             Finding(
-                "motors-slow",
+                "not-logged",
                 Severity.WARNING,
                 f"Motor outputs come at {rate:.1f} Hz: what the motors do between samples is lost.",
-                evidence={"rate": rate},
+                evidence={"what": "fast motors", "rate": rate},
             ),
         )
     rotation = next(tables.columns("rates", ("out_roll",)), None)
@@ -139,7 +140,7 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
         yield (
             Need.FAST_IMU,
             Finding(
-                "imu-slow",
+                "not-logged",
                 Severity.WARNING,
                 f"The IMU comes at {rate:.1f} Hz, "
                 + (
@@ -147,16 +148,17 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
                     if rate > 9.0
                     else "too slow to integrate; the autopilot's attitude counts."
                 ),
-                evidence={"rate": rate},
+                evidence={"what": "fast imu", "rate": rate},
             ),
         )
     if slow_rotation:
         yield (
             Need.FAST_RATES,
             Finding(
-                "no-fast-rates",
+                "not-logged",
                 Severity.INFO,
                 "Rate controller outputs are missing or slower than 40 Hz: no fit of fast rotational dynamics.",
+                evidence={"what": "fast rates"},
             ),
         )
 

@@ -101,7 +101,7 @@ class FlightLog(Summarised):
         if odd:
             self._own_findings.append(
                 Finding(
-                    "parameter-not-a-number",
+                    "impossible-values",
                     Severity.WARNING,
                     f"Parameters with a value that none can have are left out: {', '.join(odd[:8])}"
                     + (f" and {len(odd) - 8} more." if len(odd) > 8 else "."),

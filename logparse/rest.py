@@ -93,7 +93,7 @@ def calibration(rest: Rest | None, parameters: Mapping[str, float]) -> tuple[Fin
     why = "it was never calibrated" if all(each == 0.0 for each in offsets) else "its calibration is not of this sensor"
     return (
         Finding(
-            "accelerometer-uncalibrated",
+            "sensor-doubtful",
             Severity.WARNING,
             f"At rest the accelerometer reads {rest.specific_force:.2f} m/s^2 instead of {STANDARD_GRAVITY:.2f}: "
             f"{why}. Thrust is off by up to {abs(rest.specific_force / STANDARD_GRAVITY - 1.0):.0%}.",

@@ -65,7 +65,7 @@ def gather_tables(
     if vehicle.frame_source == "outputs":
         remarks.add(
             Finding(
-                id="craft-assumed",
+                id="frame-unknown",
                 severity=Severity.WARNING,
                 reason="The log does not name the frame's class; outputs 1 to 4 alone drive motors, so that it is "
                 f"taken as a {vehicle.frame_class}.",
@@ -75,7 +75,7 @@ def gather_tables(
     elif vehicle.frame_source == "MAV_TYPE" and vehicle.frame_type is None and vehicle.motors:
         remarks.add(
             Finding(
-                id="craft-assumed",
+                id="frame-unknown",
                 severity=Severity.WARNING,
                 reason=f"The log says {vehicle.frame_class}, but not which type; motors are taken to sit as in an x.",
                 advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",

@@ -79,7 +79,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
 def unmapped(number: int, message: str) -> Finding:
     """Report that a motor's output is not in the log."""
     return Finding(
-        id="motor-without-output",
+        id="not-logged",
         severity=Severity.WARNING,
         reason=f"Motor {number} of the frame has no logged servo output.",
         advice=f"Check SERVOn_FUNCTION on the autopilot; {message} must hold the output that drives this motor.",

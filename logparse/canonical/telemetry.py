@@ -127,7 +127,7 @@ def _remark_assumed(table: tuple[Motor, ...], parameters: Mapping[str, float], r
         listed = ", ".join(map(str, numbers_assumed))
         remarks.add(
             Finding(
-                id="craft-assumed",
+                id="frame-unknown",
                 severity=Severity.WARNING,
                 reason=f"The log lacks SERVOn_FUNCTION of outputs {listed}; "
                 "the motors of these numbers are taken to be on them.",

@@ -41,7 +41,7 @@ def describe(
         frame_class, frame_type, source = _frame(messages, texts, parameters)
     motors: tuple[Motor, ...] = ()
     if frame_class is not None:
-        # Heartbeats name no type: motors are taken to sit as most do (`craft-assumed`).
+        # Heartbeats name no type: motors are taken to sit as most do (`frame-unknown`).
         geometry = frame_type or ("x" if source == "MAV_TYPE" else None)
         motors = motor_table(frame_class, geometry, _channels(parameters, frame_class, format))
     if frame_class == "y6" and frame_type not in ("y6b", "y6f"):

@@ -177,7 +177,7 @@ def _several_boots(chain: "Chain") -> list[Finding]:
         return []
     return [
         Finding(
-            "several-boots",
+            "several-in-file",
             Severity.INFO,
             f"The file holds {n} power-ups of the autopilot; they have different clocks and are read one at a time.",
             evidence={"boots": n},

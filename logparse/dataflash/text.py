@@ -300,7 +300,7 @@ class DataflashTextSource(MessageSource):
         if len(self._spans) > 1:
             findings.append(
                 Finding(
-                    "several-boots",
+                    "several-in-file",
                     Severity.INFO,
                     f"The file holds {len(self._spans)} power-ups of the autopilot; they are read one at a time.",
                     evidence={"boots": len(self._spans)},

@@ -157,7 +157,7 @@ def known_rows(
         out[bad, k] = np.interp(at[bad], at[~bad], out[~bad, k])
         findings.append(
             _finding(
-                "table-values",
+                "table-doubtful",
                 name,
                 f"{int(bad.sum())} of {len(values)} samples are missing, at most {lengths.max() * dt:.2f} s at a time; "
                 + ("gaps are filled" if fill or not long.any() else f"{int(long.sum())} gap(s) end the usable part"),
@@ -189,7 +189,7 @@ def without_spikes(values: Floats, names: Sequence[str]) -> tuple[Floats, list[F
         column[bad] = np.interp(at[bad], at[~bad], column[~bad])
         findings.append(
             _finding(
-                "table-values",
+                "table-doubtful",
                 name,
                 f"{int(bad.sum())} samples leap away and back, such as {worst:.6g}; their neighbours replace them",
                 "look for lost packets of the telemetry",
@@ -255,11 +255,11 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
 
 
 def _time(column: str, text: str) -> Finding:
-    return _finding("table-time", column, text, "export the record with the time of each sample")
+    return _finding("table-doubtful", column, text, "export the record with the time of each sample")
 
 
 def _held(column: str, text: str) -> Finding:
-    return _finding("table-values", column, text, "cut the record there: what a recorder repeats was not measured")
+    return _finding("table-doubtful", column, text, "cut the record there: what a recorder repeats was not measured")
 
 
 def _finding(identifier: str, column: str, text: str, advice: str) -> Finding:

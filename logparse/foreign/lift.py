@@ -126,7 +126,7 @@ def check_lift(declared: ColumnMap, pull: Floats, motors: Floats, width: int, dt
         "change": change,
         "likeness": likeness,
     }
-    return [Finding("table-motors", Severity.WARNING, text, advice, evidence)]
+    return [Finding("table-doubtful", Severity.WARNING, text, advice, evidence)]
 
 
 def mean_square(motors: Floats, width: int) -> Floats:

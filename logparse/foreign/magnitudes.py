@@ -75,7 +75,7 @@ def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) 
     ]
     return [
         Finding(
-            "table-motors",
+            "table-doubtful",
             Severity.WARNING,
             f"column {', '.join(names)}: {text}",
             "check unit and column of this motor",

@@ -210,7 +210,7 @@ class _Converter:
             if off > _NORM:
                 findings.append(
                     Finding(
-                        "table-values",
+                        "table-doubtful",
                         Severity.INFO,
                         f"columns {named}: quaternions are up to {100 * off:.1f} % off unit length and are normalised",
                         "",

@@ -55,7 +55,7 @@ def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: floa
             return []
         return [
             Finding(
-                "table-motors",
+                "table-doubtful",
                 Severity.WARNING,
                 f"columns {names}: in the order {found.names} the motors would turn the craft better (they would "
                 f"explain {100 * found.best:.0f} % of the changes of roll and pitch rate, in the order declared "
@@ -66,7 +66,7 @@ def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: floa
         ]
     return [
         Finding(
-            "table-motors",
+            "table-doubtful",
             Severity.INFO,
             f"columns {names}: "
             + (

@@ -108,7 +108,7 @@ def check_clock(
     name = "rate" if declared.time is None else declared.time.columns[0]
     return [
         Finding(
-            "table-time",
+            "table-doubtful",
             Severity.WARNING,
             f"column {name}: velocities add up to {stretch[0]:.2f} and rates to {stretch[1]:.2f} "
             "times what positions and attitudes do: time runs too fast or too slow by about as much, or both units "
@@ -180,7 +180,7 @@ def _told(late: tuple[str, ...], other: tuple[str, ...], shift: Shift | None, dt
     names, way = ", ".join(late), "later" if shift.seconds > 0.0 else "earlier"
     return [
         Finding(
-            "table-time",
+            "table-doubtful",
             Severity.WARNING,
             f"columns {names}: they stand {abs(shift.seconds):.3f} ± {shift.sigma:.3f} s {way} in the table than "
             f"{', '.join(other)}",

@@ -191,7 +191,7 @@ def _clock(source: Scanned) -> list[Finding]:
     if n > 1:
         findings.append(
             Finding(
-                "several-boots",
+                "several-in-file",
                 Severity.INFO,
                 f"The file holds {n} power-ups of the autopilot; they have different clocks and are read one at a "
                 "time.",
@@ -239,7 +239,7 @@ def _senders(source: Scanned) -> list[Finding]:
     if not len(vehicles):
         return [
             Finding(
-                "several-vehicles",
+                "several-in-file",
                 Severity.WARNING,
                 f"No heartbeat of an autopilot is in the log; system {system}, component {component} is taken for it.",
                 evidence={"system": system, "component": component},
@@ -250,7 +250,7 @@ def _senders(source: Scanned) -> list[Finding]:
     told = ", ".join(f"{link >> 8}/{link & 0xFF}" for link in vehicles[:_NAMED])
     return [
         Finding(
-            "several-vehicles",
+            "several-in-file",
             Severity.WARNING,
             f"Heartbeats of {len(vehicles)} autopilots are in the log (system/component {told}); "
             f"{system}/{component}, heard most often, is analysed.",

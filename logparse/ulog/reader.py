@@ -251,7 +251,7 @@ class UlogSource(MessageSource):
         if any(key.startswith("hardfault") for key in self._log.msg_info_multiple_dict):
             findings.append(
                 Finding(
-                    "autopilot-crashed",
+                    "autopilot-error",
                     Severity.ERROR,
                     "The log carries a crash dump (hard fault) of the autopilot.",
                     "Update the firmware and do not fly before the cause is known.",

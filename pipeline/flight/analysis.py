@@ -380,7 +380,7 @@ def _left_out(account: Account) -> tuple[Finding, ...]:
         return ()
     return (
         Finding(
-            "unsound-flight-excluded",
+            "part-excluded",
             Severity.WARNING,
             f"From {sound.stop:.1f} s on nothing trains or judges models: {cause.reason}",
             evidence={"from_s": sound.stop, "event": cause.id, "event_s": cause.t},

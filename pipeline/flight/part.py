@@ -40,7 +40,7 @@ def part_findings(sound: Span, part: Span) -> tuple[Finding, ...]:
         return ()
     return (
         Finding(
-            "part-of-long-flight",
+            "part-excluded",
             Severity.INFO,
             f"Models, frequency responses and margins are of {part.start:.0f} to {part.stop:.0f} s, where most was "
             f"asked of the craft; the flight lasts {(sound.stop - sound.start) / 60.0:.0f} min.",

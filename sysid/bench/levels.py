@@ -125,7 +125,7 @@ def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:
         if ratio < 0.9:
             findings.append(
                 Finding(
-                    "weak-motor",
+                    "uneven-motor",
                     Severity.WARNING,
                     f"motor {motor} gives {100.0 * (1.0 - ratio):.0f} % less thrust on the stand than the others at "
                     "the same PWM",

@@ -164,7 +164,7 @@ def bifilar(
     if inertia > most:
         findings.append(
             Finding(
-                "pendulum-doubtful",
+                "table-doubtful",
                 Severity.WARNING,
                 f"inertia {inertia:.3g} kg m^2 would need all {mass:g} kg to sit more than "
                 f"{5.0 * threads.distance:.2g} m from the axis",
@@ -177,7 +177,7 @@ def bifilar(
         worst = max(parts, key=lambda name: parts[name])
         findings.append(
             Finding(
-                "pendulum-doubtful",
+                "table-doubtful",
                 Severity.WARNING,
                 f"the inertia is known to {100.0 * relative:.0f} % only, most of it from the {worst} "
                 f"({100.0 * parts[worst]:.0f} %): it is not determined",
@@ -240,7 +240,7 @@ def check_thread(
     if abs(off) > THREAD:
         findings = (
             Finding(
-                "pendulum-doubtful",
+                "table-doubtful",
                 Severity.WARNING,
                 f"the simple pendulum gives g = {found:.2f} m/s^2, {100.0 * off:+.1f} %: the thread is "
                 f"{true_length:.3f} m long rather than {length:.3f} m, or swings were miscounted",
@@ -278,7 +278,7 @@ def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.n
         raise BenchError(f"{label}times of {oscillations} swings disagree: {', '.join(f'{t:g}' for t in times)} s")
     return periods[~bad], [
         Finding(
-            "pendulum-doubtful",
+            "table-doubtful",
             Severity.WARNING,
             f"{label}{np.count_nonzero(bad)} time(s) differ by about a swing from the others "
             f"({', '.join(f'{t:g}' for t in np.asarray(times)[bad])} s); left out",

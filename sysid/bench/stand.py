@@ -357,7 +357,7 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
         air = REFERENCE_DENSITY
         findings.append(
             Finding(
-                "bench-conditions-assumed",
+                "conditions-assumed",
                 Severity.INFO,
                 f"the air at the stand is not known; coefficients are taken to hold at {REFERENCE_DENSITY} kg/m^3",
                 "give the density (--density): pressure [Pa] / (287.05 (273.15 + deg C))",
@@ -383,7 +383,7 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     if not voltages:
         findings.append(
             Finding(
-                "bench-conditions-assumed",
+                "conditions-assumed",
                 Severity.WARNING,
                 "the table has no battery voltage: coefficients hold for the unknown voltage of the test only",
                 "record the voltage",
@@ -392,7 +392,7 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     elif len(voltages) == 1:
         findings.append(
             Finding(
-                "bench-conditions-assumed",
+                "conditions-assumed",
                 Severity.INFO,
                 f"tested at {voltages[0]:.4g} V only: how coefficients and trim follow the battery is not determined",
                 "repeat the test with the battery half and nearly empty",
@@ -401,7 +401,7 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     if table.rows["speed"].isna().all():
         findings.append(
             Finding(
-                "bench-conditions-assumed",
+                "conditions-assumed",
                 Severity.WARNING,
                 "no rotor speeds were measured, so that k and b per square of speed are not determined; trim and the "
                 "thrust curve over PWM are",

@@ -183,7 +183,7 @@ def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
     where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
     return [
         Finding(
-            "bench-row-unread",
+            "table-doubtful",
             Severity.WARNING,
             f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
             "fill in what the stand measured, or delete these lines",
@@ -237,7 +237,7 @@ def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]
         assumed = "rpm"
     return known[assumed], [] if quantity in ("pwm", "voltage", "current") else [
         Finding(
-            "bench-conditions-assumed",
+            "conditions-assumed",
             Severity.WARNING,
             f"{file}: column {header!r} carries no unit; {'N m' if assumed == 'nm' else assumed.upper()} is assumed",
             "write units into the header, such as 'Thrust (gf)'",
@@ -283,14 +283,12 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
 
     pwm = rows["pwm"].to_numpy()
     outside = (pwm < PWM_RANGE[0]) | (pwm > PWM_RANGE[1])
-    leave_out(
-        outside, "bench-values-doubtful", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM"
-    )
+    leave_out(outside, "table-doubtful", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM")
     if len(rows) and float(rows["thrust"].median()) < 0.0:
         rows = rows.assign(thrust=-rows["thrust"])
         findings.append(
             Finding(
-                "bench-values-doubtful",
+                "table-doubtful",
                 Severity.INFO,
                 f"motor {motor}: thrust is counted negative (the stand pulls); its sign is turned",
                 "",
@@ -303,7 +301,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     largest = float(rows["thrust"].quantile(0.98))
     leave_out(
         rows["thrust"].to_numpy() < -NOISE * largest,
-        "bench-values-doubtful",
+        "table-doubtful",
         lambda n: f"{n} row(s) with negative thrust",
         "tare the load cell before the test",
     )
@@ -314,7 +312,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     findings += _mixed_units(motor, rows, left, far)
     leave_out(
         far,
-        "bench-values-doubtful",
+        "table-doubtful",
         lambda n: f"{n} row(s) far from the curve of thrust over PWM",
         "repeat these points",
     )
@@ -331,7 +329,7 @@ def _order(motor: str, rows: pd.DataFrame) -> list[Finding]:
         return []
     return [
         Finding(
-            "bench-values-doubtful",
+            "table-doubtful",
             Severity.WARNING,
             f"motor {motor}: PWM goes up and down {turns} times in {len(rows)} rows, so that heat and battery mix with "
             "the effect of PWM; rows are sorted",
@@ -377,7 +375,7 @@ def _mixed_units(motor: str, rows: pd.DataFrame, left: Floats, far: Flags) -> li
         if alike:
             return [
                 Finding(
-                    "bench-values-doubtful",
+                    "table-doubtful",
                     Severity.WARNING,
                     f"motor {motor}: {alike} row(s) fit the others as {name}",
                     "write all rows in the unit of the header",
@@ -397,7 +395,7 @@ def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
     ratio = float(np.median(shaft[known] / electric[known]))
     return [
         Finding(
-            "bench-values-doubtful",
+            "table-doubtful",
             Severity.WARNING,
             f"motor {motor}: the shaft gives {ratio:.1f} times the power that the battery puts in",
             "check the units of torque, speed and current, and the motor's pole count",

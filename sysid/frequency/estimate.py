@@ -128,7 +128,7 @@ def response(
     if len(filters) > 1 and which.attitude:
         findings.append(
             Finding(
-                "responses-differ",
+                "flights-not-alike",
                 Severity.WARNING,
                 "The logs were flown with different INS_GYRO_FILTER: their sum is the response of no craft.",
                 "Give logs of one setting at a time.",
@@ -223,7 +223,7 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     left_out = [record.name for record in records if record.source != kept]
     findings.append(
         Finding(
-            "responses-differ",
+            "flights-not-alike",
             Severity.INFO,
             f"Left out, because other signals stand for their controllers' outputs: {', '.join(left_out)}.",
             "Log the rate loop at 25 Hz or more in every flight.",
@@ -301,7 +301,7 @@ def _through(hz: Floats, slow: FrequencyResponse, fast: FrequencyResponse) -> Co
 
 def _aborted(log: FlightLog, axis: Axis, chirp: Chirp) -> Finding:
     return Finding(
-        "chirp-aborted",
+        "not-determined",
         Severity.WARNING,
         f"The chirp on the {axis.name} axis at {chirp.start:.1f} s of {log.path.name} ended at {chirp.high:.2g} Hz, "
         "before its time.",

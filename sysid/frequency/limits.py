@@ -73,7 +73,7 @@ def reversed_answer(frf: FrequencyResponse) -> list[Finding]:
         return []
     return [
         Finding(
-            "response-reversed",
+            "motor-order",
             Severity.ERROR,
             f"The {frf.axis} rate turns against the {frf.axis} output: a craft that flies cannot do that.",
             "Check the sign of the rate, and which axis it is of.",

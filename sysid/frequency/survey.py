@@ -99,7 +99,7 @@ def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Find
                 worst = (middle, first, second)
         if worst[0]:
             yield Finding(
-                "responses-differ",
+                "flights-not-alike",
                 Severity.WARNING,
                 f"The {axis} gain of {worst[1]} is {100.0 * (np.exp(worst[0]) - 1.0):+.0f} % from that of {worst[2]}: "
                 "their sum is the response of neither.",

@@ -117,7 +117,7 @@ def _saturated(experiments: Sequence[Experiment]) -> list[Finding]:
             limit, part = ("upper", top) if top >= bottom else ("lower", bottom)
             findings.append(
                 Finding(
-                    "saturated-input",
+                    "motors-at-limits",
                     Severity.WARNING,
                     f"input {name} is at its {limit} limit for {100.0 * part:.0f} % of the time; "
                     "there the craft does not do what a linear model says",

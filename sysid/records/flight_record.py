@@ -44,7 +44,7 @@ _WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
 POSITION_UNKNOWN = "position-unknown"
 
 #: Finding of motor outputs whose rounding hides what was asked.
-BELOW_ROUNDING = "commands-below-rounding"
+BELOW_ROUNDING = "constant-input"
 
 OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
@@ -295,7 +295,7 @@ def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.Da
         return signals, []
     return signals.drop(columns=empty), [
         Finding(
-            "motor-without-output",
+            "not-logged",
             Severity.WARNING,
             f"no output was logged in flight for {names}; left out",
             "check SERVOn_FUNCTION of these motors",
@@ -336,7 +336,7 @@ def _longest_piece(
         stop,
         [
             Finding(
-                "input-gaps",
+                "gap-in-table",
                 Severity.WARNING,
                 f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
                 "",

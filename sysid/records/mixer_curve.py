@@ -20,7 +20,7 @@ from sysid.records.mixer import expectation, factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Name of the finding; its evidence ``slope`` is the factor.
-MIXER_DIFFERS = "mixer-differs"
+MIXER_DIFFERS = "parameters-not-flown"
 
 #: Departure of the factor from one that is a finding: firmware keeps 4 % (its limits of yaw, rounding).
 DIFFERS = 0.06

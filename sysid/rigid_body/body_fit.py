@@ -186,7 +186,7 @@ def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Find
         if part > SATURATED:
             findings.append(
                 Finding(
-                    "saturated-input",
+                    "motors-at-limits",
                     Severity.WARNING,
                     f"the output of motor {name} is at an end of its range for {100.0 * part:.0f} % of the time",
                     "check the craft's weight against its thrust, and MOT_SPIN_MIN and MOT_SPIN_MAX",
@@ -203,7 +203,7 @@ def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, v
     if count < flown:
         findings.append(
             Finding(
-                "motor-without-output",
+                "not-logged",
                 Severity.WARNING,
                 f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
                 "thrust per motor and effectiveness are not determined; drag and wind are",

@@ -118,7 +118,7 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     """
     records = require_alike(experiments)
     require_specific_force(records, mass)
-    findings = [f for f in examine(records).findings if f.id == "saturated-input"]
+    findings = [f for f in examine(records).findings if f.id == "motors-at-limits"]
     vehicle, voltage, unknown = conditions_of(records)
     require_all_motors(records[0], vehicle)
     findings += unknown
@@ -220,7 +220,7 @@ def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, 
     )
     return Law.COMMAND, [
         Finding(
-            "esc-speed-not-rotor-speed",
+            "signals-lacking",
             Severity.WARNING,
             f"what the ESCs report as speed is not taken for the rotors': {why}; thrust is modelled from PWM instead",
             "check motor pole count and ESC telemetry (a simulator's ESC reports the command)",
@@ -245,7 +245,7 @@ def _dead(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
         else:
             continue
         findings.append(
-            Finding("weak-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
+            Finding("uneven-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
         )
     return findings
 
@@ -261,7 +261,7 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
     usual = float(np.nanmedian(ratio))
     return [
         Finding(
-            "weak-motor",
+            "uneven-motor",
             Severity.WARNING,
             f"motor {motor} turns {100.0 * (1.0 - value / usual):.0f} % slower than the others at the same command",
             "check bearings, propeller, ESC calibration and the motor's voltage",

@@ -134,7 +134,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     """
     records = require_alike(experiments)
     require_specific_force(records, mass)
-    findings = [f for f in examine(records).findings if f.id in ("constant-input", "saturated-input")]
+    findings = [f for f in examine(records).findings if f.id in ("constant-input", "motors-at-limits")]
     vehicle, reference, unknown = conditions_of(records)
     findings += unknown
     blocks = [blocks_of(record, vehicle, reference) for record in records]
@@ -171,7 +171,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if unlogged:
         findings.append(
             Finding(
-                "motor-without-output",
+                "not-logged",
                 Severity.WARNING,
                 f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
                 "determined",

@@ -282,7 +282,7 @@ def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[
     mean = float(np.mean([value for value, _ in known.values()]))
     return [
         Finding(
-            "weak-motor",
+            "uneven-motor",
             Severity.WARNING,
             f"motor {motor} gives {100.0 * (1.0 - value / mean):.0f} % less thrust than the mean motor at the same "
             "signal",
@@ -333,7 +333,7 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
     vehicle = Vehicle()
     return vehicle, [
         Finding(
-            "craft-assumed",
+            "frame-unknown",
             Severity.WARNING,
             "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
             f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",

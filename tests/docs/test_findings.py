@@ -70,12 +70,7 @@ def given() -> tuple[set[str], set[str]]:
 @cache
 def explained() -> dict[str, frozenset[str]]:
     """Severities of each finding of the catalogue."""
-    return {
-        name: frozenset(each.severities)
-        for section in read_catalogue().sections
-        for each in section.findings
-        for name in each.ids
-    }
+    return {each.id: frozenset(each.severities) for section in read_catalogue().sections for each in section.findings}
 
 
 def test_every_finding_is_explained():
@@ -107,5 +102,5 @@ def test_the_page_is_made_from_the_catalogue():
 
 
 def test_no_finding_is_listed_twice():
-    names = [name for section in read_catalogue().sections for each in section.findings for name in each.ids]
+    names = [each.id for section in read_catalogue().sections for each in section.findings]
     assert {name for name in names if names.count(name) > 1} == set()

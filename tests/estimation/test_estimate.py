@@ -75,7 +75,7 @@ def test_an_outage_is_bridged(flight):
     error = errors(cut, flight.truth)
     inside = error[(error.index > 50.0) & (error.index < 70.0)]
     assert np.hypot(inside["p_n"], inside["p_e"]).max() < 3.0
-    assert [f.id for f in cut.findings] == ["gps-outage"]
+    assert [f.id for f in cut.findings] == ["position-unknown"]
 
 
 def test_a_glitch_leaves_no_trace(flight, trajectory):
@@ -90,9 +90,9 @@ def test_a_glitch_leaves_no_trace(flight, trajectory):
 
 def test_other_sensors_make_good_what_is_missing(flight):
     """Each sensor's absence is told, and costs only what it alone knew."""
-    for name, finding in (("mag", "no-magnetometer"), ("baro", "no-baro")):
+    for name in ("mag", "baro"):
         result = estimate(replace(flight.tables, **{name: None}))
-        assert [f.id for f in result.findings] == [finding]
+        assert [(f.id, f.evidence["what"]) for f in result.findings] == [("not-logged", name)]
         error = compare(result, settled(flight))
         assert error.horizontal_velocity < 0.1
         assert np.degrees(error.yaw) < 1.0
@@ -125,7 +125,7 @@ def test_without_a_compass_sigmas_stay_honest(seed):
 
 def test_without_gps_the_sigma_says_that_position_drifts(flight):
     result = estimate(replace(flight.tables, gps=None))
-    assert [f.id for f in result.findings] == ["no-gps"]
+    assert [f.id for f in result.findings] == ["not-logged"]
     last = errors(result, flight.truth).iloc[-1]
     sigma = result.sigma.iloc[-1]
     assert sigma["p_n"] > 20.0
@@ -137,7 +137,7 @@ def test_without_gps_the_sigma_says_that_position_drifts(flight):
 def test_imu_alone_gives_attitude_rates(flight):
     alone = Tables(imu=flight.tables.imu)
     result = estimate(alone)
-    assert {f.id for f in result.findings} == {"no-gps", "no-magnetometer", "no-baro"}
+    assert [f.evidence["what"] for f in result.findings] == ["gps", "mag", "baro"]
     assert np.isnan(result.origin.lat)
     assert np.degrees(compare(result, settled(flight)).tilt) < 5.0
 
@@ -194,7 +194,7 @@ def test_a_clock_jump_splits_the_log(flight):
     valid = tables.gps["t_valid"].to_numpy()
     tables = replace(tables, gps=tables.gps.assign(t_valid=np.where(valid < 50.0, valid, valid + 300.0)))
     result = estimate(tables)
-    assert [f.id for f in result.findings] == ["imu-hole"]
+    assert [f.id for f in result.findings] == ["gap-in-table"]
     t = result.states.index
     assert not ((t > 51.0) & (t < 349.0)).any()
     assert compare(result, jumped(settled(flight))).horizontal_velocity < 0.1
@@ -246,10 +246,10 @@ def test_each_segment_takes_its_own_imu(flight):
     tables = replace(flight.tables, imu=with_hole(loose), further={"imu": (with_hole(imu),)})
     result = estimate(tables)
     assert result.diagnostics["imu"] == [0, 1]
-    assert sorted(f.id for f in result.findings) == ["imu-doubtful", "imu-hole"]
+    assert sorted(f.id for f in result.findings) == ["gap-in-table", "sensor-doubtful"]
     whole = estimate(replace(tables, further={"imu": (imu,)}))
     assert whole.diagnostics["imu"] == [1]
-    assert [f.id for f in whole.findings] == ["imu-doubtful"]
+    assert [f.id for f in whole.findings] == ["sensor-doubtful"]
     assert compare(whole, settled(flight)).horizontal_velocity < 0.06
 
 

@@ -42,7 +42,7 @@ def trajectory(telemetry) -> Trajectory:
 
 def test_telemetry_at_four_hertz(flight, trajectory):
     assert trajectory.method == "low-rate"
-    assert [f.id for f in trajectory.findings] == ["low-rate-trajectory"]
+    assert [f.id for f in trajectory.findings] == ["signals-lacking"]
     error = compare(trajectory, flight.truth[flight.truth.index > 10.0])
     assert error.horizontal_position < 0.12
     assert error.horizontal_velocity < 0.15
@@ -119,11 +119,11 @@ def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
     result = estimate(replace(telemetry, ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
-    assert [f.id for f in result.findings] == ["low-rate-trajectory", "sensor-refused"]
+    assert [f.id for f in result.findings] == ["signals-lacking", "sensor-refused"]
     error = errors(result, flight.truth[flight.truth.index > 10.0])
     assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
     right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
-    assert [f.id for f in right.findings] == ["low-rate-trajectory"]
+    assert [f.id for f in right.findings] == ["signals-lacking"]
     pd.testing.assert_frame_equal(result.states, right.states)
     noise = np.random.default_rng(0).normal(0.0, 3.0, len(ekf))
     unrelated = estimate(replace(telemetry, ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)

@@ -19,6 +19,6 @@ def test_a_craft_whose_accelerometer_errs_as_it_flies_is_as_unknown_as_it_is_wit
     shaken[ACCEL] += 0.5 * np.sin(2.0 * np.pi * t / 25.0 + 6.0 * np.random.default_rng(seed).random(3)) * (t > 8.0)
     lost = estimate(replace(flight.tables, imu=shaken, gps=gps[gps.index < 90.0]), rate=10.0)
     assert nees(lost, flight.truth.loc[91.0:])["velocity"] < 3.0  # 10 and 4 before
-    (finding,) = [f for f in lost.findings if f.id == "gps-outage"]
+    (finding,) = [f for f in lost.findings if f.id == "position-unknown"]
     assert (finding.severity, "to the end" in finding.reason) == ("error", True)
     assert finding.evidence["position_sigma_m"] > 50.0

@@ -81,7 +81,7 @@ def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
     gps = flight.tables.gps
     result = estimate(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + lag)), rate=10.0)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(lag, abs=0.03)
-    assert [f.id for f in result.findings] == ["sensor-late"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
     assert nees(result, truth)["velocity"] < 3.0
 
@@ -93,7 +93,7 @@ def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     late = replace(flight.tables, **{what: table.set_axis(table.index + lag)})
     result = estimate(late, rate=10.0)
     assert result.diagnostics["lags"][what] == pytest.approx(lag, abs=0.05)
-    assert [f.id for f in result.findings] == ["sensor-late"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     error = compare(result, truth)
     assert error.vertical_velocity < 1.5 * clean.vertical_velocity
     assert error.yaw < 1.5 * clean.yaw
@@ -107,7 +107,7 @@ def test_a_receivers_clock_is_found_behind_a_nearer_peak():
     assert gps is not None
     result = estimate(replace(tables, gps=gps.assign(t_valid=gps["t_valid"] + 1.0)), rate=10.0)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(0.98, abs=0.03)
-    assert [f.id for f in result.findings] == ["sensor-late"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
 
 
 def test_a_receiver_beside_a_late_barometer_is_found_late(flight):
@@ -125,7 +125,7 @@ def test_a_barometer_behind_a_slow_filter_bends_no_clock(flight, truth, clean, t
     share = 1.0 - np.exp(-np.median(np.diff(baro.index)) / time_constant)
     slow = baro.assign(alt=baro["alt"].ewm(alpha=share, adjust=False).mean())
     result = estimate(replace(flight.tables, baro=slow), rate=10.0)
-    assert [(f.id, f.evidence["sensor"]) for f in result.findings] == [("sensor-late", "baro")]
+    assert [(f.id, f.evidence["sensor"]) for f in result.findings] == [("sensor-doubtful", "baro")]
     assert result.findings[0].evidence["lag_s"] == pytest.approx(time_constant, rel=0.4)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(0.0, abs=0.015)
     assert max(nees(result, truth).values()) < 1.5
@@ -146,7 +146,7 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
     assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 3.0
     # One fix tells the place and nothing of the flight: as without a receiver.
-    assert ("no-gps" in [f.id for f in result.findings]) == (start == 0.0)
+    assert ("not-logged" in [f.id for f in result.findings]) == (start == 0.0)
 
 
 def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(flight):
@@ -176,7 +176,7 @@ def test_a_yaw_gyro_of_another_scale_is_set_right(flight, truth, clean, factor):
     imu = flight.tables.imu.assign(gyro_z=factor * flight.tables.imu["gyro_z"])
     result = estimate(replace(flight.tables, imu=imu), rate=10.0)
     assert result.diagnostics["yaw_scale"] == pytest.approx(1.0 / factor, abs=0.005)
-    assert [f.id for f in result.findings] == ["imu-doubtful"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert compare(result, truth).yaw < 1.5 * clean.yaw
     assert nees(result, truth)["attitude"] < 1.5
 
@@ -222,7 +222,7 @@ def test_a_stuck_magnetometer_is_not_believed(flight, truth):
     mag = flight.tables.mag.copy()
     mag.loc[:] = [-3.6e-6, 1e-7, -5.6e-6]
     result = estimate(replace(flight.tables, mag=mag), rate=10.0)
-    assert [f.id for f in result.findings] == ["compass-doubtful"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert np.degrees(compare(result, truth).yaw) < 1.0
 
 
@@ -238,7 +238,7 @@ def turned_by(tables, degrees):
 def test_a_turned_compass_is_set_right(flight, truth, degrees):
     """The filter tilted the craft until compass and GPS agreed, and nothing was said of the compass."""
     result = estimate(turned_by(flight.tables, degrees), rate=10.0)
-    assert [f.id for f in result.findings] == ["compass-doubtful"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     evidence = result.findings[0].evidence
     assert evidence["turn_deg"] == pytest.approx(degrees, abs=3.0 * evidence["sigma_deg"])
     assert np.degrees(compare(result, truth).yaw) < 1.0
@@ -261,7 +261,7 @@ def beside_motors(flight):
 def test_a_compass_beside_motors_pulls_at_nothing(beside_motors, truth, clean):
     """Tilt was 13 degrees off at a stated one, and steps laid to the IMU, when hard iron could not walk so fast."""
     result = estimate(beside_motors, rate=10.0)
-    assert [f.id for f in result.findings] == ["compass-doubtful"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert max(nees(result, truth).values()) < 2.0
     assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
     fixes = beside_motors.gps.copy()
@@ -282,7 +282,7 @@ def test_a_compass_that_may_be_turned_is_named_and_left(angle, sigma, spread, do
     assert turn.doubtful == doubtful
     assert np.degrees(turn.unknown) == pytest.approx(np.hypot(angle, sigma) if doubtful else sigma)
     if doubtful:
-        assert turned_compass(turn).id == "compass-doubtful"
+        assert turned_compass(turn).id == "sensor-doubtful"
 
 
 def test_exchanged_axes_are_no_turn(flight):
@@ -293,7 +293,7 @@ def test_exchanged_axes_are_no_turn(flight):
 def test_a_compass_that_nothing_contradicts_is_believed():
     """A craft that only stands shows no heading of its own."""
     tables = turned_by(fly(4, duration=40.0, still=40.0).tables, 30.0)
-    assert "compass-doubtful" not in [f.id for f in estimate(tables, rate=10.0).findings]
+    assert "sensor-doubtful" not in [f.id for f in estimate(tables, rate=10.0).findings]
 
 
 def test_a_wrong_start_is_recovered_from(flight, truth, clean):
@@ -329,7 +329,7 @@ def test_an_impact_that_the_imu_misses(flight, truth, clean):
     away = states[np.abs(states.index - at) > 1.0]
     assert compare(result, away).horizontal_velocity < 0.15
     assert nees(result, away)["velocity"] < 3.0
-    assert "imu-doubtful" in [f.id for f in result.findings]
+    assert "sensor-doubtful" in [f.id for f in result.findings]
     assert not result.inconsistency
 
 

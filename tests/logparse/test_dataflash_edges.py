@@ -284,7 +284,7 @@ def test_several_boots_are_kept_apart() -> None:
     second = source.decode("X", source.boots[1])
     assert second.index[0] == 20.0
     assert second.index.is_monotonic_increasing
-    assert [finding.id for finding in source.findings] == ["several-boots"]
+    assert [finding.id for finding in source.findings] == ["several-in-file"]
 
 
 def test_rows_slightly_back_long_pauses_and_odd_stamps_are_one_boot() -> None:

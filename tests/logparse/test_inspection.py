@@ -82,7 +82,7 @@ def log_of(messages, parameters=None, kind="dataflash"):
 
 
 def by_id(inspection):
-    return {finding.id: finding for finding in inspection.findings}
+    return {str(finding.evidence.get("what", finding.id)): finding for finding in inspection.findings}
 
 
 def test_extent_rate_and_gaps_of_tables_and_messages():
@@ -110,33 +110,33 @@ def test_what_is_missing_is_named_with_the_bit_that_logs_it():
     messages = flight_messages()
     del messages["RCOU"]
     findings = by_id(inspect(log_of(messages, {"LOG_BITMASK": 43006 & ~1024 & ~512})))
-    assert "no-motor-outputs" in findings
-    assert findings["no-motor-outputs"].severity == "error"
-    assert {"no-mag", "no-attitude", "no-battery", "no-fast-rates"} <= set(findings)
+    assert "motors" in findings
+    assert findings["motors"].severity == "error"
+    assert {"mag", "attitude", "battery", "fast rates"} <= set(findings)
     # Every finding gives the one value that brings all that is lacking: bits 0, 9, 10 and 18.
     wanted = 43006 | 1 | 1 << 18
-    advice = [findings[name].advice for name in ("no-motor-outputs", "no-battery", "no-fast-rates", "imu-slow")]
+    advice = [findings[name].advice for name in ("motors", "battery", "fast rates", "fast imu")]
     assert all(f"LOG_BITMASK = {wanted} adds it" in each for each in advice[1:])
     # The whole setting is explained once.
     assert f"Set LOG_BITMASK to {wanted} (it is {43006 & ~1536})" in advice[0]
-    assert "RCOUT logs RCOU" in findings["no-motor-outputs"].advice
+    assert "RCOUT logs RCOU" in findings["motors"].advice
 
 
 def test_a_bit_that_is_set_points_to_the_sensor():
     findings = by_id(inspect(log_of(flight_messages(), {"LOG_BITMASK": 8192})))
-    assert "set already" in findings["no-mag"].advice
+    assert "set already" in findings["mag"].advice
 
 
 def test_telemetry_is_told_its_stream_rates():
     beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
     findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
-    assert "SRn_RC_CHAN" in findings["no-motor-outputs"].advice
+    assert "SRn_RC_CHAN" in findings["motors"].advice
 
 
 def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
     beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
     findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
-    assert "MAV_n_RATE" in findings["no-motor-outputs"].advice
+    assert "MAV_n_RATE" in findings["motors"].advice
     assert not any("SRn_" in each.advice or "LOG_BITMASK" in each.advice for each in findings.values())
 
 
@@ -174,14 +174,14 @@ def test_a_hole_in_flight_is_named_with_its_length():
     [
         (
             "real/erlerobot-logs__26-11-2014_181.BIN",
-            {"no-battery"},
+            {"battery"},
             {"no-flight"},
         ),
-        ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"no-imu"}),
-        ("real/peterbarker-dataflash-logs__5.BIN", {"no-motor-outputs", "no-imu", "no-baro"}, {"no-gps"}),
-        ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"motors-slow", "imu-slow"}, {"no-flight"}),
-        ("sitl/paper01.BIN", {"no-fast-rates"}, {"no-flight", "gap-in-table"}),
-        ("sitl/octa09_systemid_mixer.BIN", set(), {"no-fast-rates"}),
+        ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"imu"}),
+        ("real/peterbarker-dataflash-logs__5.BIN", {"motors", "imu", "baro"}, {"gps"}),
+        ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"fast motors", "fast imu"}, {"no-flight"}),
+        ("sitl/paper01.BIN", {"fast rates"}, {"no-flight", "gap-in-table"}),
+        ("sitl/octa09_systemid_mixer.BIN", set(), {"fast rates"}),
     ],
 )
 def test_shared_logs(name, expected, not_expected):

@@ -35,14 +35,14 @@ def test_one_that_is_not_calibrated_is_found(reads):
     tables = imu(force=(0.2, 0.1, -reads))
     assert at_rest(tables, ()).specific_force == pytest.approx(np.hypot(reads, np.hypot(0.2, 0.1)), abs=0.02)
     (finding,) = calibration(at_rest(tables, ()), {f"INS_ACCOFFS_{axis}": 0.0 for axis in "XYZ"})
-    assert finding.id == "accelerometer-uncalibrated"
+    assert finding.id == "sensor-doubtful"
     assert "never calibrated" in finding.reason
     assert "Calibrate" in finding.advice
 
 
 def test_idling_motors_do_not_matter():
     assert ids(imu(shaking=0.4)) == []
-    assert ids(imu(force=(0.0, 0.0, -8.5), shaking=0.4)) == ["accelerometer-uncalibrated"]
+    assert ids(imu(force=(0.0, 0.0, -8.5), shaking=0.4)) == ["sensor-doubtful"]
 
 
 def test_flight_and_handling_are_no_rest():

@@ -221,7 +221,7 @@ def test_of_two_vehicles_the_one_heard_most_is_taken():
             flight.send(k, "ATTITUDE", 2, 1, time_boot_ms=1000 * (k + 700))
     source = flight.open()
     assert source.autopilot == (1, 1)
-    assert findings(source)["several-vehicles"].evidence["vehicles"] == 2
+    assert findings(source)["several-in-file"].evidence["vehicles"] == 2
     assert len(source.boots) == 1
 
 
@@ -233,7 +233,7 @@ def test_without_a_heartbeat_whoever_tells_boot_time():
         flight.send(k, "ATTITUDE", 3, 1)
     source = flight.open()
     assert source.autopilot == (3, 1)
-    assert "several-vehicles" in findings(source)
+    assert "several-in-file" in findings(source)
 
 
 def test_frames_lost_are_counted_by_sender():

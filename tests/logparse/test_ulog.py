@@ -168,7 +168,7 @@ def test_appended_data_is_found_behind_damage_and_a_message_cut_short():
     log[19 + 16 : 19 + 24] = struct.pack("<Q", struct.unpack_from("<Q", log, 19 + 16)[0] - 2)
     source = UlogSource(bytes(log))
     assert source.counts(source.boots[0])["gyro"] == 19
-    assert "autopilot-crashed" in [finding.id for finding in source.findings]
+    assert "autopilot-error" in [finding.id for finding in source.findings]
 
 
 def test_messages_of_a_kind_that_is_not_known_are_no_damage():
@@ -245,7 +245,7 @@ def test_shared_logs_hold_what_pyulog_reads(path):
 @pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
 def test_crash_dump_is_a_finding():
     source = UlogSource((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
-    assert "autopilot-crashed" in [finding.id for finding in source.findings]
+    assert "autopilot-error" in [finding.id for finding in source.findings]
 
 
 def test_a_bug_of_ours_is_no_damage_of_the_log(monkeypatch):

@@ -24,16 +24,16 @@ from tests.pipeline.coverages import coverage_of
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4")
 NEEDS = {
-    "no-motor-outputs": Need.MOTORS,
-    "motors-slow": Need.FAST_MOTORS,
-    "no-gps": Need.GPS,
-    "no-imu": Need.IMU,
-    "imu-slow": Need.FAST_IMU,
-    "no-attitude": Need.ATTITUDE,
-    "no-baro": Need.BARO,
-    "no-mag": Need.COMPASS,
-    "no-battery": Need.BATTERY,
-    "no-fast-rates": Need.FAST_RATES,
+    "motors": Need.MOTORS,
+    "fast motors": Need.FAST_MOTORS,
+    "gps": Need.GPS,
+    "imu": Need.IMU,
+    "fast imu": Need.FAST_IMU,
+    "attitude": Need.ATTITUDE,
+    "baro": Need.BARO,
+    "mag": Need.COMPASS,
+    "battery": Need.BATTERY,
+    "fast rates": Need.FAST_RATES,
 }
 
 TOLD = (
@@ -68,9 +68,9 @@ def lacking(name, need, mask=176127.0, vehicle=COPTER, kind="dataflash"):
     setting = log_setting(vehicle, kind, {} if mask is None else {parameter: mask}, [need])
     bit = bits_of(vehicle).get(need)
     if setting is None or bit is None or setting.has(bit):
-        return found(name)
+        return found("not-logged", what=name)
     present = {} if setting.present is None else {"present": setting.present, "wanted": setting.wanted}
-    return found(name, parameter=parameter, bit=bit.number, name=bit.name, **present)
+    return found("not-logged", what=name, parameter=parameter, bit=bit.number, name=bit.name, **present)
 
 
 def found(name, /, severity="warning", **evidence):
@@ -90,7 +90,7 @@ def test_a_good_flight_needs_no_advice():
 
 def test_all_missing_bits_make_one_value_of_the_mask():
     """176126 has bits 1 to 11, 13, 15 and 17; fast rates (0) and fast IMU (18) make 438271, as docs/logging.md says."""
-    lacks = [lacking(name, NEEDS[name], 176126.0) for name in ("no-fast-rates", "imu-slow")]
+    lacks = [lacking(name, NEEDS[name], 176126.0) for name in ("fast rates", "fast imu")]
     slow = good("slow", mask=176126.0, told=("thrust over mass",), findings=lacks)
     advice = next(each for each in for_craft([slow]) if each.id == "log-bitmask")
     assert advice.settings == {"LOG_BITMASK": 438271}
@@ -102,7 +102,7 @@ def test_all_missing_bits_make_one_value_of_the_mask():
 @pytest.mark.parametrize("mask", [176126, 2242524, -22530, 43006, 16776192, 0])
 def test_advice_switches_nothing_off_that_was_logged(mask):
     """Of all digits of the mask: 176126 kept as 176130 made 176131, without GPS, IMU and battery."""
-    names = ("no-fast-rates", "no-mag")
+    names = ("fast rates", "mag")
     first = good("a", mask=float(mask), told=(), findings=[lacking(each, NEEDS[each], mask) for each in names])
     advice = next(each for each in for_craft([first]) if each.id == "log-bitmask")
     value = advice.settings["LOG_BITMASK"]
@@ -113,40 +113,43 @@ def test_advice_switches_nothing_off_that_was_logged(mask):
 
 
 def test_the_latest_flight_s_mask_counts_for_several():
-    lacks = [lacking("no-mag", Need.COMPASS, 6.0)]
+    lacks = [lacking("mag", Need.COMPASS, 6.0)]
     advice = only(good("a", mask=6.0, findings=lacks), good("b", mask=1030.0, findings=()))
     assert advice.settings == {"LOG_BITMASK": 1030 | 1 << 13}
 
 
 def test_the_mask_is_known_where_coverage_failed():
-    flight = good("a", told=(), findings=[lacking("no-gps", Need.GPS, 176122.0)])
+    flight = good("a", told=(), findings=[lacking("gps", Need.GPS, 176122.0)])
     (advice,) = (each for each in for_craft([dataclasses.replace(flight, coverage=None)]) if each.id == "log-bitmask")
     assert advice.settings == {"LOG_BITMASK": 176126}
 
 
 def test_a_bit_that_is_set_is_not_asked_for_again():
-    assert for_craft([good(mask=float(1 << 13), findings=[lacking("no-mag", Need.COMPASS, 8192.0)])]) == ()
+    assert for_craft([good(mask=float(1 << 13), findings=[lacking("mag", Need.COMPASS, 8192.0)])]) == ()
 
 
 def test_slow_rates_do_not_matter_where_rotation_is_determined():
-    assert for_craft([good(mask=176126.0, findings=[lacking("no-fast-rates", Need.FAST_RATES, 176126.0)])]) == ()
+    assert for_craft([good(mask=176126.0, findings=[lacking("fast rates", Need.FAST_RATES, 176126.0)])]) == ()
 
 
 def test_without_a_mask_the_bits_are_named_and_nothing_is_set():
-    advice = only(good(mask=None, findings=[lacking("no-gps", Need.GPS, None)]))
+    advice = only(good(mask=None, findings=[lacking("gps", Need.GPS, None)]))
     assert advice.settings == {}
     assert advice.do == "Add bit 2 (GPS) to LOG_BITMASK, keeping what is set"
     assert advice.rank < 10, "without a position nothing can be identified"
 
 
-@pytest.mark.parametrize("name", sorted(set(BRINGS) - {"no-fast-rates"}))
+@pytest.mark.parametrize("name", sorted(set(BRINGS) - {"fast rates"}))
 def test_each_missing_table_is_cured(name):
     assert only(good(mask=0.0, findings=[lacking(name, NEEDS[name], 0.0)])).id == "log-bitmask"
 
 
 def test_telemetry_and_px4_have_advice_of_their_own():
-    assert only(good(form="tlog", findings=("no-mag", "imu-slow"))).id == "use-on-board-log"
-    lacks = [lacking("motors-slow", Need.FAST_MOTORS, 1.0, PX4, "ulog")]
+    assert (
+        only(good(form="tlog", findings=(found("not-logged", what="mag"), found("not-logged", what="fast imu")))).id
+        == "use-on-board-log"
+    )
+    lacks = [lacking("fast motors", Need.FAST_MOTORS, 1.0, PX4, "ulog")]
     advice = only(good(form="ulog", mask=None, findings=lacks))
     assert (advice.id, advice.settings) == ("sdlog-profile", {"SDLOG_PROFILE": 17})
     assert "LOG_BITMASK" not in advice.do

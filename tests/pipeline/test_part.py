@@ -26,7 +26,7 @@ def test_the_busiest_half_hour_is_taken_and_named() -> None:
     assert part.stop - part.start == pytest.approx(LONGEST)
     assert part.start == pytest.approx(100.0 + 2.0 * LONGEST, abs=0.1 * LONGEST)
     (finding,) = part_findings(HOURS, part)
-    assert finding.id == "part-of-long-flight"
+    assert finding.id == "part-excluded"
     assert "lasts 150 min" in finding.reason
 
 

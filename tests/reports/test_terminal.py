@@ -91,7 +91,7 @@ def test_inspection_puts_what_is_wrong_before_what_is_there():
         flights=(),
         tables=(TableSummary("imu", 1, math.nan, math.nan, math.nan, 0, 0.0, ("gyro_x",)),),
         messages=(MessageSummary("IMU", 1, math.nan),),
-        findings=(Finding("no-motor-outputs", Severity.ERROR, "no motor outputs", "set RCOUT"),),
+        findings=(Finding("not-logged", Severity.ERROR, "no motor outputs", "set RCOUT"),),
     )
     text = shown(inspection.overview(log), 100)
     assert text.index("No motor outputs.") < text.index("gyro_x")

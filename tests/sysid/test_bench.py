@@ -137,7 +137,7 @@ def test_implausible_rows_are_named_and_left_out(tmp_path, change, words):
     for at, row in change.items():
         rows[at] = row
     faulty = analyse_bench(read_bench([sweep(tmp_path, "faulty.csv", rows=rows)]), 1.225)
-    assert [f.id for f in faulty.findings if words in f.reason] == ["bench-values-doubtful"]
+    assert [f.id for f in faulty.findings if words in f.reason] == ["table-doubtful"]
     assert not any(words in f.reason for f in clean.findings)
     assert faulty.trim("m1", 16.0).pwm == pytest.approx(clean.trim("m1", 16.0).pwm, abs=15.0)
 
@@ -155,7 +155,7 @@ def test_rows_without_numbers_are_named_by_their_lines(tmp_path):
     ]
     table = read_bench([sweep(tmp_path, rows=[*rows, "1800,8,15.8"])])
     assert len(table.rows) == 4
-    (finding,) = [each for each in table.findings if each.id == "bench-row-unread"]
+    (finding,) = [each for each in table.findings if each.id == "table-doubtful"]
     assert "4 row(s) without PWM and thrust as numbers (line 3, 5, 7, 9); left out" in finding.reason
 
 
@@ -165,7 +165,7 @@ def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
         for pwm in np.random.default_rng(1).permutation(PWM)
     ]
     bench = analyse_bench(read_bench([sweep(tmp_path, rows=rows)]), 1.225)
-    doubtful = [f.reason for f in bench.findings if f.id == "bench-values-doubtful"]
+    doubtful = [f.reason for f in bench.findings if f.id == "table-doubtful"]
     assert any("PWM goes up and down" in each for each in doubtful)
     assert any("its sign is turned" in each for each in doubtful)
     assert bench.at_voltage("m1").index.is_monotonic_increasing
@@ -175,7 +175,7 @@ def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
 def test_what_was_not_measured_is_said(tmp_path):
     bare = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f}" for pwm in PWM]
     bench = analyse_bench(read_bench([sweep(tmp_path, head="PWM,Thrust", rows=bare)]))
-    said = " ".join(f.reason for f in bench.findings if f.id == "bench-conditions-assumed")
+    said = " ".join(f.reason for f in bench.findings if f.id == "conditions-assumed")
     for words in ("carries no unit", "no battery voltage", "no rotor speeds", "air at the stand"):
         assert words in said
     k = bench.coefficients("m1").thrust
@@ -223,7 +223,7 @@ def test_weak_motor_shows(tmp_path):
     good = [sweep(tmp_path, f"{k}.csv") for k in range(3)]
     weak = sweep(tmp_path, "weak.csv", rows=[f"{p:.0f},{9.0 * ((p - 1000) / 1000) ** 1.5:.4f},15.8" for p in PWM])
     findings = analyse_bench(read_bench([*good, weak]), 1.225).findings
-    assert [f.evidence["motor"] for f in findings if f.id == "weak-motor"] == ["m4"]
+    assert [f.evidence["motor"] for f in findings if f.id == "uneven-motor"] == ["m4"]
 
 
 def test_inertia_is_the_formula_and_its_spread_that_of_the_times():
@@ -267,9 +267,9 @@ def test_miscounted_swings_and_bad_numbers():
     result = bifilar([30.1, 30.0, 33.1, 29.9, 30.05], 2.6, Threads(1.96, 0.2))
     assert result.repetitions == 4
     (miscounted,) = result.findings
-    assert (miscounted.id, "by about a swing" in miscounted.reason) == ("pendulum-doubtful", True)
+    assert (miscounted.id, "by about a swing" in miscounted.reason) == ("table-doubtful", True)
     slow = bifilar([300.0, 301.0], 2.6, Threads(1.96, 0.2))
-    assert any(f.id == "pendulum-doubtful" and "from the axis" in f.reason for f in slow.findings)
+    assert any(f.id == "table-doubtful" and "from the axis" in f.reason for f in slow.findings)
     for times, mass in (([30.0], 2.6), ([30.0, -1.0], 2.6), ([30.0, 30.0], 0.0)):
         with pytest.raises(BenchError):
             bifilar(times, mass, Threads(1.96, 0.2))

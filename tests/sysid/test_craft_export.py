@@ -175,5 +175,5 @@ def test_files(tmp_path):
     assert json.loads(files[2].read_text())["num_motors"] == 8
     assert "`hoverThrOut`" in files[3].read_text()
     _, findings = write_craft(replace(body(missing=("roll_gain",)), mass=None), tmp_path)
-    assert [f.id for f in findings] == ["export-lacks", "export-lacks"]
+    assert [f.id for f in findings] == ["not-determined", "not-determined"]
     assert findings[0].reason != findings[1].reason

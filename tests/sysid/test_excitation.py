@@ -41,7 +41,7 @@ def test_a_motor_at_its_idle_spin_is_saturated():
     u[:300, 1], u[600:, 2] = 1150.0, 1950.0
     found = examine([record(u, vehicle=vehicle, units={f"m{k}": "us" for k in (1, 2, 3)})]).findings
     told = {
-        finding.evidence["input"]: finding.evidence["limit"] for finding in found if finding.id == "saturated-input"
+        finding.evidence["input"]: finding.evidence["limit"] for finding in found if finding.id == "motors-at-limits"
     }
     assert told == {"m2": "lower", "m3": "upper"}
 

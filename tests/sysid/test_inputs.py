@@ -101,7 +101,7 @@ def test_only_the_time_in_which_a_position_is_held_is_used():
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.t[0] >= 30.0
     assert record.t[-1] == pytest.approx(50.0, abs=0.1)
-    assert [finding.id for finding in record.findings] == ["input-gaps"]
+    assert [finding.id for finding in record.findings] == ["gap-in-table"]
     assert "20.0 of 40.0 s" in record.findings[0].reason
 
 
@@ -119,7 +119,7 @@ def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_st
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.duration == pytest.approx(40.0 if pieces == 1 else 20.0, abs=0.2)
     (told,) = record.findings
-    assert told.id == ("reference-doubtful" if pieces == 1 else "input-gaps")
+    assert told.id == ("reference-doubtful" if pieces == 1 else "gap-in-table")
     assert ("jump" in told.reason) == (pieces == 1)
 
 
@@ -238,7 +238,7 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
     log, trajectory = made(Tables(motors=frame(T, **outputs)), vehicle=vehicle)
     for kind in ("motors", "mixer"):
         told = {each.id: each for each in Experiment.from_flight(log, trajectory, inputs=kind).findings}
-        assert "what was asked in roll" in told["commands-below-rounding"].reason
+        assert "what was asked in roll" in told["constant-input"].reason
     # A record of the same outputs over the same time knows it; one of a part of it does not.
     motors = Experiment.from_flight(log, trajectory)
     assert Experiment.from_flight(log, trajectory, rate=50.0, beside=[motors]).findings == motors.findings
@@ -283,7 +283,7 @@ def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl
 def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_held(sitl):
     record = Experiment.from_flight(*sitl("octa09_systemid_mixer"), inputs="reference")
     assert record.duration == pytest.approx(88.9, abs=0.5)
-    assert "input-gaps" in {finding.id for finding in record.findings}
+    assert "gap-in-table" in {finding.id for finding in record.findings}
 
 
 @cache

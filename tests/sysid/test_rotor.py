@@ -60,13 +60,13 @@ def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
     context = octo.context.assign(**{f"rotor_speed_{k + 1}": 700.0 * command[:, k] for k in range(8)})
     model = fit_rotor([replace(octo, context=context)], mass=4.3)
     assert model.law is Law.COMMAND
-    assert "esc-speed-not-rotor-speed" in ids(model)
+    assert "signals-lacking" in ids(model)
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
 def test_motors_that_move_by_themselves_show_the_weak_one():
     model = fit_rotor([level_flight(3, samples=3000, per_mass=(3.2, 3.2, 2.4, 3.2))])
-    assert [f.evidence["motor"] for f in model.findings if f.id == "weak-motor"] == ["m3"]
+    assert [f.evidence["motor"] for f in model.findings if f.id == "uneven-motor"] == ["m3"]
     assert model.per_motor["m3"].per_mass == pytest.approx(2.4, rel=0.05)
 
 
@@ -82,7 +82,7 @@ def test_in_stabilised_flight_the_weak_motor_shows_in_its_effort_and_in_kim_2017
     assert not any(value.determined for value in model.per_motor.values())
     assert "m3" in [f.evidence["motor"] for f in model.findings if f.id == "uneven-motor"]
     found = fit_kim2017([record], 2.6)
-    assert [f.evidence["motor"] for f in found.findings if f.id == "weak-motor"] == ["m3"]
+    assert [f.evidence["motor"] for f in found.findings if f.id == "uneven-motor"] == ["m3"]
     assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
@@ -90,13 +90,13 @@ def test_slow_and_dead_motors_are_named(octo):
     context = octo.context.copy()
     context["rotor_speed_2"] *= 0.85
     context["rotor_speed_5"] = 0.0
-    told = [f for f in fit_rotor([replace(octo, context=context)]).findings if f.id == "weak-motor"]
+    told = [f for f in fit_rotor([replace(octo, context=context)]).findings if f.id == "uneven-motor"]
     assert [f.evidence["motor"] for f in told if "slower" in f.reason] == ["m2"]
     assert [f.evidence["motor"] for f in told if "does not turn" in f.reason] == ["m5"]
     u = octo.u.copy()
     u[:, 3] = 1100.0
     stopped = fit_rotor([replace(octo, u=u, input_trim=u.mean(axis=0))])
-    told = [f for f in stopped.findings if f.id == "weak-motor" and "is not driven" in f.reason]
+    told = [f for f in stopped.findings if f.id == "uneven-motor" and "is not driven" in f.reason]
     assert [f.evidence["motor"] for f in told] == ["m4"]
 
 

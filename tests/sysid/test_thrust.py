@@ -85,7 +85,7 @@ def test_a_motor_that_works_harder_is_named():
 
 def test_what_is_not_known_is_said():
     found = fit_thrust([flight(6, density=np.nan, f_z=-9.8, vehicle=None, voltage=np.nan)]).findings
-    assert {"conditions-assumed", "craft-assumed", "mass-unknown"} <= {f.id for f in found}
+    assert {"conditions-assumed", "frame-unknown", "mass-unknown"} <= {f.id for f in found}
     assumed = " ".join(f.reason for f in found if f.id == "conditions-assumed")
     assert "density of the air is unknown" in assumed
     assert "without battery voltage" in assumed
@@ -165,7 +165,7 @@ def test_with_some_motors_unlogged_no_coefficient_is_told():
     assert not model.common.determined
     assert model.common.reason == "only 4 of 8 motors are logged"
     assert not any(value.determined for value in model.per_motor.values())
-    assert "motor-without-output" in {finding.id for finding in model.findings}
+    assert "not-logged" in {finding.id for finding in model.findings}
 
 
 @pytest.mark.slow

@@ -12,31 +12,28 @@ if TYPE_CHECKING:
     from pipeline.results.coverage import LoggedRate
 from pipeline.results.entry import FlightSummary
 
-#: What log findings with a setting as their cure cost a flight.
+#: What it costs a flight that something is not logged, by `what` of the finding.
 BRINGS = {
-    "no-motor-outputs": "the inputs of every model",
-    "motors-slow": "the inputs of every model",
-    "no-gps": "a position to fit",
-    "no-imu": "the trajectory at the rate of the IMU",
-    "imu-slow": "the trajectory at the rate of the IMU",
-    "no-attitude": "attitude",
-    "no-baro": "height, and the density of the air",
-    "no-mag": "a heading that does not drift by some ten degrees",
-    "no-battery": "thrust at a known voltage",
-    "no-fast-rates": "roll, pitch and yaw effectiveness and the motors' lag",
+    "motors": "the inputs of every model",
+    "fast motors": "the inputs of every model",
+    "gps": "a position to fit",
+    "imu": "the trajectory at the rate of the IMU",
+    "fast imu": "the trajectory at the rate of the IMU",
+    "attitude": "attitude",
+    "baro": "height, and the density of the air",
+    "mag": "a heading that does not drift by some ten degrees",
+    "battery": "thrust at a known voltage",
+    "fast rates": "roll, pitch and yaw effectiveness and the motors' lag",
 }
 
 #: Without these no model of the motion exists.
-_VITAL = frozenset(("no-motor-outputs", "motors-slow", "no-gps"))
+_VITAL = frozenset(("motors", "fast motors", "gps"))
 
 #: Parameters that only fast rotational signals tell.
 _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
 
 #: What tables are called for people.
 _TABLES = {"imu": "the IMU", "attitude": "attitude"}
-
-#: Findings of gaps in flight.
-_GAPS = ("gap-in-table", "imu-hole")
 
 
 def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
@@ -77,26 +74,26 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
     for flight in flights:
         for finding in flight.findings:
             evidence = finding.evidence
-            if finding.id not in BRINGS or evidence.get("parameter") is None:
+            if finding.id != "not-logged" or evidence.get("parameter") is None:
                 continue
             bit = Bit(int(evidence["bit"] or 0), str(evidence["name"]), "")
             _, lacking = asked.setdefault(str(evidence["parameter"]), {}).setdefault(bit.number, (bit, []))
-            lacking.append((finding.id, flight))
+            lacking.append((str(evidence["what"]), flight))
     for parameter, bits in asked.items():
         ordered = tuple(bits[number][0] for number in sorted(bits))
         setting = LogSetting(parameter, _present(flights, parameter), ordered)
         lacking = [each for bit in setting.added for each in bits[bit.number][1]]
-        ids = {name for name, _ in lacking}
-        if not ids or (ids == {"no-fast-rates"} and set(_FAST) <= set(told)):
+        lacked = {what for what, _ in lacking}
+        if not lacked or (lacked == {"fast rates"} and set(_FAST) <= set(told)):
             # The rates logged were enough.
             continue
         named = list({flight.name: flight for _, flight in lacking}.values())
         yield Advice(
             id="log-bitmask" if parameter == "LOG_BITMASK" else "sdlog-profile",
-            rank=1 if _VITAL & ids else 11 if ids - {"no-fast-rates"} else 21,
+            rank=1 if _VITAL & lacked else 11 if lacked - {"fast rates"} else 21,
             do=setting.sentence(),
             why=f"{names_of(named, len(flights))}: no or too slow messages for it",
-            gain=", ".join(dict.fromkeys(BRINGS[name] for name, _ in lacking)),
+            gain=", ".join(dict.fromkeys(BRINGS[what] for what, _ in lacking)),
             settings={} if setting.wanted is None else {parameter: setting.wanted},
             flights=tuple(flight.name for flight in named),
         )
@@ -117,7 +114,7 @@ def _present(flights: Sequence[FlightSummary], parameter: str) -> int | None:
 
 def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
-    gaps = [flight for flight in having(flights, *_GAPS) if flight.format not in TELEMETRY]
+    gaps = [flight for flight in having(flights, "gap-in-table") if flight.format not in TELEMETRY]
     if not gaps:
         return
     px4 = all(flight.format == "ulog" for flight in gaps)
@@ -126,7 +123,7 @@ def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
             float(finding.evidence.get("longest") or 0.0)
             for flight in gaps
             for finding in flight.findings
-            if finding.id in _GAPS
+            if finding.id == "gap-in-table"
         ),
         default=0.0,
     )

@@ -57,7 +57,7 @@ def write_craft(
     try:
         linear = hover_model(model)
     except MissingDataError as error:
-        findings.append(Finding("export-lacks", Severity.INFO, str(error)))
+        findings.append(Finding("not-determined", Severity.INFO, str(error)))
     record = CraftRecord(craft=model.record(), hover=None if linear is None else linear.record())
     files = [folder / "craft.json", folder / "craft.mat"]
     files[0].write_text(as_json(record), encoding="utf-8")
@@ -65,7 +65,7 @@ def write_craft(
     try:
         frame = frame_json(model, mass, arm=arm, disc_area=disc_area)
     except MissingDataError as error:
-        findings.append(Finding("export-lacks", Severity.INFO, str(error)))
+        findings.append(Finding("not-determined", Severity.INFO, str(error)))
     else:
         path = folder / "sitl_frame.json"
         frame.write(path)

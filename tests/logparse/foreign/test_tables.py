@@ -272,7 +272,7 @@ def test_motors_that_only_partly_turn_the_craft_are_named_where_another_order_fi
     assert not read_motion(frame, columns()).findings
     frame = swapped(swapped(frame, "a", "d"), "b", "c")
     [found] = read_motion(frame, columns()).findings
-    assert (found.id, str(found.severity)) == ("table-motors", "warning")
+    assert (found.id, str(found.severity)) == ("table-doubtful", "warning")
     assert "in the order d, c, b, a the motors would turn the craft better" in found.reason
 
 
@@ -307,13 +307,13 @@ def damaged(kind):
 @pytest.mark.parametrize(
     ("kind", "finding", "column"),
     [
-        ("repeated", "table-time", "t"),
-        ("jump", "table-time", "t"),
-        ("back", "table-time", "t"),
-        ("gap", "table-values", "wy"),
-        ("spike", "table-values", "b"),
-        ("lost", "table-values", "b"),
-        ("norm", "table-values", "qx, qy, qz, qw"),
+        ("repeated", "table-doubtful", "t"),
+        ("jump", "table-doubtful", "t"),
+        ("back", "table-doubtful", "t"),
+        ("gap", "table-doubtful", "wy"),
+        ("spike", "table-doubtful", "b"),
+        ("lost", "table-doubtful", "b"),
+        ("norm", "table-doubtful", "qx, qy, qz, qw"),
     ],
 )
 def test_damage_is_cut_out_or_mended_and_named(kind, finding, column):
@@ -336,7 +336,7 @@ def test_columns_of_another_clock_are_named_with_their_shift(group, told, rows):
     """Either column of a pair may be the late one; the sentence says which is late against which."""
     frame = table()
     frame[group.split()] = frame[group.split()].shift(rows).bfill().ffill()
-    [found] = [each for each in read_motion(frame, columns()).findings if each.id == "table-time"]
+    [found] = [each for each in read_motion(frame, columns()).findings if each.id == "table-doubtful"]
     late = rows if group == told else -rows
     assert found.evidence["column"] == told.replace(" ", ", ")
     # Positions here are running sums of velocities, which are half a sample late.
@@ -349,14 +349,14 @@ def test_an_attitude_of_another_clock_is_named_where_there_are_no_rates():
     frame[["qx", "qy", "qz", "qw"]] = frame[["qx", "qy", "qz", "qw"]].shift(6).bfill()
     description = columns()
     del description["rates"]
-    [found] = [each for each in read_motion(frame, description).findings if each.id == "table-time"]
+    [found] = [each for each in read_motion(frame, description).findings if each.id == "table-doubtful"]
     assert found.evidence["column"] == "qx, qy, qz, qw"
     assert found.evidence["seconds"] == pytest.approx(0.06, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_one_clock_raises_nothing(seed):
-    assert not [each for each in read_motion(table(seed=seed), columns()).findings if each.id == "table-time"]
+    assert not [each for each in read_motion(table(seed=seed), columns()).findings if each.id == "table-doubtful"]
 
 
 def test_signs_of_quaternions_may_change_at_any_sample():
@@ -390,10 +390,10 @@ def test_angles_that_wrap_are_no_leaps():
 def test_a_column_that_a_recorder_repeats_is_named():
     frame = table()
     frame.loc[500:620, ["a"]] = frame["a"][500]
-    found = [each for each in read_motion(frame, columns()).findings if each.id == "table-values"]
+    found = [each for each in read_motion(frame, columns()).findings if each.id == "table-doubtful"]
     assert [each.evidence["column"] for each in found] == ["a"]
     assert "1.2" in found[0].reason
-    assert not [each for each in read_motion(table(), columns()).findings if each.id == "table-values"]
+    assert not [each for each in read_motion(table(), columns()).findings if each.id == "table-doubtful"]
 
 
 def test_commands_that_stand_still_are_no_held_telemetry():
@@ -403,7 +403,7 @@ def test_commands_that_stand_still_are_no_held_telemetry():
     frame[names] = np.round(1000.0 + 500.0 * frame[names] / frame[names].mean())
     frame.loc[500:620, "a"] = frame["a"][500]
     described = columns(motors={"columns": names, "quantity": "pwm", "frame": "quad/x"})
-    assert not [each for each in read_motion(frame, described).findings if each.id == "table-values"]
+    assert not [each for each in read_motion(frame, described).findings if each.id == "table-doubtful"]
 
 
 def test_a_column_that_is_mostly_missing_is_not_made_up():
@@ -479,10 +479,10 @@ def test_fast_tables_are_checked_at_the_rate_of_motion():
 
 def test_a_motor_of_another_unit_and_a_column_that_never_changes_are_named():
     (found,) = read_motion(table().assign(b=3.0 * table()["b"]), columns(fill=True)).findings
-    assert (found.id, found.evidence["column"]) == ("table-motors", "b")
+    assert (found.id, found.evidence["column"]) == ("table-doubtful", "b")
     signals = np.random.default_rng(0).standard_normal((300, 3)) * [1.0, 0.0, 1.0]
     (found,) = held_values(signals, ("qw", "qx", "qy"), 0.01)
-    assert (found.id, found.evidence["column"]) == ("table-values", "qx")
+    assert (found.id, found.evidence["column"]) == ("table-doubtful", "qx")
 
 
 @pytest.mark.parametrize("name", ["qx", "qz", "qw"])
@@ -496,9 +496,9 @@ def test_a_part_of_the_quaternion_of_another_scale_is_named(name, factor):
 def test_feet_along_the_vertical_are_named_by_the_thrust(velocity):
     """Position and velocity agree, and attitude says nothing of it."""
     described = columns() if velocity else {key: value for key, value in columns().items() if key != "velocity"}
-    assert "table-motors" not in {each.id for each in read_motion(table(), described).findings}
+    assert "table-doubtful" not in {each.id for each in read_motion(table(), described).findings}
     feet = scaled(table(), ["z", "vz"] if velocity else ["z"], 3.28)
-    (found,) = [each for each in read_motion(feet, described).findings if each.id == "table-motors"]
+    (found,) = [each for each in read_motion(feet, described).findings if each.id == "table-doubtful"]
     assert found.evidence["column"] == ("z, vz" if velocity else "z")
     assert found.evidence["change"] == pytest.approx(3.28, rel=0.15)
 
@@ -506,7 +506,7 @@ def test_feet_along_the_vertical_are_named_by_the_thrust(velocity):
 def test_squares_given_for_rotor_speeds_are_named_by_the_thrust():
     frame = table().assign(**{name: table()[name] ** 2 / 1e4 for name in "abcd"})
     described = columns(motors={"columns": list("abcd"), "quantity": "rad/s", "frame": "quad/x"})
-    assert "table-motors" in {each.id for each in read_motion(frame, described).findings}
+    assert "table-doubtful" in {each.id for each in read_motion(frame, described).findings}
 
 
 def test_a_chirp_after_calm_is_no_spike_and_a_lost_sample_in_it_is_one():
@@ -524,7 +524,7 @@ def test_a_motor_that_hardly_moves_is_named():
     rng = np.random.default_rng(0)
     still = table()["b"].mean() + 0.02 * table()["b"].std() * rng.standard_normal(len(table()))
     found = read_motion(table().assign(b=still), columns()).findings
-    assert ("table-motors", "b") in {(each.id, each.evidence.get("column")) for each in found}
+    assert ("table-doubtful", "b") in {(each.id, each.evidence.get("column")) for each in found}
 
 
 def test_quaternions_that_are_none_are_refused():
@@ -602,14 +602,14 @@ def test_rows_that_repeat_as_a_whole_do_not_hide_what_a_recorder_repeats():
     frame.loc[1000:1120, "a"] = frame["a"][1000]
     for row in range(5, len(frame), 13):
         frame.loc[row, names] = frame.loc[row - 1, names]
-    assert "table-values" in {finding.id for finding in read_motion(frame, columns()).findings}
+    assert "table-doubtful" in {finding.id for finding in read_motion(frame, columns()).findings}
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_a_time_column_that_runs_too_fast_or_too_slow_is_named(factor):
-    assert "table-time" not in {finding.id for finding in read_motion(table(), columns()).findings}
+    assert "table-doubtful" not in {finding.id for finding in read_motion(table(), columns()).findings}
     stretched = table().assign(t=lambda each: factor * each["t"])
-    (found,) = [each for each in read_motion(stretched, columns()).findings if each.id == "table-time"]
+    (found,) = [each for each in read_motion(stretched, columns()).findings if each.id == "table-doubtful"]
     assert found.evidence["column"] == "t"
     assert found.evidence["rates"] == pytest.approx(factor, rel=0.02)
     assert found.evidence["velocity"] == pytest.approx(factor, rel=0.02)
@@ -617,7 +617,7 @@ def test_a_time_column_that_runs_too_fast_or_too_slow_is_named(factor):
 
 def test_a_unit_of_one_signal_is_not_blamed_on_time():
     slower = table().assign(**{name: table()[name] * 0.9 for name in ("vx", "vy", "vz")})
-    assert "table-time" not in {finding.id for finding in read_motion(slower, columns()).findings}
+    assert "table-doubtful" not in {finding.id for finding in read_motion(slower, columns()).findings}
 
 
 @pytest.mark.parametrize(("name", "factor"), [("x", 100.0), ("z", 3.28), ("wy", 57.3)])

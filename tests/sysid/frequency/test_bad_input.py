@@ -94,7 +94,7 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
     roll, pitched = survey(log, ["roll", "pitch"]).axes
     # SYSTEMID logs one chirp at a time: that of roll ends where that of pitch begins, too soon for a fit.
     assert roll.response is not None
-    assert "chirp-aborted" in {finding.id for finding in roll.response.findings}
+    assert "not-determined" in {finding.id for finding in roll.response.findings}
     assert roll.fit is None
     assert "fly a chirp" in roll.reason
     assert pitched.fit is not None
@@ -114,7 +114,7 @@ def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Pat
     run = run_axis(PLANT, GAINS, shaken, 3)
     frf = frequency.response(logged(tmp_path, replace(run, chirp_hz=np.minimum(run.chirp_hz, 0.55))), "roll")
     assert frf.instrument == "roll target"
-    assert "chirp-aborted" in {finding.id for finding in frf.findings}
+    assert "not-determined" in {finding.id for finding in frf.findings}
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.1)
 
 
@@ -140,7 +140,7 @@ def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
 def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
     run = run_axis(PLANT, GAINS, CHIRP, 6)
     frf = frequency.response(logged(tmp_path, replace(run, measured=-run.measured)), "roll")
-    assert "response-reversed" in {finding.id for finding in frf.findings}
+    assert "motor-order" in {finding.id for finding in frf.findings}
     assert frequency.fit(frf).cost < 50.0
 
 
@@ -214,7 +214,7 @@ def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
         logs.append(logparse.read_log(tmp_path / f"{k}.BIN"))
     assert survey(logs[:2], ["roll"]).findings == ()
     (finding,) = survey(logs[1:], ["roll"]).findings
-    assert finding.id == "responses-differ"
+    assert finding.id == "flights-not-alike"
 
 
 def test_a_held_out_piece_of_two_samples_has_a_correlation() -> None:
