@@ -35,7 +35,7 @@ from api.settings import Settings
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.scratch import Incoming, Scratch
-from api.web import problem_responses, reference
+from api.web import problem_responses
 from api.web.dependencies import Parts, from_our_pages
 from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.work.desk import Desk
@@ -44,6 +44,13 @@ from api.work.watch import PRELOAD, Workplace
 from api.work.worker import Analyze, analyze_logs
 
 _log = logging.getLogger("rotorid.api")
+
+#: Packages that bring scripts of others, and their folders: browsers fetch nothing from elsewhere.
+_SCRIPTS: list[str | tuple[str, str]] = [
+    ("js_lib_htmx", "static/htmx"),
+    ("plotly", "package_data"),
+    ("fastapi_swagger", "resources"),
+]
 
 _DESCRIPTION = """Flight logs of Pixhawk autopilots in, identified models and an honest validation report out."""
 
@@ -103,7 +110,6 @@ def create_app(
     app.state.parts = parts
     app.add_middleware(SmallBodies, uploads=("/", "/api/v1/logs"), stall=settings.upload_stall)
     problem_responses.install(app)
-    reference.install(app)
     if local_only or settings.host_names:
         app.add_middleware(KnownHosts, names=frozenset() if local_only else settings.host_names)
     app.add_middleware(SafeHeaders)
@@ -113,7 +119,7 @@ def create_app(
     own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)
     for router in (*own, page_forms.router, sign_in.router):
         app.include_router(router)
-    app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
+    app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static", packages=_SCRIPTS))
     return app
 
 
@@ -145,7 +151,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         rates=Rates(settings.upload_rate),
         metrics=Metrics(database),
         crafts=found,
-        reviews=Reviews(database, found, desk, runner.wake, folder.look),
+        reviews=Reviews(database, found, desk.ask, runner.wake, folder.look),
         folder=folder,
         hooks=Hooks(database, settings.webhooks),
         feeds=Feeds(database),

@@ -3,11 +3,12 @@
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from alembic.util import CommandError
@@ -17,9 +18,12 @@ from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from api import log_lines
-from api.access.identity import Tokens
+from api.access.identity import EVERYBODY, Tokens
 from api.app import create_app
-from api.machine.service_library import ServiceLibrary
+from api.crafts.folder_flights import FolderFlights
+from api.crafts.registry import Crafts
+from api.crafts.reviews import Reviews
+from api.machine.library import Library
 from api.settings import Access, Settings
 from api.store import backup as backups
 from api.store.database import Database, NewerDatabaseError
@@ -28,7 +32,7 @@ from api.web.connections import PatientProtocol
 from api.web.middleware import LOOPBACK
 from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
-from pipeline.results.quantity import ParameterChange
+from pipeline.errors import ConfigError
 
 if TYPE_CHECKING:
     from api.machine import questions
@@ -161,15 +165,31 @@ def open_tokens() -> Iterator[Tokens]:
 
 
 @contextmanager
-def open_library(owner: str) -> Iterator[ServiceLibrary]:
+def open_library(owner: str) -> Iterator[Library]:
     """Open what one owner has in the service that the environment describes, to be read only."""
     settings = _settings()
-
-    def compare(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
-        return questions.compare_numbers(a, b, names)
-
     with _opened(settings) as database:
-        yield ServiceLibrary(database, Objects(settings.storage_url), owner, compare, settings.out)
+        yield Library(database, Objects(settings.storage_url), owner, _ask, settings.out)
+
+
+@contextmanager
+def open_folder(folder: Path) -> Iterator[Library]:
+    """Open what `rotorid analyze` wrote into a folder, by way of a database that is gone afterwards."""
+    with TemporaryDirectory(prefix="rotorid-") as scratch:
+        settings = Settings(data=Path(scratch), out=folder)
+        with _opened(settings) as database:
+            found = FolderFlights(database, folder)
+            reviews = Reviews(database, Crafts(database), _ask, lambda: None, found.look)
+            library = Library(database, Objects(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
+            library.refresh()
+            if not library.crafts():
+                raise ConfigError(f"{folder} holds no flights of this version of rotorid; analyze the logs again")
+            yield library
+
+
+def _ask(question: str, *arguments: object) -> Any:
+    """Answer a question in this process."""
+    return getattr(questions, question)(*arguments)
 
 
 @contextmanager

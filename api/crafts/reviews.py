@@ -18,7 +18,6 @@ from api.store.database import Database
 from api.store.ids import digest, new_id
 from api.store.records import AlertRecord, AnalysisRecord, CraftRecord, DeliveryRecord, FlightRecord, HookRecord
 from api.store.resources import State
-from api.work.desk import Desk
 from api.work.rounds import Rounds
 
 #: Seconds between two looks for craft that changed.
@@ -35,7 +34,7 @@ class Reviews(Rounds):
         self,
         database: Database,
         crafts: Crafts,
-        desk: Desk,
+        ask: Callable[..., Any],
         wake: Callable[[], None],
         bring: Callable[[], None] = lambda: None,
     ) -> None:
@@ -43,7 +42,7 @@ class Reviews(Rounds):
         self._bring = bring
         self._database = database
         self._crafts = crafts
-        self._desk = desk
+        self._ask = ask
         self._wake = wake
 
     def go_round(self) -> None:
@@ -59,7 +58,7 @@ class Reviews(Rounds):
         for craft_id, revision in waiting:
             if self.closing:
                 return
-            found = self._desk.ask("review_craft", *self._crafts.entries(craft_id))
+            found = self._ask("review_craft", *self._crafts.entries(craft_id))
             try:
                 with self._database.write() as session:
                     ordered = _settle(session, craft_id, revision, found)

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from pipeline.results.advice import Advice
-from pipeline.results.craft_review import Alert, CraftReview, Since
+from pipeline.results.craft_review import Alert, Since
 from pipeline.results.drift import History
 from pipeline.results.quantity import HealthEvent, ParameterChange, Quantity
-from pipeline.results.report import FlightReport
 
 #: What stands in every answer where there is no number.
 NOT_DETERMINED = "not determined"
@@ -34,34 +32,6 @@ class CraftRef:
     name: str
     kind: str
     flights: int
-
-
-class Library(Protocol):
-    """Flights and craft, to be read only."""
-
-    def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
-        """List flights, the newest first, and count them."""
-        ...
-
-    def flight(self, name: str) -> str | None:
-        """Return the id of a flight by that id or its name; None where there is none."""
-        ...
-
-    def crafts(self) -> Sequence[CraftRef]:
-        """List the craft."""
-        ...
-
-    def report(self, flight: str) -> FlightReport | None:
-        """Read the report of a flight by its id."""
-        ...
-
-    def review(self, craft: str) -> CraftReview | None:
-        """Read what the flights of a craft say together."""
-        ...
-
-    def compare(self, a: str, b: str) -> Sequence[ParameterChange] | None:
-        """Compare the parameters of two flights as `reports.numbers.comparison` does; None where one is not there."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,12 @@ from api.machine.answers import (
     CraftList,
     Events,
     FlightList,
-    Library,
     LoopMargins,
     NextFlights,
     Parameters,
     Predictions,
 )
+from api.machine.library import Library
 from pipeline.results.report import FlightReport
 from reports.numbers.quantities import (
     answers_of,
@@ -56,12 +56,14 @@ class Tools:
 
     def list_flights(self, craft: CraftName = "", text: Part = "", limit: Most = 100) -> FlightList:
         """List flights, the newest first: id, name, craft, take-off (UTC), and what happened in them."""
+        self.library.refresh()
         chosen = self._craft(craft) if craft else ""
         found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
         return FlightList(found, total)
 
     def list_craft(self) -> CraftList:
         """List craft: id, name, kind, and how many flights each has."""
+        self.library.refresh()
         return CraftList(list(self.library.crafts()))
 
     def get_answers(self, flight: Flight) -> Answers:
@@ -139,6 +141,7 @@ class Tools:
 
     def _flight(self, name: str) -> str:
         """Find a flight by its id or its name."""
+        self.library.refresh()
         found = self.library.flight(name)
         if found is None:
             raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
@@ -146,6 +149,7 @@ class Tools:
 
     def _craft(self, name: str) -> str:
         """Find a craft by its id or its name, which must not mean several."""
+        self.library.refresh()
         crafts = self.library.crafts()
         found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
         if len(found) != 1:

@@ -12,7 +12,7 @@ from api.crafts.hooks import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
 from api.store.resources import Page
-from api.web.dependencies import After, Limit, Owner, PartsOf, page
+from api.web.dependencies import After, HookId, Limit, Owner, PartsOf, page
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 
@@ -80,7 +80,7 @@ def make_hook(hook: NewHook, parts: PartsOf, owner: Owner) -> MadeHook:
 
 
 @router.delete("/hooks/{hook_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a webhook")
-def remove_hook(hook_id: str, parts: PartsOf, owner: Owner) -> None:
+def remove_hook(hook_id: HookId, parts: PartsOf, owner: Owner) -> None:
     """Send alerts there no more."""
     if not parts.hooks.remove(owner, hook_id):
         raise ProblemError.missing("There is no webhook of this id.")

@@ -13,7 +13,7 @@ from api import problems
 from api.logs.catalog import changes
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
-from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, page
+from api.web.dependencies import After, AnalysisId, FileName, Limit, Owner, Parts, PartsOf, page
 from api.web.results import Include, answer, file_of, summary
 from logparse import RotoridError
 from pipeline import AnalysisConfig
@@ -65,7 +65,7 @@ def list_analyses(
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
-def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
+def show_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
     """Show an analysis: in short, or with all that `include` names."""
     return answer(parts.catalog.find_analysis(analysis_id, owner), parts, include)
 
@@ -76,7 +76,7 @@ def show_analysis(analysis_id: str, parts: PartsOf, owner: Owner, include: Inclu
     response_class=StreamingResponse,
     responses={200: {"content": {"text/event-stream": {"schema": {"description": "Events `progress` and `end`."}}}}},
 )
-def follow_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> StreamingResponse:
+def follow_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> StreamingResponse:
     """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""
     analysis = parts.catalog.find_analysis(analysis_id, owner)
     return StreamingResponse(_events(parts, analysis), media_type="text/event-stream")
@@ -89,20 +89,20 @@ async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
 
 
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
-def cancel_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> AnalysisSummary:
+def cancel_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> AnalysisSummary:
     """End an analysis that waits or is being worked on; one that has ended stays as it is."""
     return summary(parts.catalog.cancel(analysis_id, owner))
 
 
 @router.delete("/{analysis_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete an analysis and its results")
-def delete_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
+def delete_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> None:
     """Delete an analysis for good; its logs stay."""
     parts.catalog.delete_analysis(analysis_id, owner)
 
 
 @router.head("/{analysis_id}/{name:path}", include_in_schema=False)
 @router.get("/{analysis_id}/{name:path}", response_class=FileResponse, summary="A file of a finished analysis")
-def fetch_result(analysis_id: str, name: str, parts: PartsOf, owner: Owner) -> Response:
+def fetch_result(analysis_id: AnalysisId, name: FileName, parts: PartsOf, owner: Owner) -> Response:
     """Fetch a file: `report.html`, `report.json`, `models.json`, `models.mat`, `rmse.csv`, `tables/NAME.parquet`.
 
     `files` of the analysis lists what there is; a part of a file is had with the header `Range`.

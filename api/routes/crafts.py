@@ -14,7 +14,7 @@ from api.problems import ProblemError
 from api.store.owned import missing
 from api.store.records import CraftRecord
 from api.store.resources import Page
-from api.web.dependencies import After, Limit, Owner, PartsOf, page
+from api.web.dependencies import After, CraftId, FileName, Limit, NoteId, Owner, PartsOf, page
 from api.web.results import file_response, local_copy
 
 router = APIRouter(prefix="/crafts", tags=["craft"], responses=problems.RESPONSES)
@@ -46,26 +46,26 @@ def list_crafts(
 
 
 @router.get("/{craft_id}", summary="A craft with what its flights say together")
-def show_craft(craft_id: str, parts: PartsOf, owner: Owner) -> CraftAnswer:
+def show_craft(craft_id: CraftId, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Show a craft: drift and change points of every parameter and motor, notes, alerts, and its joint models."""
     return parts.crafts.find(craft_id, owner)
 
 
 @router.put("/{craft_id}", summary="Name a craft")
-def name_craft(craft_id: str, change: CraftChange, parts: PartsOf, owner: Owner) -> CraftAnswer:
+def name_craft(craft_id: CraftId, change: CraftChange, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Call a craft by a name."""
     parts.crafts.rename(craft_id, owner, change.name)
     return show_craft(craft_id, parts, owner)
 
 
 @router.get("/{craft_id}/flights", summary="The flights of a craft, the newest first")
-def list_flights(craft_id: str, parts: PartsOf, owner: Owner) -> list[CraftFlight]:
+def list_flights(craft_id: CraftId, parts: PartsOf, owner: Owner) -> list[CraftFlight]:
     """List the flights of a craft, each with the answers of its first screen."""
     return list(parts.crafts.flights(craft_id, owner))
 
 
 @router.post("/{craft_id}/merge", summary="Let another craft be part of this one")
-def merge_crafts(craft_id: str, merge: Merge, parts: PartsOf, owner: Owner) -> CraftAnswer:
+def merge_crafts(craft_id: CraftId, merge: Merge, parts: PartsOf, owner: Owner) -> CraftAnswer:
     """Bring the flights, notes and alerts of another craft over; flights that look like its come here from now on."""
     parts.crafts.merge(craft_id, merge.craft, owner)
     return show_craft(craft_id, parts, owner)
@@ -78,19 +78,19 @@ def move_flights(move: Move, parts: PartsOf, owner: Owner) -> CraftAnswer:
 
 
 @router.post("/{craft_id}/notes", status_code=HTTPStatus.CREATED, summary="Write down what was done to a craft")
-def add_note(craft_id: str, note: NewNote, parts: PartsOf, owner: Owner) -> Note:
+def add_note(craft_id: CraftId, note: NewNote, parts: PartsOf, owner: Owner) -> Note:
     """Note maintenance; with `boundary`, flights before it are not pooled with those after it."""
     return parts.crafts.add_note(craft_id, owner, note.text, note.at, boundary=note.boundary)
 
 
 @router.delete("/{craft_id}/notes/{note_id}", status_code=HTTPStatus.NO_CONTENT, summary="Remove a note")
-def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> None:
+def remove_note(craft_id: CraftId, note_id: NoteId, parts: PartsOf, owner: Owner) -> None:
     """Remove a note for good."""
     parts.crafts.remove_note(craft_id, note_id, owner)
 
 
 @router.get("/{craft_id}/model", summary="The latest trusted models of a craft")
-def show_model(craft_id: str, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> CraftModel:
+def show_model(craft_id: CraftId, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> CraftModel:
     """Report which analysis made the latest models that may be trusted; 404 where there are none."""
     show_craft(craft_id, parts, owner)
     found = latest(parts.database, craft_id, trust)
@@ -103,7 +103,9 @@ def show_model(craft_id: str, parts: PartsOf, owner: Owner, trust: Trusted = Lea
 
 
 @router.get("/{craft_id}/model/{name}", response_class=FileResponse, summary="A file of the latest trusted models")
-def fetch_model(craft_id: str, name: str, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> Response:
+def fetch_model(
+    craft_id: CraftId, name: FileName, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES
+) -> Response:
     """Fetch `models.json`, `models.mat`, `craft.json`, `sitl_frame.json`, `parameters.csv` or `proposed.param`.
 
     The address stays the same; the header `Rotorid-Analysis` names the analysis that made what it answers.

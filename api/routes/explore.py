@@ -1,14 +1,12 @@
 """Explore a log: its messages and fields, and any of them over time, thinned to what a screen shows."""
 
 import math
+import pathlib
 from collections.abc import Sequence
 from http import HTTPStatus
-from importlib.resources import files
-from pathlib import Path
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Path, Query, Request, Response
 
 from api import problems
 from api.machine.answers import LoggedFields, LoggedMessages, Signals
@@ -16,7 +14,7 @@ from api.problems import Problem, ProblemError
 from api.store.owned import missing
 from api.store.records import LogRecord
 from api.store.resources import Log
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import LogId, Owner, Parts, PartsOf
 from api.web.middleware import PLOT_POLICY
 from api.web.page_templates import render
 from api.web.results import local_copy
@@ -27,11 +25,12 @@ pages = APIRouter(include_in_schema=False)
 #: Most signals of one request, and most points of each.
 _SIGNALS, _POINTS = 16, 20_000
 
+MessageName = Annotated[str, Path(description="Name of a message.")]
 Seconds = Annotated[float | None, Query(description="On the log's clock [s].")]
 
 
 @router.get("/{log_id}/messages", summary="The messages of a log, with how many rows each has")
-def list_messages(log_id: str, parts: PartsOf, owner: Owner) -> LoggedMessages:
+def list_messages(log_id: LogId, parts: PartsOf, owner: Owner) -> LoggedMessages:
     """List the messages that a log holds."""
     log, path = _log(log_id, parts, owner)
     found: LoggedMessages = parts.desk.ask("list_messages", path, log.name)
@@ -39,7 +38,7 @@ def list_messages(log_id: str, parts: PartsOf, owner: Owner) -> LoggedMessages:
 
 
 @router.get("/{log_id}/messages/{message}", summary="The numeric fields of a message, with their units")
-def list_fields(log_id: str, message: str, parts: PartsOf, owner: Owner) -> LoggedFields:
+def list_fields(log_id: LogId, message: MessageName, parts: PartsOf, owner: Owner) -> LoggedFields:
     """List the fields of a message as they are written in expressions, such as `IMU[0].GyrX`."""
     log, path = _log(log_id, parts, owner)
     found: LoggedFields = parts.desk.ask("list_fields", path, log.name, message)
@@ -48,7 +47,7 @@ def list_fields(log_id: str, message: str, parts: PartsOf, owner: Owner) -> Logg
 
 @router.get("/{log_id}/signals", summary="Fields of a log over time, or expressions of them")
 def read_signals(
-    log_id: str,
+    log_id: LogId,
     parts: PartsOf,
     owner: Owner,
     signal: Annotated[
@@ -70,7 +69,7 @@ def read_signals(
 @pages.get("/logs/{log_id}/explore")
 def explore_page(
     request: Request,
-    log_id: str,
+    log_id: LogId,
     parts: PartsOf,
     owner: Owner,
     signal: Annotated[list[str] | None, Query(max_length=_SIGNALS)] = None,
@@ -81,13 +80,7 @@ def explore_page(
     return render(request, "explore.html", view, headers={"Content-Security-Policy": PLOT_POLICY})
 
 
-@pages.get("/static/plotly.min.js")
-def plotly() -> Response:
-    """Return Plotly out of the package that brings it."""
-    return FileResponse(str(files("plotly") / "package_data" / "plotly.min.js"), media_type="text/javascript")
-
-
-def _log(log_id: str, parts: Parts, owner: str) -> tuple[Log, Path]:
+def _log(log_id: LogId, parts: Parts, owner: str) -> tuple[Log, pathlib.Path]:
     log = parts.catalog.find_log(log_id, owner)
     path = local_copy(f"logs/{log.id}", parts)
     if path is None:

@@ -12,7 +12,7 @@ from api.logs.catalog import Kept, ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
-from api.web.dependencies import After, Limit, Owner, Parts, PartsOf, owner_of, page
+from api.web.dependencies import After, Limit, LogId, Owner, Parts, PartsOf, owner_of, page
 from api.web.results import Include, answer
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
@@ -99,7 +99,7 @@ def list_logs(
 
 
 @router.get("/{log_id}", summary="A log's name and size")
-def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
+def show_log(log_id: LogId, parts: PartsOf, owner: Owner) -> Log:
     """Show what is known of an uploaded log."""
     return parts.catalog.find_log(log_id, owner)
 
@@ -107,7 +107,7 @@ def show_log(log_id: str, parts: PartsOf, owner: Owner) -> Log:
 @router.delete("/{log_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete a log and all analyses of it")
 def delete_log(
     request: Request,
-    log_id: str,
+    log_id: LogId,
     parts: PartsOf,
     delete_token: Annotated[
         str | None, Header(max_length=100, description="As told when the log was uploaded; instead of a token.")
@@ -117,7 +117,7 @@ def delete_log(
     parts.catalog.delete_log(log_id, _deleter(request, parts, log_id, delete_token))
 
 
-def _deleter(request: Request, parts: Parts, log_id: str, delete_token: str | None) -> str:
+def _deleter(request: Request, parts: Parts, log_id: LogId, delete_token: str | None) -> str:
     """Report for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
     if delete_token is not None and bearer(request) is None:
         return parts.catalog.may_delete_log(log_id, delete_token)

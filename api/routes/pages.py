@@ -3,14 +3,13 @@
 import json
 from functools import cache
 from http import HTTPStatus
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
 from api.access.identity import ReportKeys, bearer
@@ -23,9 +22,8 @@ from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
 from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.middleware import REPORT_POLICY
+from api.web.middleware import PLOT_POLICY, REPORT_POLICY
 from api.web.page_templates import render
-from api.web.reference import operations_by_kind
 from api.web.results import answer, downloads, file_of, flight_pages, tables
 
 router = APIRouter(include_in_schema=False)
@@ -195,20 +193,12 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
     }
 
 
-@router.get("/static/htmx.min.js")
-def htmx() -> Response:
-    """Return htmx out of the wheel that brings it."""
-    return FileResponse(str(files("js_lib_htmx") / "static" / "htmx" / "htmx.min.js"), media_type="text/javascript")
-
-
 @router.head("/docs")
 @router.get("/docs")
 def reference(request: Request, parts: PartsOf) -> Response:
-    """Describe the interface for programs, from its own OpenAPI document."""
-    tokens = parts.settings.access is Access.TOKENS
-    kinds = operations_by_kind(request.app.openapi(), str(request.base_url).rstrip("/"), tokens=tokens)
-    view = {"kinds": kinds, "tokens": tokens, "limit": parts.settings.upload_limit}
-    return render(request, "docs.html", view)
+    """Describe the interface for programs: Swagger UI draws it from the OpenAPI document."""
+    view = {"tokens": parts.settings.access is Access.TOKENS, "limit": parts.settings.upload_limit}
+    return render(request, "docs.html", view, headers={"Content-Security-Policy": PLOT_POLICY})
 
 
 _FOLDER = Path(__file__).parents[2] / "sample_logs"

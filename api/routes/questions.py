@@ -1,17 +1,16 @@
 """The questions of machine access over HTTP; `rotorid mcp` answers the same ones to assistants."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends
 
 from api import problems
-from api.machine.service_library import ServiceLibrary
+from api.machine.library import Library
 from api.machine.tools import Tools, UnknownError
 from api.problems import ProblemError
 from api.web.dependencies import Owner, PartsOf
-from pipeline.results.quantity import ParameterChange
 
 router = APIRouter(prefix="/questions", tags=["questions"], responses=problems.RESPONSES)
 
@@ -31,11 +30,7 @@ _QUESTIONS: dict[Callable[..., object], tuple[str, str]] = {
 
 
 def _tools(parts: PartsOf, owner: Owner) -> Tools:
-    def compare(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
-        found: Sequence[ParameterChange] = parts.desk.ask("compare_numbers", a, b, names)
-        return found
-
-    return Tools(ServiceLibrary(parts.database, parts.objects, owner, compare, parts.folder.folder))
+    return Tools(Library(parts.database, parts.objects, owner, parts.desk.ask, parts.folder.folder))
 
 
 def _endpoint(question: Callable[..., object]) -> Callable[..., object]:

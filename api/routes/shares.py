@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from api import problems
 from api.problems import ProblemError
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import AnalysisId, FileName, Owner, Parts, PartsOf, Secret
 from api.web.results import answer, file_of
 from api.work.outcome import FILE
 
@@ -39,7 +39,7 @@ class Share(BaseModel):
     summary="Make a link that lets others read an analysis",
 )
 def share_analysis(
-    analysis_id: str,
+    analysis_id: AnalysisId,
     parts: PartsOf,
     owner: Owner,
     days: Annotated[float | None, Query(gt=0, le=3650, description="Days until the link expires.")] = None,
@@ -55,13 +55,13 @@ def share_analysis(
     status_code=HTTPStatus.NO_CONTENT,
     summary="Make all links to an analysis worthless",
 )
-def unshare_analysis(analysis_id: str, parts: PartsOf, owner: Owner) -> None:
+def unshare_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> None:
     """Withdraw all links to an analysis."""
     parts.shares.revoke_all(parts.catalog.find_analysis(analysis_id, owner).id)
 
 
 @router.get("/shared/{secret}", summary="The analysis that a link is to")
-def show_shared(secret: str, parts: PartsOf) -> SharedAnalysis:
+def show_shared(secret: Secret, parts: PartsOf) -> SharedAnalysis:
     """Show a shared analysis."""
     found = answer(find_shared(secret, parts), parts)
     here = f"/api/v1/shared/{secret}"
@@ -82,7 +82,7 @@ def _without_hashes(value: Any) -> Any:
 
 
 @router.get("/shared/{secret}/{name:path}", response_class=FileResponse, summary="A file of a shared analysis")
-def fetch_shared(secret: str, name: str, parts: PartsOf) -> Response:
+def fetch_shared(secret: Secret, name: FileName, parts: PartsOf) -> Response:
     """Fetch a file of a shared analysis."""
     analysis = find_shared(secret, parts)
     response = file_of(analysis, name, parts) if name in shared_files(analysis) else None

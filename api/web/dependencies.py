@@ -1,12 +1,12 @@
 """What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
 
+import pathlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Query, Request
+from fastapi import Depends, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import URL
 
@@ -41,7 +41,7 @@ class Parts:
     incoming: Incoming
     runner: Runner
     desk: Desk
-    recognise: Callable[[Path, str], None] | None  #: Refuses an upload, with its name, that is no log.
+    recognise: Callable[[pathlib.Path, str], None] | None  #: Refuses an upload, with its name, that is no log.
     tokens: Tokens
     shares: Shares
     rates: Rates
@@ -115,6 +115,15 @@ _PORTS = {"http": 80, "https": 443}
 
 from_our_pages = Depends(_refuse_other_sites)
 
+
+LogId = Annotated[str, Path(description="Id of a log.")]
+AnalysisId = Annotated[str, Path(description="Id of an analysis.")]
+CraftId = Annotated[str, Path(description="Id of a craft.")]
+NoteId = Annotated[str, Path(description="Id of a note.")]
+HookId = Annotated[str, Path(description="Id of a webhook.")]
+Secret = Annotated[str, Path(description="The last part of a shared link.")]
+
+FileName = Annotated[str, Path(description="A name in `files` of the analysis.")]
 
 Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
 After = Annotated[str | None, Query(max_length=64, description="Id of the last item of the part before.")]

@@ -8,11 +8,11 @@ from pathlib import Path
 from core.serialization import plain, restored
 from logparse import Vehicle
 from pipeline.errors import ConfigError
-from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.entry import FlightEntry
 from pipeline.results.model_report import ModelInShort, ModelReport
 from pipeline.results.report import FleetReport, FlightInShort, FlightReport
-from pipeline.results.verdict import Trust
+from pipeline.results.verdict import Trust, Verdict
 from reports.numbers.reading import read_report
 
 #: The file of the results that holds the entries of flights for their craft; for the service only.
@@ -83,7 +83,22 @@ def _flights(folder: Path, reports: Sequence[FlightReport | FlightInShort]) -> l
     return [of_report(entry, said.get(entry.name)) for entry in entries]
 
 
-def of_report(entry: FlightEntry, report: FlightReport | FlightInShort | None) -> Flown:
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Of a model in report.json, what its craft keeps."""
+
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """Of report.json, what the craft of a flight keeps: of a thousand flights nobody waits for the rest."""
+
+    answer: Answer | None
+    models: tuple[Judged, ...]
+
+
+def of_report(entry: FlightEntry, report: FlightReport | FlightInShort | Said | None) -> Flown:
     """Return a flight with what its report says."""
     return Flown(entry) if report is None else Flown(entry, answers(report), best(report.models))
 
@@ -93,12 +108,12 @@ def without_experiments(flown: Sequence[Flown]) -> list[Flown]:
     return [replace(each, entry=replace(each.entry, experiments=())) for each in flown]
 
 
-def answers(report: FlightReport | FlightInShort) -> tuple[AnswerLine, ...]:
+def answers(report: FlightReport | FlightInShort | Said) -> tuple[AnswerLine, ...]:
     """Return the first screen of a report."""
     return () if report.answer is None else tuple(report.answer.lines)
 
 
-def best(models: Iterable[ModelReport | ModelInShort]) -> Trust:
+def best(models: Iterable[ModelReport | ModelInShort | Judged]) -> Trust:
     """Return the most that is said of one of several models."""
     return min((model.verdict.trust for model in models), key=_TRUST.index, default=Trust.UNKNOWN)
 

@@ -239,6 +239,8 @@ def _one_flight(
         import reports
         from logparse import read_flights
         from pipeline.execution.compiling import compile_missing
+        from pipeline.flight.summary import flight_entry
+        from pipeline.storage.store import ENTRY, FolderStore
 
         compile_missing(progress)
         advance = overall(progress, began)
@@ -253,6 +255,8 @@ def _one_flight(
         advance("report", 0.0)
         try:
             report = reports.write(result, out)
+            entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
+            FolderStore(out).write_json(ENTRY, entry)
             if plots is not None:
                 from reports.files.plot_images import write_plots
 

@@ -23,18 +23,12 @@ def mcp(
     """
     from api.machine.mcp_server import server_of
     from api.machine.tools import Tools
+    from api.server import open_folder, open_library
     from pipeline.errors import ConfigError
 
     try:
-        if folder is not None:
-            from api.machine.folder_library import FolderLibrary
-
-            server_of(Tools(FolderLibrary(folder))).run()
-        else:
-            from api.server import open_library
-
-            with open_library(owner) as library:
-                server_of(Tools(library)).run()
+        with open_library(owner) if folder is None else open_folder(folder) as library:
+            server_of(Tools(library)).run()
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("mcp", "mcp_types"):
             raise

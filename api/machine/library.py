@@ -1,7 +1,8 @@
-"""The flights and craft of one owner of the service, for machine access."""
+"""The flights and craft of one owner of the service, or of a folder, for machine access."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import func, select
 
@@ -17,21 +18,26 @@ from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import FlightReport
 from reports.numbers.reading import parse_report
 
-#: Compares two reports, as JSON has them, with the names of both.
-Compare = Callable[[bytes, bytes, tuple[str, str]], Sequence[ParameterChange]]
 
-
-class ServiceLibrary:
-    """What one owner has."""
+class Library:
+    """What one owner has, to be read only; `ask` answers functions of `api.machine.questions`."""
 
     def __init__(
-        self, database: Database, objects: Objects, owner: str, compare: Compare, folder: Path | None = None
+        self,
+        database: Database,
+        objects: Objects,
+        owner: str,
+        ask: Callable[..., Any],
+        folder: Path | None = None,
+        refresh: Callable[[], None] = lambda: None,
     ) -> None:
         self._folder = folder
         self._database = database
         self._objects = objects
         self._owner = owner
-        self._compare = compare
+        self._ask = ask
+        #: Brings what is new elsewhere.
+        self.refresh = refresh
 
     def flights(self, craft: str = "", text: str = "", limit: int | None = None) -> tuple[Sequence[FlightRef], int]:
         """List flights, the newest first, and count them."""
@@ -103,9 +109,12 @@ class ServiceLibrary:
             return restored(found.review, CraftReview)
 
     def compare(self, a: str, b: str) -> Sequence[ParameterChange] | None:
-        """Compare the parameters of two flights."""
+        """Compare the parameters of two flights; None where one is not there."""
         older, newer = self._content(a), self._content(b)
-        return None if older is None or newer is None else self._compare(older, newer, (a, b))
+        if older is None or newer is None:
+            return None
+        found: Sequence[ParameterChange] = self._ask("compare_numbers", older, newer, (a, b))
+        return found
 
     def _of_folder(self, place: str) -> bytes | None:
         if self._folder is None:
