@@ -8,8 +8,8 @@ from scipy.signal import lfilter, lsim, max_len_seq
 
 from benchmarks._measure import Row, cpu, listed, row, timed
 from sysid import Experiment, fit_transfer_functions
+from sysid.transfer_functions.problem import denominators
 from sysid.transfer_functions.response import discretise
-from sysid.transfer_functions.sections import denominators
 
 #: Rao and Garnier 2002: a fast lightly damped mode beside a slow one, non-minimum phase.
 NUM, DEN = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0]
@@ -140,7 +140,7 @@ def octocopter_record(seed: int, samples: int) -> Experiment:
     outputs = []
     for _ in range(3):
         theta = np.log([0.5, 0.3, 2.0, 0.5, 0.1]) + 0.3 * modes.standard_normal((8, 5))
-        states = discretise(denominators(theta)[0], 0.1, "zoh").forced(u, range(8), sensitivities=False)
+        states = discretise(denominators(theta)[0], 0.1, "zoh").forced(u, range(8))
         y = np.einsum("tkm,km->t", states[:, :4], modes.standard_normal((4, 8)))
         outputs.append(y + 0.05 * rng.standard_normal(samples))
     return Experiment.from_arrays(

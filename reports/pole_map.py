@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, plotly_text
 from sysid import TransferFunction
-from sysid.transfer_functions.roots import Root
-from sysid.transfer_functions.transfer_function import poles, zeros
+from sysid.transfer_functions.transfer_function import Root, poles, zeros
 
 #: Colours of inputs, in their order; more inputs than these start again.
 INPUT_COLORS = ("@c1", "@c2", "@c3", "@c4", "@c5", "@c6", "@c7", "@c8")

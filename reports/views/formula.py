@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from markupsafe import Markup, escape
 
 from core.quantity import MINUS, number
-from sysid.transfer_functions.roots import DETERMINED
+from sysid.transfer_functions.transfer_function import DETERMINED
 
 #: Significant digits at most; the paper's table A1 has four.
 MOST_DIGITS = 4

@@ -82,7 +82,7 @@ def combine(states: Stack, weights: Stack, result: Matrix) -> None:
 
 @njit(cache=True, nogil=True)
 def multiply_out(theta: Matrix) -> tuple[Matrix, Stack]:
-    """Multiply sections out and differentiate the product; see `sysid.transfer_functions.sections.denominators`."""
+    """Multiply sections out and differentiate the product; see `sysid.transfer_functions.problem.denominators`."""
     groups, n = theta.shape
     sections = (n + 1) // 2
     a, slope, rest = np.zeros((groups, n)), np.zeros((groups, n, n)), np.empty(n + 1)

@@ -14,8 +14,7 @@ import scipy
 from core.lazy import lazy
 from logparse import RotoridError
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
-from sysid.transfer_functions.roots import DETERMINED
-from sysid.transfer_functions.transfer_function import TransferFunctionModel
+from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunctionModel
 
 if TYPE_CHECKING:
     import control

@@ -17,9 +17,8 @@ from scipy.linalg import lapack
 
 from sysid.records.experiment import Floats
 from sysid.transfer_functions._kernels import combine
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import Problem, denominators_of_orders
 from sysid.transfer_functions.response import Discretised, delayed, discretise, trends, whole_and_part
-from sysid.transfer_functions.sections import denominators_of_orders
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Basis:
     delays: Floats  #: shape (m,): s.
     system: Discretised
     #: shape (groups, lags, lags): Of the coefficients by the parameters; see
-    #: `sysid.transfer_functions.sections.denominators`.
+    #: `sysid.transfer_functions.problem.denominators`.
     slope: Floats
     free: Floats  #: shape (N, n, groups): Responses to initial states, as long as the longest record.
     #: shape (local, local): Precision of what each record has of its own, times the variance of the residual.
@@ -39,7 +38,7 @@ class Basis:
     @cached_property
     def free_squares(self) -> Floats:
         """The same through another ``1 / A``, which derivatives need."""
-        return self.system.free_through_another(self.free)
+        return self.system.free(len(self.free), self.free)
 
 
 @dataclass(slots=True)
@@ -94,14 +93,14 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
 def squares_of(problem: Problem, basis: Basis, u: Floats, part: Part) -> Floats:
     """Pass a record's responses through another ``1 / A``; shape (N, n, m)."""
     if part.squares is None:
-        part.squares = basis.system.through_another(u, problem.group, part.states, basis.delays)
+        part.squares = basis.system.forced(u, problem.group, basis.delays, part.states)
     return part.squares
 
 
 def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
     """Form a record's normal equations and eliminate what is its own."""
     k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
-    states = basis.system.forced(u, problem.group, sensitivities=False, delays=basis.delays)
+    states = basis.system.forced(u, problem.group, delays=basis.delays)
     # Views and small products: one array of all regressors would take as long to fill as to multiply.
     forced = states.reshape(samples, -1)[:, : problem.numerators * lanes]
     free = basis.free[:samples].reshape(samples, -1)[:, k * groups : problem.order * groups]

@@ -9,7 +9,7 @@ own unit of frequency, the geometric mean ``w`` of its other poles, so that ``s 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -53,20 +53,8 @@ class Discretised:
 
     def first(self) -> Discretised:
         """Keep the first denominator only."""
-        one = slice(0, 1)
-        return Discretised(
-            self.unit[one],
-            self.a[one],
-            self.orders[:1],
-            self.integrators,
-            self.gramians[one],
-            self.generator[one],
-            self.transition[one],
-            self.step[one],
-            self.ramp[one],
-            self.dt,
-            self.hold,
-        )
+        arrays = ("unit", "a", "gramians", "generator", "transition", "step", "ramp")
+        return replace(self, orders=self.orders[:1], **{name: getattr(self, name)[:1] for name in arrays})
 
     def initial_precision(self) -> Floats:
         """Precision of the initial responses' coefficients, power-major, when each is expected to have unit energy.
@@ -87,24 +75,9 @@ class Discretised:
         return precision.reshape(n * groups, n * groups)
 
     def forced(
-        self, inputs: Floats, group: Sequence[int], sensitivities: bool = True, delays: Floats | None = None
+        self, inputs: Floats, group: Sequence[int], delays: Floats | None = None, first: Floats | None = None
     ) -> Floats:
-        """Respond to inputs (N, lanes) from rest: states over A, or over A^2 too, (N, n or 2 n, lanes)."""
-        first = self._respond(inputs, group, delays)
-        if not sensitivities:
-            return first
-        return np.concatenate([first, self.through_another(inputs, group, first, delays)], axis=1)
-
-    def through_another(
-        self, inputs: Floats, group: Sequence[int], first: Floats, delays: Floats | None = None
-    ) -> Floats:
-        """Return the states over A^2, given those over A: twice the work, which only derivatives need."""
-        return self._respond(inputs, group, delays, first)
-
-    def _respond(
-        self, inputs: Floats, group: Sequence[int], delays: Floats | None, first: Floats | None = None
-    ) -> Floats:
-        """Return the states over A, or those over A^2 that the former drive."""
+        """Respond to inputs (N, lanes) from rest: states over A, or over A^2, driven by the `first`; (N, n, lanes)."""
         lanes, inputs = list(group), np.ascontiguousarray(inputs)
         rest, rows = np.zeros((self.order, len(lanes))), self._rows(first)
         step, ramp = self.step[lanes, rows], self.ramp[lanes, rows]
@@ -124,20 +97,15 @@ class Discretised:
         undriven = None if first is None else np.zeros_like(first)
         return result + self._run(after, lanes, late_ramp, np.zeros_like(ramp), rest, undriven)
 
-    def free(self, samples: int) -> Floats:
-        """Respond to a unit impulse just before the first sample, as initial states can; shape (samples, n, groups)."""
-        groups = len(self.unit)
-        start = np.zeros((self.order, groups))
-        start[np.array(self.orders) - 1, np.arange(groups)] = 1.0
-        return self._freely(samples, start, None)
+    def free(self, samples: int, first: Floats | None = None) -> Floats:
+        """Respond to a unit impulse just before the first sample, as initial states can; shape (samples, n, groups).
 
-    def free_through_another(self, first: Floats) -> Floats:
-        """Return the states over A^2 that those of `free` drive from rest; shape (samples, n, groups)."""
-        return self._freely(len(first), np.zeros((self.order, len(self.unit))), first)
-
-    def _freely(self, samples: int, start: Floats, first: Floats | None) -> Floats:
+        States over A^2, from rest, where those over A are given that drive them.
+        """
         groups = len(self.unit)
-        nothing = np.zeros((groups, self.order))
+        start, nothing = np.zeros((self.order, groups)), np.zeros((groups, self.order))
+        if first is None:
+            start[np.array(self.orders) - 1, np.arange(groups)] = 1.0
         return self._run(np.zeros((samples, groups)), list(range(groups)), nothing, nothing, start, first)
 
     def _rows(self, first: Floats | None) -> slice:
@@ -269,16 +237,6 @@ def _gramian(a: Floats) -> Floats:
     return np.asarray(np.linalg.solve(equations, rhs)[:, moment, 0] * sign)
 
 
-def gramian_slopes(a: Floats, slope: Floats) -> Floats:
-    """Differentiate gramians of one order without integrators; shape (parameters, groups, n, n)."""
-    by_coefficient, constant, moment, sign = _moment_equations(a.shape[1])
-    inverse = np.linalg.inv((a @ by_coefficient).reshape(-1, *constant.shape) + constant)
-    moments = -0.5 * inverse[:, :, -1]
-    by_moments = np.einsum("krc,gc->grk", by_coefficient.reshape(-1, *constant.shape), moments)
-    slopes = -(inverse @ by_moments) @ slope
-    return np.asarray(np.moveaxis(slopes[:, moment] * sign[:, :, None], -1, 0))
-
-
 @cache
 def _moment_equations(n: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
     """Parts of the equations of moments that coefficients multiply and that they do not; index and sign of moments."""
@@ -333,7 +291,7 @@ def free_run(
         a[lane, : orders[lane]] = denominators[j][:0:-1]
     system = discretise(a, dt, hold, orders)
     late = None if delays is None else np.asarray(delays, dtype=np.float64)[active]
-    states = system.forced(u[:, active], range(len(active)), sensitivities=False, delays=late)
+    states = system.forced(u[:, active], range(len(active)), delays=late)
     forced = np.full(samples, origin)
     for lane, j in enumerate(active):
         b = numerators[j][::-1] / system.unit[lane] ** (orders[lane] - np.arange(len(numerators[j])))

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import Band, Problem, take
 from sysid.transfer_functions.regularisation import RIDGES, Division, choose_ridge, divide
-from sysid.transfer_functions.sections import Band, take
 from sysid.transfer_functions.separable import Descent, Point, descend, solve
 from sysid.transfer_functions.srivc import srivc
 from sysid.transfer_functions.starts import likeliest_initial, separate

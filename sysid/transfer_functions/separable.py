@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import Problem, clip, denominators_of_orders
 from sysid.transfer_functions.reduction import (
     Basis,
     Part,
@@ -33,8 +33,7 @@ from sysid.transfer_functions.reduction import (
     squares_of,
     sum_of,
 )
-from sysid.transfer_functions.response import Discretised, gramian_slopes, gramians
-from sysid.transfer_functions.sections import clip, denominators_of_orders
+from sysid.transfer_functions.response import Discretised, gramians
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
@@ -242,12 +241,7 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
     """
     system, k = point.system, problem.integrators
-    if k == 0 and not problem.orders:
-        free = forced = gramian_slopes(
-            system.a, point.basis.slope / (system.unit[:, None] ** missing_powers(problem))[:, :, None]
-        )
-    else:
-        free, forced = _differences(problem, point)
+    free, forced = _differences(problem, point)
     lanes, used = list(problem.group), problem.used
     c, count = point.numerators, problem.numerators
     now = np.diagonal(system.gramians[lanes, :count, :count], axis1=1, axis2=2).T

@@ -15,9 +15,8 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import Problem, clip, denominators, from_poles
 from sysid.transfer_functions.response import Discretised, discretise
-from sysid.transfer_functions.sections import clip, denominators, from_poles
 from sysid.transfer_functions.separable import Point, instruments, solve
 
 #: Iterations without a new lowest cost after which there will be none.
@@ -31,7 +30,7 @@ MOST_ITERATIONS, NEAR = 30, 0.03
 class Start:
     """Poles found by SRIVC."""
 
-    theta: Floats  #: shape (1, lags): Parameters of the one denominator; see `sysid.transfer_functions.sections`.
+    theta: Floats  #: shape (1, lags): Parameters of the one denominator; see `sysid.transfer_functions.problem`.
     cost: float  #: Of the problem there.
     iterations: int
     #: False when the iteration wandered or drifted to the bounds: the start is then no better than another.
@@ -102,5 +101,5 @@ def _without_integrators(problem: Problem, point: Point) -> Discretised:
 
 def _derivatives(system: Discretised, y: Floats) -> Floats:
     """Pass the output through 1 / A: derivatives 0 to n in normalised time; shape (N, n + 1)."""
-    states = system.forced(y[:, None], [0], sensitivities=False)[:, :, 0]
+    states = system.forced(y[:, None], [0])[:, :, 0]
     return np.column_stack([states, y - states @ system.a[0]])

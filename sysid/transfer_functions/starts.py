@@ -26,8 +26,7 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import independent_samples
-from sysid.transfer_functions.problem import Problem
-from sysid.transfer_functions.sections import Band
+from sysid.transfer_functions.problem import Band, Problem
 from sysid.transfer_functions.separable import Descent, Point, descend, solve
 
 #: Shared modes at least: a coarser grid of frequencies may leave a mode without a section near it.
@@ -75,7 +74,7 @@ REST_STEPS = 6
 class Separated:
     """Poles of each channel, found by itself."""
 
-    theta: Floats  #: shape (m, n): See `sysid.transfer_functions.sections`.
+    theta: Floats  #: shape (m, n): See `sysid.transfer_functions.problem`.
     initial: float  #: Weight of the initial responses under which they were found.
     variance: float  #: Of the residual of the shared modes: what a good fit can be expected to leave.
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sysid.transfer_functions.sections import Band, clip, denominators
+from sysid.transfer_functions.problem import Band, clip, denominators
 
 BAND = Band(1e-3, 30.0)
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid.transfer_functions.problem import Problem
-from sysid.transfer_functions.sections import Band
+from sysid.transfer_functions.problem import Band, Problem
 from sysid.transfer_functions.separable import (
     descend,
     nonlinear_system,

@@ -7,8 +7,7 @@ import pytest
 from scipy.signal import lfilter, lsim, max_len_seq
 
 from sysid import Experiment, fit_transfer_functions
-from sysid.transfer_functions.problem import Problem
-from sysid.transfer_functions.sections import denominators, from_poles, resolvable_band
+from sysid.transfer_functions.problem import Problem, denominators, from_poles, resolvable_band
 from sysid.transfer_functions.separable import descend, solve
 from sysid.transfer_functions.srivc import refine, srivc
 

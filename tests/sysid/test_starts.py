@@ -5,9 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import fit_transfer_functions
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import Band, Problem, denominators, resolvable_band
 from sysid.transfer_functions.response import discretise
-from sysid.transfer_functions.sections import Band, denominators, resolvable_band
 from sysid.transfer_functions.starts import separate
 from tests.sysid.table_a1 import NOISE, record
 
@@ -23,7 +22,7 @@ def two_channels(samples=1500, before=0, noise=0.01):
     for _ in range(3):
         white = rng.standard_normal((samples + before, 2)) @ [[1.0, 0.5], [0.5, 1.0]]
         u = lfilter([0.4], [1.0, -0.9], white, axis=0)
-        y = system.forced(u, range(2), sensitivities=False)[:, 0].sum(axis=1)
+        y = system.forced(u, range(2))[:, 0].sum(axis=1)
         inputs.append(np.ascontiguousarray(u[before:]))
         outputs.append((y + noise * y.std() * rng.standard_normal(len(y)))[before:])
     return Problem(
