@@ -14,8 +14,8 @@ from estimation import estimate
 from logparse import MissingDataError, read_log
 from simulation.elhesasy2024 import octocopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
+from simulation.place import Wind
 from simulation.survey_quadcopter import quadcopter
-from simulation.wind import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.rigid_body.six_dof.body_record import Quantity
 from tests.sysid.flown_craft import flown, record

@@ -15,7 +15,7 @@ from estimation import estimate
 from logparse import read_log
 from simulation.elhesasy2024 import octocopter
 from simulation.mission import Chirp, GoTo, Mission, Turn
-from simulation.wind import Wind
+from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from tests.sysid.flown_craft import flown as flown_craft
 from tests.sysid.flown_craft import record

@@ -6,13 +6,12 @@ any Linux machine with an x86-64 processor; elsewhere another mathematical libra
 """
 
 from simulation.cases import CASES, GROUPS, Case, find
+from simulation.cases import parse as parse_settings
+from simulation.cases import read as read_settings
 from simulation.errors import ArrivalError, DivergenceError, ParameterError
 from simulation.fly import Flight, Setup, fly, propagate
 from simulation.outcome import Outcome, write
-from simulation.sample_flights import FLIGHTS
-from simulation.sample_logs import write_sample_logs
-from simulation.settings import parse as parse_settings
-from simulation.settings import read as read_settings
+from simulation.sample_logs import FLIGHTS, write_sample_logs
 
 __all__ = [
     "CASES",

@@ -15,7 +15,7 @@ class AirParameters(NamedTuple):
 
 
 class BladeParameters(NamedTuple):
-    """A rotor by blade elements and momentum; see `simulation.rotor.BladeElementRotor`."""
+    """A rotor by blade elements and momentum; see `simulation.drive.BladeElementRotor`."""
 
     radius: float  # m; 0: the rotors follow the quadratic law instead
     area: float  # m^2

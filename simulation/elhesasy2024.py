@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from simulation.drive import Drive, FirstOrder
-from simulation.rotor import QuadraticRotor
+from simulation.drive import Drive, FirstOrder, QuadraticRotor
 from simulation.vehicle import Multirotor, on_frame
 
 #: Table 2 as printed [kg m^2]; see `octocopter`.

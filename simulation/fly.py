@@ -15,10 +15,9 @@ from simulation.controllers import Cascade
 from simulation.drive import drive_parameters
 from simulation.errors import DivergenceError, ParameterError
 from simulation.mission import TICK, Mission, Reference
-from simulation.place import Place
+from simulation.place import Place, Wind
 from simulation.sensors import Sensors
 from simulation.vehicle import Multirotor
-from simulation.wind import Wind
 
 STATE_COLUMNS = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "q_w", "q_x", "q_y", "q_z", "w_x", "w_y", "w_z")
 

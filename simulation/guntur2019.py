@@ -11,12 +11,11 @@ import numpy as np
 import pandas as pd
 
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.drive import Drive, FirstOrder
+from simulation.drive import BladeElementRotor, Drive, FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import propagate
 from simulation.outcome import Fact, Outcome, Plot, Table, named, rotor_speeds, with_units
 from simulation.papers import PRINTED, write_paper_log
-from simulation.rotor import BladeElementRotor
 from simulation.vehicle import Multirotor, Tank, mounts
 
 RPM = 2.0 * math.pi / 60.0

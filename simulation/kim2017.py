@@ -12,13 +12,12 @@ import pandas as pd
 
 from simulation.atmosphere import GRAVITY
 from simulation.controllers import hover_linearisation, lqr
-from simulation.drive import Drive, FirstOrder
+from simulation.drive import Drive, FirstOrder, QuadraticRotor
 from simulation.errors import DivergenceError, ParameterError
 from simulation.fly import attitude, propagate
 from simulation.instruments import attitude_angles
 from simulation.outcome import Fact, Outcome, Plot, named, rotor_speeds
 from simulation.papers import PRINTED, write_paper_log
-from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, mounts
 
 MASS = 2.6

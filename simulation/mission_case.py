@@ -11,8 +11,7 @@ from simulation import _kernels
 from simulation.fly import STATE_COLUMNS, Flight
 from simulation.mission import Chirp, GoTo, Turn, Wait
 from simulation.outcome import Fact, Outcome, Plot, named, rotor_speeds, with_units
-from simulation.sample_flights import FLIGHTS, SampleFlight
-from simulation.sample_logs import fly_sample, write_flight
+from simulation.sample_logs import FLIGHTS, SampleFlight, fly_sample, write_flight
 from simulation.vehicle import Vector
 
 

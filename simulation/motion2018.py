@@ -13,12 +13,11 @@ import numpy as np
 import pandas as pd
 
 from simulation.atmosphere import GRAVITY, SEA_LEVEL_DENSITY, Atmosphere
-from simulation.drive import Drive, ThirdOrder
+from simulation.drive import Drive, QuadraticRotor, ThirdOrder
 from simulation.errors import ArrivalError, ParameterError
 from simulation.fly import attitude, propagate
 from simulation.outcome import Fact, Outcome, Plot, rotor_speeds, with_units
 from simulation.papers import write_paper_log
-from simulation.rotor import QuadraticRotor
 from simulation.vehicle import Multirotor, Vector, mounts
 
 #: Limits of section 2.3: rotor speed [rad/s] and acceleration [rad/s^2]; arrival within [m] and below [m/s].

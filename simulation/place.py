@@ -1,4 +1,4 @@
-"""A place on Earth to fly from: its gravity, its air and its magnetic field."""
+"""A place on Earth to fly from: its gravity, its magnetic field and its wind."""
 
 import datetime as dt
 import math
@@ -6,10 +6,82 @@ from dataclasses import dataclass
 
 import numpy as np
 from pygeomag import GeoMag
+from scipy.signal import lfilter
 
 from logparse import Geodetic
 from simulation.atmosphere import Atmosphere
 from simulation.errors import ParameterError
+
+_FEET = 0.3048
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wind:
+    """Mean wind of one direction and turbulence carried past the craft by it."""
+
+    speed: float = 0.0  #: Mean wind speed, m/s.
+    from_deg: float = 0.0  #: Direction that the wind comes from, degrees clockwise from north.
+    gusts: float = 1.0  #: Factor on the Dryden intensity for this wind speed; 0 is steady wind.
+    height: float = 15.0  #: Height above ground for which the spectra are taken, m.
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.speed <= 40.0:
+            raise ParameterError(f"wind speed {self.speed:g} m/s must lie in 0..40 m/s")
+        if not 0.0 <= self.gusts <= 5.0:
+            raise ParameterError(f"gust factor {self.gusts:g} must lie in 0..5")
+        if not 3.0 <= self.height <= 300.0:
+            raise ParameterError(f"height {self.height:g} m is outside the low-altitude Dryden model (3 to 300 m)")
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean velocity of the air [m/s] north, east, down; shape (3,)."""
+        toward = math.radians(self.from_deg + 180.0)
+        return np.array([self.speed * math.cos(toward), self.speed * math.sin(toward), 0.0])
+
+    def scales(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return standard deviations [m/s] and lengths [m] of gusts along the wind, across it and down, each (3,)."""
+        h = self.height / _FEET
+        shape = 0.177 + 0.000823 * h
+        sigma_w = 0.1 * self.speed * self.gusts
+        sigma_u = sigma_w / shape**0.4
+        length_u = h / shape**1.2 * _FEET
+        return np.array([sigma_u, sigma_u, sigma_w]), np.array([length_u, length_u, self.height])
+
+    def sample(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
+        """Air velocity over time.
+
+        The gust field is frozen and passes with the mean wind (at least 1 m/s). The first component has the
+        first-order Dryden spectrum, the others the second-order one.
+        """
+        sigma, length = self.scales()
+        noise = random.standard_normal((n, 3)) / math.sqrt(dt)
+        passage = length / max(self.speed, 1.0)
+        along = _first_order(noise[:, 0], sigma[0], passage[0], dt)
+        across = _second_order(noise[:, 1], sigma[1], passage[1], dt)
+        down = _second_order(noise[:, 2], sigma[2], passage[2], dt)
+        toward = math.radians(self.from_deg + 180.0)
+        c, s = math.cos(toward), math.sin(toward)
+        mean = self.mean
+        return np.column_stack((mean[0] + c * along - s * across, mean[1] + s * along + c * across, down))
+
+
+def _first_order(noise: np.ndarray, sigma: float, T: float, dt: float) -> np.ndarray:
+    """Filter unit white noise by ``sigma sqrt(2 T) / (1 + T s)`` (Tustin); variance sigma^2."""
+    a = 2.0 * T / dt
+    gain = sigma * math.sqrt(2.0 * T) / (1.0 + a)
+    filtered: np.ndarray = lfilter([gain, gain], [1.0, (1.0 - a) / (1.0 + a)], noise)
+    return filtered
+
+
+def _second_order(noise: np.ndarray, sigma: float, T: float, dt: float) -> np.ndarray:
+    """Filter unit white noise by ``sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2`` (Tustin); variance sigma^2."""
+    a = 2.0 * T / dt
+    z = math.sqrt(3.0) * a
+    gain = sigma * math.sqrt(T) / (1.0 + a) ** 2
+    pole = (1.0 - a) / (1.0 + a)
+    numerator = [gain * (1.0 + z), gain * 2.0, gain * (1.0 - z)]
+    filtered: np.ndarray = lfilter(numerator, [1.0, 2.0 * pole, pole * pole], noise)
+    return filtered
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from simulation.controllers import Cascade
-from simulation.drive import Battery, Drive, FirstOrder
-from simulation.rotor import QuadraticRotor
+from simulation.drive import Battery, Drive, FirstOrder, QuadraticRotor
 from simulation.vehicle import LandingGear, Multirotor, on_frame
 
 #: Gains for damped loops: the rate loops close at about 16 rad/s, half of what rotor lag and gyro filter allow.

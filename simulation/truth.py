@@ -4,11 +4,10 @@ import dataclasses
 import math
 
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.drive import FirstOrder
+from simulation.drive import FirstOrder, QuadraticRotor, Rotor
 from simulation.fly import Flight
 from simulation.instruments import Instruments
 from simulation.place import Place
-from simulation.rotor import QuadraticRotor, Rotor
 from simulation.vehicle import Multirotor
 
 #: The formulae of the simulation in the keys of the truth.

@@ -9,9 +9,8 @@ import numpy as np
 from logparse.craft.frames import FRAME_CLASSES, FRAME_TYPES, motor_table
 from simulation._parameters import AirframeParameters, TankParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.drive import Battery, Drive
+from simulation.drive import NO_BLADE, Battery, BladeElementRotor, Drive, QuadraticRotor, Rotor
 from simulation.errors import ParameterError
-from simulation.rotor import NO_BLADE, BladeElementRotor, QuadraticRotor, Rotor
 
 Vector = tuple[float, float, float]
 

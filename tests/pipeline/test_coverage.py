@@ -17,10 +17,8 @@ from pipeline.results.span import Span
 from simulation import elhesasy2024
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
-from simulation.place import Place
-from simulation.sample_flights import SampleFlight
-from simulation.sample_logs import fly_sample, write_flight
-from simulation.wind import Wind
+from simulation.place import Place, Wind
+from simulation.sample_logs import SampleFlight, fly_sample, write_flight
 
 
 @pytest.fixture(scope="module")

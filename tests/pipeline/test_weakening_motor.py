@@ -14,13 +14,11 @@ from pipeline.flight.flight_parameters import SHARES, motor_shares
 from pipeline.results.entry import FlightEntry, FlightParameter
 from pipeline.results.span import Span
 from simulation import elhesasy2024
+from simulation.drive import QuadraticRotor
 from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
-from simulation.place import Place
-from simulation.rotor import QuadraticRotor
-from simulation.sample_flights import SampleFlight
-from simulation.sample_logs import write_flight
-from simulation.wind import Wind
+from simulation.place import Place, Wind
+from simulation.sample_logs import SampleFlight, write_flight
 
 FLIGHTS = 6
 

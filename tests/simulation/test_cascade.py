@@ -10,9 +10,8 @@ from simulation import DivergenceError, Setup, elhesasy2024, fly
 from simulation._kernels import FLYING, mix
 from simulation.controllers import Cascade, mixer
 from simulation.mission import GoTo, Mission, Wait
-from simulation.place import Place
+from simulation.place import Place, Wind
 from simulation.sensors import Inertial, Navigation, Sensors
-from simulation.wind import Wind
 
 OCTA = elhesasy2024.octocopter()
 SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simulation import elhesasy2024, propagate
-from simulation.drive import Drive, FirstOrder
-from simulation.rotor import QuadraticRotor
+from simulation.drive import Drive, FirstOrder, QuadraticRotor
 from simulation.vehicle import Multirotor, RotorMount, Tank
 
 #: Rotors that weigh something and push nothing: only their inertia is felt.

@@ -8,13 +8,11 @@ import pytest
 from simulation import ParameterError, Setup, elhesasy2024
 from simulation.atmosphere import Atmosphere
 from simulation.controllers import Cascade
-from simulation.drive import Battery, Drive, FirstOrder, ThirdOrder
+from simulation.drive import Battery, Drive, FirstOrder, QuadraticRotor, ThirdOrder
 from simulation.mission import Chirp, Mission
-from simulation.place import Place
-from simulation.rotor import QuadraticRotor
+from simulation.place import Place, Wind
 from simulation.sensors import Gps
 from simulation.vehicle import RotorMount, Tank
-from simulation.wind import Wind
 
 OCTA = elhesasy2024.octocopter()
 ROTOR = OCTA.rotors[0].rotor

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from simulation.atmosphere import Atmosphere
-from simulation.place import Place
-from simulation.wind import Wind
+from simulation.place import Place, Wind
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,8 @@ import pandas as pd
 from simulation.fly import Flight, Setup, fly
 from simulation.instruments import attitude_angles
 from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
-from simulation.place import Place
+from simulation.place import Place, Wind
 from simulation.vehicle import Multirotor
-from simulation.wind import Wind
 from sysid import Experiment
 from sysid.records.context import standard_density
 from tests.sysid.simulated_craft import described

@@ -7,7 +7,7 @@ import pytest
 
 from core.serialization import plain
 from simulation.elhesasy2024 import octocopter
-from simulation.wind import Wind
+from simulation.place import Wind
 from sysid import validate
 from sysid.rigid_body.conditions.drift_band import drift_sigma
 from sysid.rigid_body.conditions.wander import FIXED, STATES, Wander

@@ -10,8 +10,8 @@ from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
+from simulation.place import Wind
 from simulation.survey_quadcopter import quadcopter
-from simulation.wind import Wind
 from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.records.thrust_curve import lagged
 from sysid.rigid_body.body_parameters import ratio_sigma

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulation.elhesasy2024 import octocopter
-from simulation.wind import Wind
+from simulation.place import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
 from sysid.rigid_body.conditions.carried import carry_states
