@@ -364,10 +364,7 @@ def drag_apart(
 ) -> list[Finding]:
     """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart.
 
-    Parameters
-    ----------
-    covariance : ndarray, shape (p, p)
-        Of all parameters, those of `THETA` first.
+    Shapes: `covariance` (p, p).
     """
     findings = []
     for place, axis in enumerate("xyz"):

@@ -52,13 +52,7 @@ UNITS = {
 
 
 def quantity(parameter: str, unit: str) -> tuple[str, str]:
-    """Return what a number of a parameter is, and what it is still divided by.
-
-    Returns
-    -------
-    tuple of str
-        Such as ``("roll inertia", "mass and arm")``; the second is empty where nothing divides it.
-    """
+    """Return what a number of a parameter is, and what it is still divided by."""
     parts = re.fullmatch(r"(.+) over (mass and arm|mass)(.*)", parameter)
     if parts is None:
         return parameter, ""

@@ -158,16 +158,7 @@ def centre_of_gravity(
 def torque_commands(
     record: Experiment, vehicle: Vehicle, voltage: float | None, expo: float
 ) -> tuple[Floats, Floats, str]:
-    """Torque commands and rates about the three axes.
-
-    Returns
-    -------
-    commands : ndarray, shape (N, 3)
-        Sum of lever times thrust command times density over 1.225 kg/m^3.
-    rates : ndarray, shape (N, 3)
-        rad/s.
-    source : str
-    """
+    """Torque commands and rates about the three axes."""
     context = record.context
     assert context is not None
     motors = logged_motors(record, vehicle)
@@ -195,13 +186,7 @@ def torque_commands(
 def fit_rotation(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> RotationFit | None:
-    """Estimate effectiveness and damping about each axis.
-
-    Returns
-    -------
-    RotationFit or None
-        None when no record is long enough for a stretch, or sampled too slowly for the band.
-    """
+    """Estimate effectiveness and damping about each axis."""
     expo = vehicle.thrust_expo if expo is None else expo
     parts = [torque_commands(record, vehicle, voltage, expo) for record in records]
     source = parts[0][2]
@@ -245,17 +230,7 @@ def run_rates(
     With damping d the difference of two solutions decays as exp(-d t), so that one free run y serves all starts:
     w(t) = y(t) + exp(-d h) [w(t - h) - y(t - h)].
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-    drive : ndarray, shape (N, 3)
-        Gain times torque command, rad/s^2.
-    rates : ndarray, shape (N, 3)
-        Measured, rad/s.
-    damping : ndarray, shape (3,)
-        1/s.
-    lead : ndarray, shape (3,)
-        s.
+    Shapes: `t` (N,); `drive` (N, 3); `rates` (N, 3); `damping` (3,); `lead` (3,).
     """
     dt = float((t[-1] - t[0]) / (len(t) - 1))
     steps = min(max(round(horizon / dt), 1), len(t) - 1)
@@ -284,15 +259,7 @@ def rotation_spectra(
 ) -> tuple[Floats, np.ndarray, np.ndarray] | None:
     """Fourier coefficients of commands and rates in the band, over stretches of all records.
 
-    Parameters
-    ----------
-    commands, rates : sequence of ndarray, shape (N_r, k) and (N_r, 3)
-
-    Returns
-    -------
-    tuple of ndarray or None
-        Angular frequencies (F,), commands (S, F, k) and rates (S, F, 3); None when no record is long enough or the
-        sampling too slow.
+    Shapes: `commands`, `rates` (N_r, k) and (N_r, 3).
     """
     top = min(HIGHEST, NYQUIST_PART / dt, top)
     taken = [_spectra(q, w, dt, top) for q, w in zip(commands, rates, strict=True)]

@@ -25,17 +25,7 @@ def sag_resistance(t: Floats, voltage: Floats, current: Floats) -> Parameter:
     current but not that noise, and serves as instrument (Wooldridge 2010, section 5.1). Errors are correlated over
     seconds (Newey and West 1987).
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        s, increasing.
-    voltage, current : ndarray, shape (n,)
-        V and A, positive when discharging.
-
-    Returns
-    -------
-    Parameter
-        ohm; not determined where the current is missing or hardly changes.
+    Shapes: `t` (n,); `voltage`, `current` (n,).
     """
     known = np.isfinite(t) & np.isfinite(voltage) & np.isfinite(current)
     t, voltage, current = t[known], voltage[known], current[known]

@@ -45,13 +45,7 @@ class FlightData:
 
     @classmethod
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> FlightData:
-        """Read what the equations need from a record.
-
-        Raises
-        ------
-        MissingDataError
-            Without altitude, attitude or angular rates.
-        """
+        """Read what the equations need from a record."""
         if "z" not in record.output_names:
             raise MissingDataError(f"{record.name}: Kim 2017 matches altitude; make the record with outputs='position'")
         vehicle, _ = vehicle_of(record)
@@ -186,10 +180,7 @@ def output_error(
 ) -> Estimate:
     """Fit thrust coefficients and, unless known, both levers.
 
-    Parameters
-    ----------
-    share : ndarray, shape (q, n)
-        Which of the q coefficients each of the n motors has.
+    Shapes: `share` (q, n).
     """
     q = len(share)
     all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
@@ -297,12 +288,7 @@ def _covariance(
 ) -> tuple[Floats, float]:
     """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values.
 
-    Parameters
-    ----------
-    triangle : ndarray, shape (q + 1, q + 1)
-        Of `_triangle`.
-    parts : sequence of (ndarray of shape (N, q), ndarray of shape (N,))
-        Sensitivities and residual of each output.
+    Shapes: `triangle` (q + 1, q + 1); `parts` (N, q).
     """
     triangle = triangle[:, :-1]
     size = _norms(triangle)

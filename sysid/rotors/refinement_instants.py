@@ -95,19 +95,7 @@ class Motion:
     def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> Motion:
         """Read what the equations need from a record, its motors' signals and rates.
 
-        Parameters
-        ----------
-        signals : ndarray, shape (N, n)
-            What the thrust of each motor goes with, s.
-        rates : ndarray, shape (N, 3)
-            Body rates, rad/s.
-
-        Raises
-        ------
-        MissingDataError
-            Without rates, velocity or attitude.
-        ExperimentError
-            When the record is too short.
+        Shapes: `signals` (N, n); `rates` (N, 3).
         """
         force = np.column_stack([column(record, f"f_{axis}") for axis in "xyz"])
         roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
@@ -231,14 +219,7 @@ def _events(t: Floats) -> NDArray[np.intp]:
 def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason: str) -> InstantMean:
     """Return the mean of the instants that are kept, with its spread between manoeuvres, or the reason for none.
 
-    Parameters
-    ----------
-    t : ndarray, shape (M,)
-        s.
-    values : ndarray, shape (M,)
-        Estimates of the instants.
-    kept : ndarray of bool, shape (M,)
-        Which are not degenerate.
+    Shapes: `t` (M,); `values` (M,); `kept` (M,).
     """
     used = values[kept]
     number = _events(t[kept])

@@ -66,12 +66,7 @@ class Regression:
 
 
 def require_specific_force(records: Sequence[Experiment], mass: float | None) -> None:
-    """Refuse records without an accelerometer, and masses that are none.
-
-    Raises
-    ------
-    ExperimentError, MissingDataError
-    """
+    """Refuse records without an accelerometer, and masses that are none."""
     if mass is not None and not mass > 0.0:
         raise ExperimentError(f"mass must be positive, not {mass} kg")
     if any(not np.isfinite(column(record, "f_z")).all() for record in records):
@@ -85,12 +80,7 @@ def unlogged_motors(record: Experiment, vehicle: Vehicle) -> str:
 
 
 def require_all_motors(record: Experiment, vehicle: Vehicle) -> None:
-    """Refuse records that lack motors.
-
-    Raises
-    ------
-    MissingDataError
-    """
+    """Refuse records that lack motors."""
     if unlogged := unlogged_motors(record, vehicle):
         raise MissingDataError(
             f"{unlogged}; the others carry an unknown part of the weight: log the outputs of all motors"
@@ -132,11 +122,7 @@ def blocks_of(
 def regress(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Regression:
     """Least squares with standard errors for coloured residuals.
 
-    Parameters
-    ----------
-    regressors : sequence of ndarray, shape (N_r, q)
-        One per record.
-    outputs : sequence of ndarray, shape (N_r,)
+    Shapes: `regressors` (N_r, q); `outputs` (N_r,).
     """
     values = coefficients(regressors, outputs)
     residuals = [force - rows @ values for force, rows in zip(outputs, regressors, strict=True)]
@@ -155,10 +141,7 @@ def coefficients(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Flo
 def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], most_lags: int = 10) -> Floats:
     """Covariance of least-squares values whose residuals are coloured, (q, q).
 
-    Parameters
-    ----------
-    regressors : sequence of ndarray, shape (N_r, q)
-    residuals : sequence of ndarray, shape (N_r,)
+    Shapes: `regressors` (N_r, q); `residuals` (N_r,).
     """
     x = np.vstack(regressors)
     size = np.linalg.norm(x, axis=0)
@@ -235,10 +218,7 @@ def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:
 def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
     """Name the second from which the same commands give another thrust per mass: a load dropped, or taken up.
 
-    Parameters
-    ----------
-    fitted : ndarray, shape (M,)
-        Its specific thrust by a model of the whole flight.
+    Shapes: `fitted` (M,).
     """
     known = (blocks.force > 0.0) & (fitted > 0.0)
     part, t, few = np.log(blocks.force[known] / fitted[known]), blocks.t[known], round(CHANGED_SECONDS / BLOCK_SECONDS)

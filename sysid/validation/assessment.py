@@ -274,15 +274,7 @@ _HORIZON_COLUMNS = [
 
 
 def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
-    """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it.
-
-    Returns
-    -------
-    predicted : ndarray, shape (N, p)
-    every : int
-        Restarts are at multiples of it; other samples mean nothing. One sample ahead, where residuals are tested,
-        nothing is left out.
-    """
+    """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it."""
     every = max(round(1.0 / (RESTARTS * record.dt)), len(record.t) * steps // MOST_STEPS, 1)
     if isinstance(model, RigidBodyModel):
         every = every if steps > 1 else 1

@@ -26,18 +26,9 @@ def carry(
 ) -> float:
     """Filter, and return the log-likelihood of the measurements (without its constant).
 
-    Parameters
-    ----------
-    decay, driven : ndarray, shape (n,)
-        Factor on each state over a step, and the variance that the step adds.
-    design : ndarray, shape (K, 3, n)
-    measured : ndarray, shape (K, 3)
-    noise : ndarray, shape (3,)
-        Variances.
-    mean, covariance : ndarray, shape (n,), (n, n)
-        Before the first step.
-    means, covariances : ndarray, shape (K + 1, n), (K + 1, n, n)
-        Receive the state before the first step and after each.
+    A step multiplies states by `decay` and adds the variance `driven`, (n,); `design` (K, 3, n), `measured` (K, 3) and
+    the variances `noise` (3,) are of the measurements; `means` (K + 1, n) and `covariances` (K + 1, n, n) receive the
+    state before the first step and after each.
     """
     n = len(mean)
     x, p = mean.copy(), covariance.copy()

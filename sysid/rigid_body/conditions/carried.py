@@ -64,15 +64,8 @@ def carry_states(
 
     The strengths of gusts and noise, and where the equations are linearised, come from the first `SETTLING_SECONDS`.
 
-    Parameters
-    ----------
-    shared : ndarray, shape (SHARED,)
-        Parameters of the craft.
-    known : tuple of ndarray, shape (4,), optional
-        Wind exponent, thrust scale and wind of the flight as known beforehand, and their standard deviations; what is
-        known of any flight when not given.
-    doubt : ndarray, shape (SHARED, SHARED), optional
-        Covariance of the craft's parameters; they are held when not given.
+    `known` are wind exponent, thrust scale and wind of the flight beforehand, and their standard deviations, (4,) each;
+    what is known of any flight if None. `doubt` is the covariance of the craft's parameters `shared`, held if None.
     """
     mean, sigma = (ANY_FLIGHT, ANY_SIGMA) if known is None else known
     doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt

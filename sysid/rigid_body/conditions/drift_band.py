@@ -37,14 +37,8 @@ def drift_sigma(
 ) -> Floats:
     """Return standard deviations of position along a free run; shape (N, 3), NED, m.
 
-    Parameters
-    ----------
-    run : ndarray, shape (N, 6)
-        Positions and velocities of the run.
-    theta : ndarray, shape (16,)
-        Parameters with the mean wind.
-    errors : ndarray, shape (STATES + SHARED, STATES + SHARED)
-        Mean squares of errors of the flight's states and of the craft's parameters where the run begins.
+    `run` are positions and velocities, (N, 6); `errors` mean squares of errors of the flight's states and of the
+    craft's parameters where it begins, (STATES + SHARED, STATES + SHARED).
     """
     size = max(round(BLOCK_SECONDS / flight.dt), 1)
     edges = np.arange(0, len(run), size)

@@ -54,10 +54,7 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
     They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
     take every gust for the mean, and paths that are tens of metres off for noise that prior knowledge outvotes.
 
-    Parameters
-    ----------
-    doubt : ndarray, shape (SHARED, SHARED), optional
-        Covariance of the craft's parameters, which a trim makes up for; left out of the standard errors when not given.
+    `doubt` is the covariance of the craft's parameters, which a trim makes up for; none if None.
     """
     told = carry_states(flight, shared, law)
     trim = trim_from(told.own[-1], _stated(flight, shared, law, told.own[-1], doubt), np.zeros(0), source)
@@ -143,14 +140,8 @@ def _stated(flight: Motion, shared: Floats, law: int, own: Floats, doubt: Floats
 def trim_from(values: Floats, covariance: Floats, knots: Floats, source: str) -> FlightTrim:
     """Name thrust scale and wind coefficients of one flight; the mean of the variation goes to the mean wind.
 
-    Parameters
-    ----------
-    values : ndarray, shape (4 + 2 k,)
-        Wind exponent, thrust scale, mean wind north and east, then the departures at each of k knots.
-    covariance : ndarray, shape (4 + 2 k, 4 + 2 k) or (4, 4)
-        Of all values, or of the first four.
-    knots : ndarray, shape (k,)
-        s.
+    `values` are exponent, scale, mean wind and the departures at k knots, (4 + 2 k,); `covariance` is of all, or of the
+    first four.
     """
     exponent, scale = map(float, values[:_WIND])
     mean, parts = values[_WIND : _WIND + 2], values[_WIND + 2 :].reshape(-1, 2)

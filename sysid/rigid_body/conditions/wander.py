@@ -82,10 +82,7 @@ def own_design(jacobian: Floats) -> Floats:
 def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> Wander:
     """Find the strengths by the filter's likelihood and what is known of any flight.
 
-    Parameters
-    ----------
-    mean, sigma : ndarray, shape (4,)
-        What is known beforehand of the flight's parameters, the former counted from those of the blocks.
+    `mean` and `sigma`, (4,), are known beforehand of the flight's parameters, the former counted from the blocks'.
     """
     design, known = own_design(blocks.jacobian), np.log(_EXPECTED)
     known[2] += np.log(TURBULENCE * max(wind, LIGHT))

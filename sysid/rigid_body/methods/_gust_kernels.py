@@ -20,17 +20,7 @@ def whiten(columns: Matrix, dt: float, gust: float, tau: float, jolt: float, noi
     The state is the velocity and the acceleration by gusts: ``v' = a + white noise``, ``a' = -a / tau + white noise``.
     The filter is linear, so that a residual and its derivatives are whitened alike (Maine and Iliff 1985, ch. 5).
 
-    Parameters
-    ----------
-    columns : ndarray, shape (n, m)
-        m/s; every column is filtered by itself.
-    out : ndarray, shape (n, m)
-        Receives the innovations.
-
-    Returns
-    -------
-    float
-        Sum of the logarithms of the innovations' standard deviations.
+    Shapes: `columns` (n, m); `out` (n, m).
     """
     n, m = columns.shape
     phi = exp(-dt / tau)

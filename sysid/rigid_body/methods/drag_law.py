@@ -25,12 +25,6 @@ def fit_best_law(
 
     All are compared under the disturbances of the first. Laws that can hardly be told from the best may each be the
     true one: the covariance is that of their mixture, the mean of theirs and of what they find otherwise.
-
-    Returns
-    -------
-    FilterErrorFit
-    int
-        The law, as the kernels number it.
     """
     report("gusts", 0.0)
     first = fit_filter_error(motions, start, prior, LAWS[0], deadline=deadline)

@@ -152,10 +152,7 @@ def fit_filter_error(
 ) -> FilterErrorFit:
     """Estimate the parameters of one craft from several flights in gusts.
 
-    Parameters
-    ----------
-    start : ndarray, shape (n,)
-        Shared parameters, then wind exponent, thrust scale and wind of each flight.
+    `start`, (n,), has shared parameters, then wind exponent, thrust scale and wind of each flight.
     """
     free = np.flatnonzero(prior.sigma > 0.0)
     weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
@@ -232,11 +229,6 @@ def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list
 
     Over a whole flight the velocity changes by what the mean forces make it. The wind parameter of the fit is the mean
     of a process of which the flight is a sample; this is the sample's.
-
-    Returns
-    -------
-    list of MeanWind
-        Of each flight.
     """
     result = []
     for k, (motion, (gusts, _)) in enumerate(zip(motions, fit.disturbances, strict=True)):

@@ -56,10 +56,7 @@ UNLIKE_MOTORS = 0.04
 def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_]) -> FilterErrorFit:
     """Return the fit with what flights do not show of its errors added to its covariance.
 
-    Parameters
-    ----------
-    held : ndarray, shape (SHARED,)
-        Parameters that were given and not estimated.
+    Shapes: `held` (SHARED,).
     """
     covariance = fit.covariance.copy()
     places = np.flatnonzero(~held)
@@ -179,10 +176,7 @@ def usual_speed(motions: Sequence[Motion], axis: int) -> float:
 def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
     """Compute the standard deviation of each component of a wind that the attitude's error makes, m/s.
 
-    Parameters
-    ----------
-    wind : ndarray, shape (2,)
-        m/s; a yaw that is off turns it.
+    Shapes: `wind` (2,).
     """
     lean = STANDARD_GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
     turned = float(np.hypot(*wind)) * float(motion.attitude_sigma[2])

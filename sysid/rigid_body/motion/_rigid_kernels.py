@@ -197,21 +197,8 @@ def accelerations(
     Means are by trapezoids from every `stride`-th sample to the next. Accelerations of all samples are not kept: with
     their derivatives those of a long flight would be larger than all that is known of it.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (q,)
-    rotation, density, late : ndarray, shape (N, 9), (N,) and (N, 4)
-        As `sysid.rigid_body.motion.body_motion.Motion.signals` arranges them.
-    shapes : ndarray, shape (N, w)
-        Of the wind over time; q = 14 + 2 w.
-    heights : ndarray, shape (N,)
-        m above the place of take-off.
-    velocities : ndarray, shape (N, 3)
-        NED, m/s.
-    out : ndarray, shape (n, 3)
-        Receives accelerations, NED, m/s^2; n stride < N.
-    jacobian : ndarray, shape (n, 3, q)
-        Receives their derivatives.
+    Shapes: `theta` (q,); `rotation`, `density`, `late` (N, 9), (N,) and (N, 4); `shapes` (N, w); `heights` (N,);
+    `velocities` (N, 3); `out` (n, 3); `jacobian` (n, 3, q).
     """
     s, push, q = np.empty(_SIGNALS), np.empty(3), len(theta)
     body, by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, q))
@@ -302,13 +289,7 @@ def path(
 ) -> None:
     """Positions and velocities (NED) from an initial state by the fourth-order Runge-Kutta method.
 
-    Parameters
-    ----------
-    theta, rotation, density, late, shapes, law
-        As for `accelerations`.
-    initial : ndarray, shape (6,)
-    out : ndarray, shape (n, 6)
-        Receives samples `start` to `start + n - 1`.
+    `out`, (n, 6), receives samples `start` to `start + n - 1`.
     """
     x, work = initial.copy(), np.empty((6, _SIGNALS))
     _keep(x, out, 0)
@@ -335,16 +316,8 @@ def ahead(
 ) -> None:
     """Positions predicted from the state `steps` samples before.
 
-    Parameters
-    ----------
-    thetas : ndarray, shape (R, q)
-        Parameters as they are known at each restart, at samples 0, `every`, 2 `every`, ...
-    shapes : ndarray, shape (steps + 1, w)
-        Of the wind over the time since a restart.
-    states : ndarray, shape (N, 6)
-        Measured positions and velocities, NED.
-    out : ndarray, shape (N, 3)
-        Receives positions, NED; samples that no restart leads to are left alone.
+    `thetas`, (R, q), are as known at restarts 0, `every`, 2 `every`, ...; the wind's `shapes`, (steps + 1, w), go with
+    the time since. Samples of `out`, (N, 3), that no restart leads to are left alone.
     """
     x, work = np.empty(6), np.empty((6, _SIGNALS))
     for restart in range((len(states) - steps - 1) // every + 1):

@@ -77,15 +77,7 @@ class Motion:
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     def signals(self, lag: float) -> tuple[Floats, Floats, Floats]:
-        """Arrange the inputs for the kernels, thrust delayed by a first-order lag [s].
-
-        Returns
-        -------
-        rotation : ndarray, shape (N, 9)
-        density : ndarray, shape (N,)
-        late : ndarray, shape (N, 4)
-            `linear` and `square`, delayed, and their derivatives by the lag.
-        """
+        """Return rotation, density, and (N, 4) `linear` and `square` behind a lag [s] with their derivatives by it."""
         lag = max(lag, 0.0)
         thrust = np.column_stack([self.linear, self.square])
         now = lagged(thrust, lag, self.dt)
@@ -107,18 +99,7 @@ class Motion:
         )
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
-        """Positions and velocities from the measured state at sample `start`; shape (stop - start, 6).
-
-        Parameters
-        ----------
-        shapes : ndarray, shape (N, w)
-            Functions of time that the wind is a sum of.
-
-        Returns
-        -------
-        ndarray, shape (stop - start, 6)
-            NED, m and m/s.
-        """
+        """Positions and velocities from the measured state at sample `start`, in a wind of `shapes` (N, w)."""
         stop = len(self.t) if stop is None else stop
         out = np.empty((stop - start, 6))
         initial = np.concatenate([self.position[start], self.velocity[start]])
@@ -127,15 +108,7 @@ class Motion:
 
 
 def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> Motion:
-    """Read from a record what the equations of motion read.
-
-    Raises
-    ------
-    ExperimentError
-        Inputs are not PWM or outputs not positions.
-    MissingDataError
-        Attitude is missing.
-    """
+    """Read from a record what the equations of motion read."""
     return _recent.of(record, vehicle, voltage, joined, make=lambda: _read(record, vehicle, voltage, joined))
 
 
@@ -199,10 +172,7 @@ def _attitude_sigma(context: pd.DataFrame) -> Floats:
 def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """Matrices from body to NED, ``Rz(yaw) Ry(pitch) Rx(roll)``; shape (N, 3, 3).
 
-    Parameters
-    ----------
-    roll, pitch, yaw : ndarray, shape (N,)
-        rad.
+    Shapes: `roll`, `pitch`, `yaw` (N,).
     """
     sr, cr, sp, cp, sy, cy = (f(a) for a in (roll, pitch, yaw) for f in (np.sin, np.cos))
     rows = [

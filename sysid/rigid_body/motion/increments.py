@@ -33,10 +33,7 @@ class Increments:
 def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
     """Hold the changes of velocity of a flight against the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (q,)
-        Parameters in the order of `_rigid_kernels`.
+    Shapes: `theta` (q,).
     """
     count = len(flight.t)
     size = min(max(round(BLOCK_SECONDS / flight.dt), 1), count - 1)
@@ -50,19 +47,7 @@ def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
 def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, stride: int) -> tuple[Floats, Floats]:
     """Compute the model's accelerations along a flight as it was measured.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (q,)
-        Parameters in the order of `_rigid_kernels`.
-    shapes : ndarray, shape (N, w)
-        Of the wind over time; q = 14 + 2 w.
-
-    Returns
-    -------
-    ndarray, shape (K, 3)
-        NED, m/s^2.
-    ndarray, shape (K, 3, q)
-        Derivatives by the parameters.
+    Shapes: `theta` (q,); `shapes` (N, w).
     """
     means = (len(flight.t) - 1) // stride
     model, jacobian = np.empty((means, 3)), np.empty((means, 3, len(theta)))

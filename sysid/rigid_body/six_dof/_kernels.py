@@ -143,17 +143,8 @@ def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
 def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats) -> None:
     """Integrate one sample interval in place: midpoint rule in rates, attitude and velocity.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (SHARED + 6 e,)
-    drive : ndarray, shape (8 + e,)
-        Held over the interval.
-    wind : ndarray, shape (3,)
-        NED, m/s.
-    push : ndarray, shape (6,)
-        Acceleration in the world [m/s^2] and angular acceleration in the body [rad/s^2] added from outside.
-    state : ndarray, shape (18,)
-        Position, velocity (NED), rotation from body to world by rows, rates (body).
+    `drive`, (8 + e,), is held over the interval; `push`, (6,), is an acceleration in the world and an angular one in the
+    body from outside; `state`, (18,), is position, velocity (NED), rotation from body to world by rows, and rates.
     """
     h = dt / substeps
     air, turn, force, speed = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -211,21 +202,7 @@ def ahead(
 ) -> Floats:
     """Run from the measured state at each start and return the states at the marked numbers of samples after it.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (SHARED + 6 e,)
-    drives : ndarray, shape (N, 8 + e)
-    wind : ndarray, shape (N, 3)
-    pushes : ndarray, shape (S, 6)
-        One for each start, see `advance`.
-    states : ndarray, shape (N, 18)
-    starts : ndarray, shape (S,)
-    marks : ndarray, shape (M,)
-        Increasing, at least 1.
-
-    Returns
-    -------
-    ndarray, shape (S, M, 18)
+    Shapes: `pushes` (S, 6), `starts` (S,), `marks` (M,) from 1 upwards, result (S, M, 18).
     """
     out = np.empty((len(starts), len(marks), STATES))
     state = np.empty(STATES)
@@ -264,13 +241,7 @@ def free_run(
 def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
     """Delay a signal by a number of samples of either sign, then pass it through a first-order lag.
 
-    Parameters
-    ----------
-    values : ndarray, shape (N,)
-
-    Returns
-    -------
-    ndarray, shape (N,)
+    Shapes: `values` (N,).
     """
     n = len(values)
     out = np.empty(n)

@@ -100,15 +100,7 @@ class InputShape:
 
 
 def input_kinds(record: Experiment) -> InputKinds:
-    """Sort the inputs of a record into motors, commands of a mixer, and the rest.
-
-    Raises
-    ------
-    MissingDataError
-        Without motors or a mixer's commands, or when the place of a motor is not known.
-    ExperimentError
-        When the motors have no unit and cannot be commands.
-    """
+    """Sort the inputs of a record into motors, commands of a mixer, and the rest."""
     names = record.input_names
     known = {f"m{motor.number}": motor for motor in (record.vehicle.motors if record.vehicle is not None else ())}
     motors = tuple(k for k, name in enumerate(names) if name in known)
@@ -146,13 +138,7 @@ def input_kinds(record: Experiment) -> InputKinds:
 
 
 def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
-    """Bring an experiment into the form of the equations of motion.
-
-    Raises
-    ------
-    MissingDataError
-        When position, velocity, attitude or rates are missing.
-    """
+    """Bring an experiment into the form of the equations of motion."""
     if record.context is None or record.output_names[:3] != ("x", "y", "z"):
         raise MissingDataError(f"{record.name}: the motion needs outputs x, y, z and a context with attitude and rates")
     velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
@@ -177,13 +163,7 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
 
 
 def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
-    """Compute what the inputs do in each sample interval, (N, 8 + further inputs), see `_kernels.DRIVES`.
-
-    Parameters
-    ----------
-    shape : InputShape
-        Delays, lags, shares and thrust curve.
-    """
+    """Compute what the inputs do in each sample interval, (N, 8 + further inputs), see `_kernels.DRIVES`."""
     n, dt = len(record.t), record.dt
     out = np.zeros((n, len(DRIVES) + len(kinds.further)))
     moved, *ends = (_moved(record, kinds, shape, side) for side in (0.0, -0.5, 0.5))

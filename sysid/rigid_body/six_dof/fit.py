@@ -475,11 +475,6 @@ def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: floa
 
     What the inputs do is held over the sample interval that begins there, so that the fit's own delay is half a sample
     less. Rotor speeds are measured, and may be late themselves: what is stated is how late their telemetry is.
-
-    Returns
-    -------
-    (str, float, str)
-        Name, value [s], and the reason; "" where it is a delay.
     """
     value += 0.5 * dt
     if kinds.quantity is Quantity.SPEED:

@@ -341,10 +341,7 @@ def missed_accelerations(
 ) -> Floats:
     """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6).
 
-    Parameters
-    ----------
-    drives : ndarray, shape (N, 8 + e)
-    wind : ndarray, shape (N, 3)
+    Shapes: `drives` (N, 8 + e); `wind` (N, 3).
     """
     n, dt = len(record.t), record.dt
     starts = np.arange(n - 1, dtype=np.int64)
@@ -360,9 +357,7 @@ def missed_accelerations(
 def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
     """Mean of what was missed before each sample, (N, 6).
 
-    Parameters
-    ----------
-    missed : ndarray, shape (N, 6)
+    Shapes: `missed` (N, 6).
     """
     out = missed.copy()
     lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory

@@ -37,14 +37,7 @@ class ShootingFit:
 def state_errors(predicted: Floats, measured: Floats) -> Floats:
     """Errors of states: position, velocity, rotation vector in the body, rates.
 
-    Parameters
-    ----------
-    predicted, measured : ndarray, shape (..., 18)
-
-    Returns
-    -------
-    ndarray, shape (..., 12)
-        Predicted less measured.
+    Shapes: `predicted`, `measured` (..., 18).
     """
     out = np.empty((*predicted.shape[:-1], 12))
     out[..., :6] = predicted[..., :6] - measured[..., :6]
@@ -94,14 +87,7 @@ def minimise(
 ) -> ShootingFit:
     """Gauss-Newton with reweighting.
 
-    Parameters
-    ----------
-    start : ndarray, shape (P,)
-    prior_mean, prior_sigma : ndarray, shape (P,)
-        Wide normal priors; infinite where there is none.
-    limits : pair of ndarray, shape (P,)
-    steps : ndarray, shape (P,)
-        For finite differences.
+    Shapes: `start` (P,); `prior_mean`, `prior_sigma` (P,); `limits` (P,); `steps` (P,).
     """
     values = np.clip(start, *limits)
     errors = errors_of(values)
