@@ -43,7 +43,6 @@ from sysid.rotors.refinement_instants import (
     StackedEstimate,
     best_lag,
     fit_stacked,
-    motors_explain,
     solve_instants,
 )
 from sysid.rotors.thrust_regression import (
@@ -128,7 +127,7 @@ def fit_refinement2020(
         time_constant = best_lag(motion_at(0.0)) if rotation else 0.0
     motion = motion_at(time_constant)
     air = air_sigma_of(records)
-    stacked = fit_stacked(motion, air, pressed(records), law is Law.SPEED)
+    stacked, explained = fit_stacked(motion, air, pressed(records), law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
         findings.append(too_slow("Refinement 2020", signals[0].source))
@@ -136,7 +135,7 @@ def fit_refinement2020(
         stacked |= {name: StackedEstimate(None, None, None, why) for name in PARAMETERS[2:]}
         instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in PARAMETERS[2:]}
     else:
-        instants = _believed(instants, motors_explain(motion))
+        instants = _believed(instants, explained)
     if mass is None:
         findings.append(mass_unknown())
     findings += _remarks(stacked)
@@ -153,11 +152,11 @@ def fit_refinement2020(
     )
 
 
-def _believed(instants: Mapping[str, InstantMean], explained: Mapping[str, float]) -> dict[str, InstantMean]:
+def _believed(instants: Mapping[str, InstantMean], explained: Sequence[float]) -> dict[str, InstantMean]:
     """Undo what instants say of rotation where the motors do not explain it: a lag or wind is no inertia."""
-    worst = min(("roll", "pitch"), key=lambda axis: explained[axis])
-    turning = unexplained(explained[worst], f"angular acceleration in {worst}")
-    yawing = unexplained(explained["yaw"], "angular acceleration in yaw")
+    roll, pitch, yaw = explained
+    turning = unexplained(min(roll, pitch), f"angular acceleration in {'roll' if roll < pitch else 'pitch'}")
+    yawing = unexplained(yaw, "angular acceleration in yaw")
     doubts = {"Jx": turning, "Jz": turning, "b": turning, "b/Jz": yawing}
     return {name: each if each.mean is None else each.doubted(doubts.get(name, "")) for name, each in instants.items()}
 

@@ -242,25 +242,10 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
     )
 
 
-def motors_explain(motion: Sequence[Motion]) -> dict[str, float]:
-    """Return which part of the angular acceleration in roll, pitch and yaw the motors' moments explain.
-
-    By least squares on the axis's own moment, thrust, and the other moments, as in `fit_stacked`.
-    """
-    parts = {}
-    for axis, name in enumerate(("roll", "pitch", "yaw")):
-        rows = np.vstack([np.column_stack([m.roll, m.pitch, m.yaw, m.lift, _products(m)[axis]]) for m in motion])
-        aim = np.concatenate([m.acceleration[:, axis] for m in motion])
-        power = float(aim @ aim)
-        size = np.linalg.norm(rows, axis=0)
-        rows = rows / np.where(size > 0.0, size, 1.0)
-        left = aim - rows @ np.linalg.lstsq(rows, aim, rcond=1e-10)[0]
-        parts[name] = 1.0 - float(left @ left) / power if power > 0.0 else 0.0
-    return parts
-
-
-def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bool) -> dict[str, StackedEstimate]:
-    """Estimate all parameters from all instants at once."""
+def fit_stacked(
+    motion: Sequence[Motion], air: float, press: float, measured: bool
+) -> tuple[dict[str, StackedEstimate], tuple[float, ...]]:
+    """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain."""
     lags = max(round(CORRELATED / motion[0].dt), 2)
     translation = [
         np.vstack(
@@ -316,7 +301,7 @@ def fit_stacked(motion: Sequence[Motion], air: float, press: float, measured: bo
         result["b"] = StackedEstimate(
             None, None, None, "yaw torque shows only over yaw inertia (b/Jz), and yaw inertia is not determined"
         )
-    return {name: result[name] for name in PARAMETERS}
+    return {name: result[name] for name in PARAMETERS}, tuple(part for *_, part in gains)
 
 
 def best_lag(motion: Sequence[Motion]) -> float:

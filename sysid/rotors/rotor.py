@@ -25,20 +25,21 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, column, lagged, rotor_speeds, thrust_signals
 from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
+    SEPARABLE,
     Blocks,
     Regression,
     air_sigma_of,
     blocks_of,
     body_down,
-    coefficient,
     coefficients,
+    condition_of,
     conditions_of,
     covariance_of,
+    fit_blocks,
     mass_unknown,
     regress,
     require_all_motors,
     require_specific_force,
-    scatter_between,
     uneven_motors,
     weak_motors,
 )
@@ -65,9 +66,6 @@ LAG_RATE, LONGEST_LAG = 20.0, 0.5
 #: Lags with which the search begins, beside none.
 _LAGS_TRIED = 8
 
-#: Condition number of the motors' signals above which motors are not told apart.
-SEPARABLE = 1e4
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RotorModel(Summarised):
@@ -80,7 +78,9 @@ class RotorModel(Summarised):
     thrust_expo: float  #: Curvature in use: the autopilot's, unless the flights clearly show another.
     expo: Parameter  #: Curvature as identified.
     time_constant: Parameter  #: First-order lag from signal to thrust, s, with every delay of the log's in it.
-    damping: float  #: Loss of thrust per mass with climbing speed along body z, 1/s.
+    damping: (
+        float | None
+    )  #: Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
     mass: float | None  #: kg.
     reference_voltage: float | None  #: V at which coefficients hold.
     rmse: Mapping[str, float]  #: Of one-second means of specific force by law tried, m/s^2.
@@ -149,30 +149,21 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
             thrust_expo = expo.value
             findings += other
     blocks = bent(thrust_expo) if law is Law.COMMAND else tried[law]
-    together = _fit(blocks)
-    air, sums = air_sigma_of(records), [_with_climb(b.thrust.sum(axis=1, keepdims=True), b) for b in blocks]
-    common = coefficient(
-        float(together.values[0]), max(float(together.sigma[0]), scatter_between(sums, blocks)), air, mass
-    )
-    per_motor = _per_motor(motors, blocks, air, mass)
-    regressors = np.vstack([block.thrust for block in blocks])
-    means = regressors.mean(axis=0)
-    findings += [
-        *weak_motors(per_motor, air),
-        *uneven_motors({m: float(part) for m, part in zip(motors, means / means.mean(), strict=True)}),
-    ]
+    air = air_sigma_of(records)
+    fit = fit_blocks(blocks, motors, air, mass)
+    findings += [*weak_motors(fit.per_motor, air), *uneven_motors(fit.effort)]
     lag = _lag(records, vehicle, voltage, law, thrust_expo)
     if mass is None:
         findings.append(mass_unknown())
     return RotorModel(
         name=f"rotors, thrust by {law}",
         law=law,
-        common=common,
-        per_motor=per_motor,
+        common=fit.common,
+        per_motor=fit.per_motor,
         thrust_expo=thrust_expo,
         expo=expo,
         time_constant=lag,
-        damping=float(together.values[1]),
+        damping=float(fit.together.values[1]) if len(fit.together.values) > 1 else None,
         mass=mass,
         reference_voltage=voltage,
         rmse={str(each): value for each, value in rmse.items()},
@@ -181,23 +172,13 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     )
 
 
-def _with_climb(thrust: Floats, block: Blocks) -> Floats:
-    return np.hstack([thrust, block.climb[:, None]])
-
-
 def _rows(block: Blocks, apart: bool) -> Floats:
-    return _with_climb(block.thrust if apart else block.thrust.sum(axis=1, keepdims=True), block)
+    thrust = block.thrust if apart else block.thrust.sum(axis=1, keepdims=True)
+    return np.hstack([thrust, block.climb[:, None]])
 
 
 def _fit(blocks: Sequence[Blocks], apart: bool = False) -> Regression:
     return regress([_rows(block, apart) for block in blocks], [block.force for block in blocks])
-
-
-def _condition(blocks: Sequence[Blocks]) -> float:
-    """Condition number of the signals of the motors that turn, scaled."""
-    signals = np.vstack([block.thrust for block in blocks])
-    size = np.linalg.norm(signals, axis=0)
-    return float(np.linalg.cond(signals[:, size > 0.0] / size[size > 0.0])) ** 2
 
 
 def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, float]) -> tuple[Law, list[Finding]]:
@@ -275,7 +256,7 @@ def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Fin
 def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Parameter:
     """Find the curvature by variable projection, with its standard error from the full linearisation."""
     # Unlike motors would bend a common curve: each has its own thrust where signals tell them apart.
-    apart = _condition(blocks_at(start)) < SEPARABLE
+    apart = condition_of(blocks_at(start)) < SEPARABLE
 
     def loss(expo: float) -> float:
         return _fit(blocks_at(expo), apart).rmse
@@ -316,25 +297,6 @@ def _other_curve(found: Parameter, vehicle: Vehicle) -> list[Finding]:
             {"expo": expo, "sigma": sigma, "set": vehicle.thrust_expo},
         )
     ]
-
-
-def _per_motor(
-    motors: Sequence[str], blocks: Sequence[Blocks], air: float, mass: float | None
-) -> dict[str, ThrustCoefficient]:
-    apart = regress([_with_climb(b.thrust, b) for b in blocks], [b.force for b in blocks])
-    size = np.linalg.norm(np.vstack([block.thrust for block in blocks]), axis=0)
-    condition = _condition(blocks)
-    reason = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    return {
-        motor: coefficient(
-            float(apart.values[k]),
-            float(apart.sigma[k]),
-            air,
-            mass,
-            reason or ("the motor never turns" if size[k] == 0.0 else ""),
-        )
-        for k, motor in enumerate(motors)
-    }
 
 
 def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, law: Law, expo: float) -> Parameter:

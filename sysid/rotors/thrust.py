@@ -23,34 +23,26 @@ from core.summary import Summarised, listed
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.records.excitation import examine
-from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
+from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
 from sysid.rotors.thrust_regression import (
     AIR_SIGMA,
     BLOCK_SECONDS,
-    Blocks,
     air_sigma_of,
     blocks_of,
     changed_in_flight,
-    coefficient,
     coefficients,
     conditions_of,
+    fit_blocks,
     mass_unknown,
     pressed,
-    regress,
     require_specific_force,
-    scatter_between,
+    summed,
     uneven_motors,
     unlogged_motors,
 )
-
-#: Condition number of the motors' regressors above which differences between motors are not read.
-SEPARABLE = 1e4
-
-#: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
-CLIMBING = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -142,31 +134,12 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     motors = records[0].input_names
     if usable < 2 * len(motors) + 4:
         raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few to estimate thrust")
-    sums = _sums(blocks)
-    nuisance = [rows[:, 1:] for rows in sums]
-    together = regress(sums, [block.force for block in blocks])
+    air, unlogged = air_sigma_of(records), unlogged_motors(records[0], vehicle)
+    fit = fit_blocks(blocks, motors, air, mass, unlogged, pressed(records))
+    together, per_motor, condition = fit.together, fit.per_motor, fit.condition
     if reference is not None:
-        for rows, block in zip(sums, blocks, strict=True):
+        for rows, block in zip(summed(blocks), blocks, strict=True):
             findings += changed_in_flight(block, rows @ together.values)
-    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
-    spread = float(np.hypot(spread, pressed(records) * together.values[0]))
-    air = air_sigma_of(records)
-    apart = regress(
-        [np.hstack([b.thrust, x]) for b, x in zip(blocks, nuisance, strict=True)], [block.force for block in blocks]
-    )
-    regressors = np.vstack([block.thrust for block in blocks])
-    size = np.linalg.norm(regressors, axis=0)
-    # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
-    scaled = regressors[:, size > 0.0] / size[size > 0.0]
-    condition = float(np.linalg.cond(scaled)) ** 2
-    unlogged = unlogged_motors(records[0], vehicle)
-    common = coefficient(float(together.values[0]), spread, air, mass, unlogged)
-    reason = f"the motors' commands are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    reason = unlogged or reason
-    per_motor = {
-        motor: coefficient(float(apart.values[k]), float(apart.sigma[k]), air, mass, reason)
-        for k, motor in enumerate(motors)
-    }
     undetermined = [motor for motor, value in per_motor.items() if not value.determined]
     if unlogged:
         findings.append(
@@ -190,23 +163,21 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
                 {"undetermined": len(undetermined), "condition": condition},
             )
         )
-    means = regressors.mean(axis=0)
-    effort = {motor: float(part) for motor, part in zip(motors, means / means.mean(), strict=True)}
-    findings += uneven_motors(effort)
+    findings += uneven_motors(fit.effort)
     if mass is None:
         findings.append(mass_unknown())
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))
     hover = command_for(STANDARD_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
-        common=common,
+        common=fit.common,
         per_motor=per_motor,
         mass=mass,
         thrust_expo=expo,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=reference,
         damping=float(together.values[1]) if len(together.values) > 1 else None,
-        effort=effort,
+        effort=fit.effort,
         hover_command=hover,
         hover_pwm=motor_pwm(hover, vehicle),
         rmse=together.rmse,
@@ -224,12 +195,5 @@ def thrust_changes(record: Experiment) -> list[Finding]:
     if reference is None:
         return []
     block = blocks_of(record, vehicle, reference)
-    (rows,) = _sums([block])
+    (rows,) = summed([block])
     return changed_in_flight(block, rows @ coefficients([rows], [block.force])) if len(rows) else []
-
-
-def _sums(blocks: Sequence[Blocks]) -> list[Floats]:
-    """Return the thrust signals of all motors together and, where flights climb, the climb; (M, 1 or 2) each."""
-    climb = np.concatenate([block.climb for block in blocks])
-    used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > CLIMBING else 1
-    return [np.column_stack([block.thrust.sum(axis=1), block.climb])[:, :used] for block in blocks]

@@ -41,6 +41,12 @@ CHANGED, CHANGED_SIGMAS, CHANGED_SECONDS = 0.12, 6.0, 10.0
 #: What names such a flight.
 THRUST_CHANGED = "thrust-changed-in-flight"
 
+#: Condition number of the motors' signals above which motors are not told apart.
+SEPARABLE = 1e4
+
+#: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
+CLIMBING = 0.2
+
 #: A motor that works this much more or less than the mean of all is worth a finding.
 UNEVEN = 0.15
 
@@ -117,6 +123,68 @@ def blocks_of(
         climb=mean(body_down(record))[keep, 0],
         density=float(relative_density(record).mean()),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustFit:
+    """Coefficients of all motors alike and of each, and how well signals tell motors apart."""
+
+    together: Regression  #: Thrust of all motors and, where flights climb, its loss with the climb.
+    common: ThrustCoefficient
+    per_motor: dict[str, ThrustCoefficient]
+    condition: float  #: Of the signals of motors that turn, scaled.
+    effort: dict[str, float]  #: Mean signal of each motor over the mean of all.
+
+
+def fit_blocks(
+    blocks: Sequence[Blocks],
+    motors: Sequence[str],
+    air: float,
+    mass: float | None,
+    unlogged: str = "",
+    press: float = 0.0,
+) -> ThrustFit:
+    """Fit thrust coefficients; `press` is the part of thrust by which air presses on craft that lean."""
+    sums, forces = summed(blocks), [block.force for block in blocks]
+    together = regress(sums, forces)
+    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
+    spread = float(np.hypot(spread, press * together.values[0]))
+    apart = regress([np.hstack([b.thrust, x[:, 1:]]) for b, x in zip(blocks, sums, strict=True)], forces)
+    condition = condition_of(blocks)
+    reason = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
+    signals = np.vstack([block.thrust for block in blocks])
+    still, means = np.all(signals == 0.0, axis=0).tolist(), signals.mean(axis=0)
+    return ThrustFit(
+        together,
+        coefficient(float(together.values[0]), spread, air, mass, unlogged),
+        {
+            motor: coefficient(
+                float(apart.values[k]),
+                float(apart.sigma[k]),
+                air,
+                mass,
+                unlogged or reason or ("the motor never turns" if still[k] else ""),
+            )
+            for k, motor in enumerate(motors)
+        },
+        condition,
+        {motor: float(part) for motor, part in zip(motors, means / means.mean(), strict=True)},
+    )
+
+
+def summed(blocks: Sequence[Blocks]) -> list[Floats]:
+    """Return the thrust signals of all motors together and, where flights climb, the climb; (M, 1 or 2) each."""
+    climb = np.concatenate([block.climb for block in blocks])
+    used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > CLIMBING else 1
+    return [np.column_stack([block.thrust.sum(axis=1), block.climb])[:, :used] for block in blocks]
+
+
+def condition_of(blocks: Sequence[Blocks]) -> float:
+    """Condition number of the signals of the motors that turn, scaled."""
+    signals = np.vstack([block.thrust for block in blocks])
+    size = np.linalg.norm(signals, axis=0)
+    # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
+    return float(np.linalg.cond(signals[:, size > 0.0] / size[size > 0.0])) ** 2
 
 
 def regress(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Regression:

@@ -143,8 +143,8 @@ def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
 def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats) -> None:
     """Integrate one sample interval in place: midpoint rule in rates, attitude and velocity.
 
-    `drive`, (8 + e,), is held over the interval; `push`, (6,), is an acceleration in the world and an angular one in the
-    body from outside; `state`, (18,), is position, velocity (NED), rotation from body to world by rows, and rates.
+    `drive`, (8 + e,), is held over the interval; `push`, (6,), is an acceleration in the world and an angular one in
+    the body from outside; `state`, (18,), is position, velocity (NED), rotation from body to world by rows, and rates.
     """
     h = dt / substeps
     air, turn, force, speed = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
