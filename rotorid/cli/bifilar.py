@@ -38,6 +38,8 @@ def bifilar(
 
     Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
     """
+    from msgspec.structs import replace
+
     from core.quantity import number, uncertain
     from core.serialization import as_json as strict_json
     from sysid.bench.pendulum import Threads, check_thread
@@ -47,7 +49,7 @@ def bifilar(
     result = weigh(times, mass, threads, oscillations=swings, mass_sigma=mass_sigma, axis=axis)
     check = check_thread(pendulum, length, oscillations=swings) if pendulum else None
     if as_json:
-        typer.echo(strict_json(result.report(check)), nl=False)
+        typer.echo(strict_json(replace(result, thread_check=check)), nl=False)
         return
     name = f"I{axis}" if axis else "I"
     if result.determined:

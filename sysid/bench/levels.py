@@ -17,24 +17,39 @@ from sysid.records.experiment import Floats
 APART = 0.5
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Coefficients:
     """Coefficients of one motor at one voltage (algorithm 2), in the air of the stand."""
 
+    motor: str
+    voltage: float | None  #: V; None where all voltages stand together.
     #: k [N s^2] and b [N m s^2].
     thrust: Parameter
     torque: Parameter
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Trim:
-    """Hover of one motor at one voltage (algorithm 1)."""
+    """Hover of one motor at one voltage (algorithm 1), under a weight of the craft."""
 
+    motor: str
+    voltage: float | None
+    weight: float  #: N.
     pwm: float  #: us.
     thrust: float  #: N.
     #: rad/s and A where measured.
     speed: float | None
     current: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoTrim:
+    """Why a motor cannot carry its share of a weight [N]."""
+
+    motor: str
+    voltage: float | None
+    weight: float
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)

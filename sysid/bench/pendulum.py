@@ -9,7 +9,7 @@ period of seconds; the formula is right.)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,8 +36,7 @@ DETERMINED = 0.5
 RANGE = (1e-6, 1e6)
 
 
-@dataclass(frozen=True, slots=True)
-class BifilarResult:
+class BifilarResult(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="bifilar"):
     """Inertia about one axis."""
 
     axis: str
@@ -51,43 +50,7 @@ class BifilarResult:
     parts: dict[str, float]  #: Relative contributions: ``period``, ``mass``, ``length``, ``distance``, ``gravity``.
     period: float  #: Mean, s.
     repetitions: int  #: Used.
-    findings: tuple[Finding, ...]
-
-    @property
-    def determined(self) -> bool:
-        """Whether the inertia is known better than to half of it."""
-        return self.sigma <= DETERMINED * self.inertia
-
-    def report(self, check: ThreadCheck | None = None) -> BifilarReport:
-        """Return what ``rotorid bifilar --json`` writes."""
-        return BifilarReport(
-            axis=self.axis,
-            inertia=self.inertia,
-            std=self.std,
-            variance=self.variance,
-            sigma=self.sigma,
-            parts=self.parts,
-            period=self.period,
-            repetitions=self.repetitions,
-            determined=self.determined,
-            unit="kg m^2",
-            findings=self.findings,
-            thread_check=check,
-        )
-
-
-class BifilarReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="bifilar"):
-    """A `BifilarResult` as its file, with a check of the threads where one was made."""
-
-    axis: str
-    inertia: float
-    std: float
-    variance: float
-    sigma: float
-    parts: Mapping[str, float]
-    period: float
-    repetitions: int
-    determined: bool
+    determined: bool  #: Whether the inertia is known better than to half of it.
     unit: str
     findings: tuple[Finding, ...]
     thread_check: ThreadCheck | None = None
@@ -194,6 +157,8 @@ def bifilar(
         parts=parts,
         period=period,
         repetitions=len(periods),
+        determined=relative <= DETERMINED,
+        unit="kg m^2",
         findings=tuple(findings),
     )
 

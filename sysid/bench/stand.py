@@ -25,6 +25,7 @@ from sysid.bench.levels import (
     Coefficients,
     CommandCurve,
     Level,
+    NoTrim,
     Trim,
     at_voltage,
     least_squares,
@@ -44,39 +45,6 @@ STEP = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoefficientRow:
-    """k and b of a motor at a voltage; None where the table has no voltages."""
-
-    motor: str
-    voltage: float | None
-    thrust: Parameter
-    torque: Parameter
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrimRow:
-    """What carries a weight [N], see `sysid.bench.levels.Trim`."""
-
-    motor: str
-    voltage: float | None
-    weight: float
-    pwm: float
-    thrust: float
-    speed: float | None
-    current: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoTrim:
-    """Why a motor cannot carry its share of a weight [N]."""
-
-    motor: str
-    voltage: float | None
-    weight: float
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BenchReport:
     """What bench.json holds."""
 
@@ -84,8 +52,8 @@ class BenchReport:
     table: str
     density: float
     voltages: tuple[float, ...]
-    coefficients: tuple[CoefficientRow, ...]
-    trim: tuple[TrimRow | NoTrim, ...]
+    coefficients: tuple[Coefficients, ...]
+    trim: tuple[Trim | NoTrim, ...]
     findings: tuple[Finding, ...]
 
 
@@ -149,8 +117,10 @@ class Bench:
         """
         curve = self.at_voltage(motor, voltage)
         return Coefficients(
-            through_origin(curve["speed"], curve["thrust"], "N s^2"),
-            through_origin(curve["speed"], curve["torque"], "N m s^2"),
+            motor=motor,
+            voltage=voltage,
+            thrust=through_origin(curve["speed"], curve["thrust"], "N s^2"),
+            torque=through_origin(curve["speed"], curve["torque"], "N m s^2"),
         )
 
     def trim(self, motor: str, weight: float, voltage: float | None = None, motors: int | None = None) -> Trim:
@@ -190,7 +160,15 @@ class Bench:
             values = curve[name].to_numpy(np.float64)
             return float(np.interp(trim, pwm, values)) if np.isfinite(values).all() else None
 
-        return Trim(trim, share, there("speed"), there("current"))
+        return Trim(
+            motor=motor,
+            voltage=voltage,
+            weight=weight,
+            pwm=trim,
+            thrust=share,
+            speed=there("speed"),
+            current=there("current"),
+        )
 
     def command_curve(self, vehicle: Vehicle | None = None, voltage: float | None = None) -> CommandCurve:
         """Fit thrust over the autopilot's command for all motors together.
@@ -300,32 +278,18 @@ class Bench:
             table=self.table.name,
             density=self.density,
             voltages=self.voltages,
-            coefficients=tuple(
-                CoefficientRow(motor=motor, voltage=volt, thrust=found.thrust, torque=found.torque)
-                for motor in self.motors
-                for volt in volts
-                for found in [self.coefficients(motor, volt)]
-            ),
+            coefficients=tuple(self.coefficients(motor, volt) for motor in self.motors for volt in volts),
             trim=()
             if weight is None
             else tuple(self._trim_row(motor, weight, voltage, motors) for motor in self.motors),
             findings=self.findings,
         )
 
-    def _trim_row(self, motor: str, weight: float, voltage: float | None, motors: int | None) -> TrimRow | NoTrim:
+    def _trim_row(self, motor: str, weight: float, voltage: float | None, motors: int | None) -> Trim | NoTrim:
         try:
-            trim = self.trim(motor, weight, voltage, motors)
+            return self.trim(motor, weight, voltage, motors)
         except BenchError as error:
             return NoTrim(motor=motor, voltage=voltage, weight=weight, reason=str(error))
-        return TrimRow(
-            motor=motor,
-            voltage=voltage,
-            weight=weight,
-            pwm=trim.pwm,
-            thrust=trim.thrust,
-            speed=trim.speed,
-            current=trim.current,
-        )
 
     def _require_tested(self, voltage: float) -> None:
         if not self.voltages:

@@ -9,7 +9,6 @@ from sysid import (
     ClosedLoopModel,
     FitReport,
     FlightTrim,
-    HoverModel,
     OrderScan,
     RigidBodyModel,
     SixDofModel,
@@ -18,8 +17,6 @@ from sysid import (
     TransferFunctionModel,
     Validation,
 )
-from sysid.bench.pendulum import BifilarReport, BifilarResult
-from sysid.rigid_body.export.hover import HoverRecord
 from sysid.rigid_body.model_record import RigidBodyRecord, TrimRecord
 from sysid.rigid_body.six_dof.model import SixDofReport
 from sysid.rotors.thrust_record import ThrustReport
@@ -50,12 +47,10 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         (RigidBodyModel, RigidBodyRecord, {}, {"vehicle", "carried"}),
         (FlightTrim, TrimRecord, {}, set()),
         (ThrustModel, ThrustReport, {}, set()),
-        (HoverModel, HoverRecord, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (ResidualTest, ResidualReport, {}, {"output"}),
         (OrderScan, OrdersReport, {}, {"findings"}),
-        (BifilarResult, BifilarReport, {}, set()),
         (
             SixDofModel,
             SixDofReport,

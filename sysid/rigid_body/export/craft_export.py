@@ -12,7 +12,7 @@ import scipy
 from core.serialization import as_json
 from logparse import Finding, MissingDataError, Severity
 from sysid.rigid_body.export.frame_json import frame_json
-from sysid.rigid_body.export.hover import HoverModel, HoverRecord, hover_model
+from sysid.rigid_body.export.hover import HoverModel, hover_model
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.model_record import RigidBodyRecord
 
@@ -22,7 +22,7 @@ class CraftRecord:
     """What craft.json holds."""
 
     craft: RigidBodyRecord
-    hover: HoverRecord | None
+    hover: HoverModel | None
 
 
 def write_craft(
@@ -58,7 +58,7 @@ def write_craft(
         linear = hover_model(model)
     except MissingDataError as error:
         findings.append(Finding("not-determined", Severity.INFO, str(error)))
-    record = CraftRecord(craft=model.record(), hover=None if linear is None else linear.record())
+    record = CraftRecord(craft=model.record(), hover=linear)
     files = [folder / "craft.json", folder / "craft.mat"]
     files[0].write_text(as_json(record), encoding="utf-8")
     scipy.io.savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")

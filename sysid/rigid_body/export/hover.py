@@ -8,7 +8,7 @@ rigid body adds its rate damping.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -23,22 +23,6 @@ from sysid.rigid_body.model import RigidBodyModel
 STATES = ("roll", "pitch", "p", "q", "r")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HoverRecord:
-    """What files hold of a `HoverModel`."""
-
-    kind: Literal["hover"] = "hover"
-    states: tuple[str, ...] = STATES
-    inputs: tuple[str, ...]
-    input_unit: str
-    A: tuple[tuple[float, ...], ...]
-    B: tuple[tuple[float, ...], ...]
-    eigenvalues: tuple[tuple[float, float], ...]  #: Real and imaginary part, 1/s.
-    trim: tuple[float, ...]
-    pwm_per_command: float | None
-    controllable: bool
-
-
 @dataclass(frozen=True, slots=True, repr=False)
 class HoverModel(Summarised):
     """A linear model ``dx/dt = A x + B u``."""
@@ -49,37 +33,23 @@ class HoverModel(Summarised):
     input_unit: str  #: ``"rad/s"`` or ``"command"`` (1 from idle to full spin).
     trim: Floats  #: shape (n,): Inputs in hover.
     pwm_per_command: float | None  #: us, to turn B for commands into B for PWM (divide); None for rotor speeds.
+    eigenvalues: tuple[complex, ...] = field(init=False)  #: Of A, 1/s.
+    controllable: bool = field(init=False)  #: Whether the motors reach every state.
+    states: tuple[str, ...] = STATES
+    kind: Literal["hover"] = "hover"
+
+    def __post_init__(self) -> None:
+        """Compute what follows from A and B."""
+        powers = [self.B]
+        for _ in range(len(self.A) - 1):
+            powers.append(self.A @ powers[-1])
+        controllable = bool(np.linalg.matrix_rank(np.hstack(powers)) == len(self.A))
+        object.__setattr__(self, "eigenvalues", tuple(map(complex, np.linalg.eigvals(self.A))))
+        object.__setattr__(self, "controllable", controllable)
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
         return {"inputs": f"{listed(self.inputs, 8)} ({self.input_unit})", "states": "roll, pitch, p, q, r"}
-
-    @property
-    def eigenvalues(self) -> list[complex]:
-        """Eigenvalues of A, 1/s."""
-        return [complex(value) for value in np.linalg.eigvals(self.A)]
-
-    @property
-    def controllable(self) -> bool:
-        """Whether the motors reach every state."""
-        blocks, power = [self.B], self.B
-        for _ in range(len(self.A) - 1):
-            power = self.A @ power
-            blocks.append(power)
-        return bool(np.linalg.matrix_rank(np.hstack(blocks)) == len(self.A))
-
-    def record(self) -> HoverRecord:
-        """Return what files hold of the model."""
-        return HoverRecord(
-            inputs=self.inputs,
-            input_unit=self.input_unit,
-            A=tuple(tuple(row) for row in self.A.tolist()),
-            B=tuple(tuple(row) for row in self.B.tolist()),
-            eigenvalues=tuple((value.real, value.imag) for value in self.eigenvalues),
-            trim=tuple(self.trim.tolist()),
-            pwm_per_command=self.pwm_per_command,
-            controllable=self.controllable,
-        )
 
 
 def hover_from_speeds(
