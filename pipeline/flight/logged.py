@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.flight.account.readings import Readings
-from pipeline.flight.account.vibration import vibration
 from pipeline.results.coverage import BatteryUse, GpsQuality, LoggedRate, LogHealth, PositionSigma, Vibration
 
 if TYPE_CHECKING:
@@ -93,14 +92,14 @@ def _gps(tables: Tables, flight: Span) -> GpsQuality | None:
 
 
 def _vibration(log: FlightLog, flight: Span) -> Vibration | None:
-    measured = vibration(Readings.of(log, flight))
+    measured = Readings.of(log, flight).vibration
     inside = None if measured is None else (measured.t >= flight.start) & (measured.t <= flight.stop)
-    if measured is None or inside is None or not inside.any():
+    if measured is None or measured.relative or inside is None or not inside.any():
         return None
     return Vibration(
         p95=float(np.percentile(measured.level[inside], 95.0)),
         above=float((measured.level[inside] > measured.advised).mean()),
-        clips=measured.clipped(inside) or 0,
+        clips=measured.clipped(flight) or 0,
     )
 
 

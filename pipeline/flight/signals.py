@@ -14,7 +14,6 @@ from logparse.heights import ground_level, heights
 from logparse.messages import NumericMessages
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.account.state import SOURCES
-from pipeline.flight.account.vibration import vibration
 from pipeline.flight.spectrum import vibration_spectrum
 from pipeline.results.signals import FlightSignals, Panel, Signal
 from pipeline.results.span import Span
@@ -168,8 +167,8 @@ def _power(battery: pd.DataFrame | None, flight: Span) -> tuple[Panel, ...]:
 
 
 def _vibration(log: FlightLog, flight: Span) -> tuple[Panel, ...]:
-    measured = vibration(Readings.of(log, flight))
-    if measured is None:
+    measured = Readings.of(log, flight).vibration
+    if measured is None or measured.relative:
         return ()
     limits = {"advised limit": measured.advised, "harmful": measured.harmful}
     names = "xyz" if measured.axes.shape[1] == 3 else ("accelerometer 1",)

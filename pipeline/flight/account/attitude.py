@@ -9,10 +9,14 @@ import pandas as pd
 
 from core.catalogue import finding
 from core.findings import Finding
-from pipeline.flight.account.readings import Floats, Readings, stretches
+from pipeline.flight.account.readings import Readings, stretches
+from pipeline.flight.account.vibration import Floats
 
-#: ArduCopter's crash check: 30 deg off the target; for a second, or twice as far, it is more than overshoot.
-LOST, _HELPLESS = np.radians(30.0), 1.0
+#: Control is lost with an error of 30 deg for a second (ArduCopter's crash check), twice as far for a quarter of one,
+#: or swings of 30 to 50 deg again and again (5-12-2014_218 at 356 s), beyond 10 deg that all craft are off [rad^2 s].
+_TOLERATED, _HELPLESS = np.radians(10.0), np.radians(30.0) ** 2 - np.radians(10.0) ** 2
+#: Longest time [s] for which a row of slow telemetry counts.
+_SLOW = 0.3
 #: Rate [rad/s] by which a craft turns faster than asked, or against it, and for how long [s], when yaw is lost: a yaw
 #: stick let go leaves a craft turning for about a second.
 _YAW_EXCESS, _YAW_TIME = 1.5, 1.2
@@ -33,29 +37,36 @@ def attitude_happenings(readings: Readings) -> Iterator[Finding]:
 
 def _lost(readings: Readings) -> Iterator[Finding]:
     error = readings.attitude_error
-    if error is None:
+    if error is None or len(error) < 3:
         return
-    t, values = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
-    off = readings.flying(t) & (values > LOST)
-    # Estimates and targets that are apart for half of a flight are not of a craft that flies.
-    if np.count_nonzero(off) > 0.5 * np.count_nonzero(readings.flying(t)):
-        return
-    for first, last in stretches(t, off, join=1.5):
-        inside = (t >= first) & (t <= last)
-        worst = float(np.nanmax(values[inside]))
-        if np.count_nonzero(inside) < 2 or not (last - first >= _HELPLESS or worst > 2.0 * LOST):
+    t, off = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
+    off = np.where(readings.flying(t), np.nan_to_num(off), 0.0)
+    gained = (off**2 - _TOLERATED**2) * np.minimum(np.gradient(t), _SLOW)
+    # Page's sum: what was off beyond what is tolerated, since it was last nothing.
+    total = np.cumsum(gained)
+    total -= np.minimum(np.minimum.accumulate(total), 0.0)
+    for _, _, rows in stretches(t, total > 0.0, join=0.0):
+        if total[rows].max() < _HELPLESS:
             continue
-        lasting = f" for {last - first:.0f} s" if last - first > 1.5 else ""
-        # It began where it was half as far off.
-        calm = t[(t < first) & ~(values > 0.5 * LOST)]
-        first = float(t[np.searchsorted(t, calm[-1], side="right")]) if len(calm) else first
+        last = rows.start + int(np.argmax(total[rows]))
+        rows = slice(rows.start, last + 1)
+        worst, swings = float(off[rows].max()), len(stretches(t[rows], off[rows] > 1.5 * _TOLERATED, join=0.0))
         yield finding(
             "control-lost",
-            f"The craft leaned up to {np.degrees(worst):.0f}° away from what was asked{lasting}.",
-            t=first,
-            end=last,
+            f"The craft {'swung' if swings > 2 else 'leaned'} up to {np.degrees(worst):.0f}° away from what was asked"
+            f"{_lasting(t[rows])}{_with(readings.at_limits(t[rows.start], t[last]))}.",
+            t=float(t[rows.start]),
+            end=float(t[last]),
             worst_rad=worst,
         )
+
+
+def _lasting(t: Floats) -> str:
+    return f" for {t[-1] - t[0]:.0f} s" if t[-1] - t[0] > 1.5 else ""
+
+
+def _with(limits: str) -> str:
+    return f", {limits}" if limits else ""
 
 
 def _yaw(readings: Readings) -> Iterator[Finding]:
@@ -69,11 +80,12 @@ def _yaw(readings: Readings) -> Iterator[Finding]:
     flown, asked = (column[known] for column in both)
     excess = np.where(flown * asked >= 0.0, np.abs(flown) - np.abs(asked), np.abs(flown - asked))
     on = readings.flying(t) & (excess > _YAW_EXCESS)
-    for first, last in stretches(t, on, join=0.3, shortest=_YAW_TIME):
-        worst = float(np.max(excess[(t >= first) & (t <= last)]))
+    for first, last, rows in stretches(t, on, join=0.3, shortest=_YAW_TIME):
+        worst = float(np.max(excess[rows]))
         yield finding(
             "yaw-lost",
-            f"The craft turned up to {np.degrees(worst):.0f}°/s faster than asked for {last - first:.1f} s.",
+            f"The craft had no hold of its heading and turned up to {np.degrees(worst):.0f}°/s faster than asked for "
+            f"{last - first:.1f} s{_with(readings.at_limits(first, last))}.",
             t=first,
             end=last,
             excess_rad_s=worst,
@@ -91,11 +103,9 @@ def _oscillations(readings: Readings) -> Iterator[Finding]:
         if not len(lines):
             continue
         t, hz, amplitude = lines.T
-        for first, last in stretches(
-            t, (amplitude > 0.0) & ~readings.chirped(t), join=1.1 * _WINDOW, shortest=_LASTING
-        ):
-            inside = (t >= first) & (t <= last) & (amplitude > 0.0)
-            strength, frequency = float(np.median(amplitude[inside])), float(np.median(hz[inside]))
+        swinging = (amplitude > 0.0) & ~readings.chirped(t)
+        for first, last, rows in stretches(t, swinging, join=1.1 * _WINDOW, shortest=_LASTING):
+            strength, frequency = (float(np.median(each[rows][amplitude[rows] > 0.0])) for each in (amplitude, hz))
             yield finding(
                 "oscillation",
                 f"The craft oscillated in {name} at {frequency:.1f} Hz with {np.degrees(strength):.0f}°/s.",

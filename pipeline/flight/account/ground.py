@@ -116,8 +116,8 @@ def _touches(readings: Readings, until: float) -> Iterator[Finding]:
     assert readings.force is not None
     t, force = readings.force.index.to_numpy(np.float64), readings.force.to_numpy(np.float64)
     on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _BEFORE)
-    for first, last in stretches(t, on, join=2.0):
-        worst = float(force[(t >= first) & (t <= last)].max())
+    for first, last, rows in stretches(t, on, join=2.0):
+        worst = float(force[rows].max())
         yield finding(
             "shock-in-flight", f"The craft was hit ({worst:.0f} m/s²) and flew on.", t=first, end=last, force_m_s2=worst
         )
@@ -136,7 +136,7 @@ def _falls(readings: Readings) -> Iterator[Finding]:
     size = max(round(0.1 / step), 1)
     force = np.linalg.norm(axes.rolling(size, center=True, min_periods=1).mean().to_numpy(np.float64), axis=1)
     usual = np.nan if throttle is None else float(throttle.loc[readings.flight.start : readings.flight.stop].median())
-    for first, last in stretches(t, readings.flying(t) & (force < _FREE), join=0.1, shortest=_FALLING):
+    for first, last, _ in stretches(t, readings.flying(t) & (force < _FREE), join=0.1, shortest=_FALLING):
         asked = None if throttle is None else throttle.loc[first - 0.3 : last]
         if asked is not None and len(asked) and float(asked.min()) < 0.75 * usual:
             continue

@@ -11,10 +11,15 @@ from core.catalogue import finding
 from core.findings import Finding
 from pipeline.flight.account.readings import HOLDING, Readings, at, stretches
 
-#: Throttle, time [s] and lean asked for [rad] of a loss of lift: ArduCopter's THRUST_LOSS_CHECK.
-FULL, _LASTING, _LEVEL = 0.9, 1.0, np.radians(15.0)
-#: Sink [m/s] that is more than the noise of a barometer's slope over a second.
-_SINKING = 1.0
+#: Full throttle, and part of the reserve above the usual one at which a craft should climb (7-9-2014_24 sank for three
+#: seconds before its throttle was full); lean [rad] that costs no lift.
+FULL, _RESERVE, _UPRIGHT = 0.9, 0.25, np.radians(25.0)
+#: Sink and climb [m/s] that are more than the noise of a barometer's slope over a second, for how long [s], and the
+#: interruption [s] that ends neither.
+_SINKING, _LASTING, _PAUSE = 1.0, 1.0, 0.7
+#: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
+#: 1.BIN at 771 s.
+_CAUGHT = 0.75
 #: Part of the barometer's climb below which the autopilot took its own height for one that does not climb.
 _BEHIND = 0.5
 #: Voltage below which lithium cells are damaged [V], and time below it [s] that is more than a punch (BATT_LOW_TIMER).
@@ -34,42 +39,53 @@ def power_happenings(readings: Readings) -> Iterator[Finding]:
 
 
 def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Series[float]) -> Iterator[Finding]:
-    t = throttle.index.to_numpy(np.float64)
-    down = at(t, sink)
-    join = max(0.4, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.4
-    asked = readings.lean_asked
-    level = np.zeros(len(t)) if asked is None else at(t, asked)
-    full = readings.flying(t) & (throttle.to_numpy(np.float64) >= FULL)
-    for first, last in stretches(t, full & (down > _SINKING) & ~(level > _LEVEL), join=join, shortest=_LASTING):
-        worst = float(np.max(down[(t >= first) & (t <= last)]))
-        yield finding(
-            "lift-lost",
-            f"The craft sank at up to {worst:.1f} m/s under full throttle.",
-            t=first,
-            end=last,
-            sink_m_s=worst,
-        )
+    t, given = throttle.index.to_numpy(np.float64), throttle.to_numpy(np.float64)
+    down, flying = at(t, sink), readings.flying(t)
+    usual = float(np.median(given[flying])) if flying.any() else 1.0
+    upright = np.ones(len(t), dtype=bool) if readings.lean is None else at(t, readings.lean) < _UPRIGHT
+    much = flying & upright & (given >= min(FULL, usual + _RESERVE * (1.0 - usual)))
+    for first, last, rows in stretches(t, much & (down > _SINKING), join=_PAUSE, shortest=_LASTING):
+        early, late = (float(np.median(half)) for half in np.array_split(down[rows], 2))
+        worst, most = float(np.max(down[rows])), float(np.median(given[rows]))
+        if late > _CAUGHT * early:
+            yield finding(
+                "lift-lost",
+                f"The craft sank at up to {worst:.1f} m/s under {100.0 * most:.0f} % throttle, where "
+                f"{100.0 * usual:.0f} % usually carried it.",
+                t=first,
+                end=last,
+                sink_m_s=worst,
+            )
     # The autopilot's own doing: throttle at its limit while the craft climbs already, in a mode that holds height.
-    wrong = full & readings.in_modes(t, HOLDING) & (down < -_SINKING)
-    for first, last in stretches(t, wrong, join=join, shortest=_LASTING):
-        if _climb_asked(readings, first, last) or (disagreement := _estimate_off(readings, first, last)) is None:
+    wrong = flying & (given >= FULL) & readings.in_modes(t, HOLDING) & (down < -_SINKING)
+    for first, last, rows in stretches(t, wrong, join=_PAUSE, shortest=_LASTING):
+        asked_to, behind = _climb_asked(readings, first, last), _estimate_off(readings, first, last)
+        if asked_to or (asked_to is None and behind is None):
             continue
-        climb = -float(down[(t >= first) & (t <= last)].min())
+        why = (
+            " without being asked to"
+            if behind is None
+            else f", for its own height fell {behind:.0f} m behind the barometer's"
+        )
         yield finding(
             "throttle-runaway",
-            f"The autopilot held full throttle while the craft climbed at {climb:.0f} m/s, for its own height fell "
-            f"{disagreement:.0f} m behind the barometer's.",
+            f"The autopilot held full throttle while the craft climbed at {-float(down[rows].min()):.0f} m/s{why}.",
             t=first,
             end=last,
-            height_error_m=disagreement,
+            height_error_m=behind,
         )
 
 
-def _climb_asked(readings: Readings, first: float, last: float) -> bool:
-    """Return whether the height controller was asked to climb in a stretch."""
+def _climb_asked(readings: Readings, first: float, last: float) -> bool | None:
+    """Return whether rate or height of the target rose in a stretch; None where neither was logged."""
     setpoints = readings.tables.setpoints
-    asked = None if setpoints is None or "v_d" not in setpoints else setpoints["v_d"].loc[first:last].dropna()
-    return asked is not None and len(asked) > 0 and float(asked.median()) < -0.5 * _SINKING
+    names = () if setpoints is None else setpoints.columns.intersection(["v_d", "p_d"])
+    targets = {} if setpoints is None else {name: setpoints[name].loc[first:last].dropna() for name in names}
+    known = {name: values for name, values in targets.items() if len(values)}
+    rates = [known["v_d"].median()] if "v_d" in known else []
+    if "p_d" in known:
+        rates.append((known["p_d"].iloc[-1] - known["p_d"].iloc[0]) / (last - first))
+    return min(rates) < -0.5 * _SINKING if rates else None
 
 
 def _estimate_off(readings: Readings, first: float, last: float) -> float | None:
@@ -113,8 +129,8 @@ def _battery(readings: Readings, voltage: pd.Series[float]) -> Iterator[Finding]
     if count is None:
         return
     t, volts = inside.index.to_numpy(np.float64), inside.to_numpy(np.float64)
-    for first, last in stretches(t, volts < _EMPTY * count, join=2.0, shortest=_TIMER):
-        least = float(volts[(t >= first) & (t <= last)].min())
+    for first, last, rows in stretches(t, volts < _EMPTY * count, join=2.0, shortest=_TIMER):
+        least = float(volts[rows].min())
         yield finding(
             "battery-low",
             f"The battery was below {_EMPTY * count:.1f} V ({_EMPTY} V a cell) for {last - first:.0f} s, "

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from core.quantity import joined
 from core.units import STANDARD_GRAVITY
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
 from logparse.heights import ground_level, height_above_ground, slope_down
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
+from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
 from pipeline.results.span import Span, around
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Modes in which the autopilot works the throttle itself, and those that tumble on purpose or have no attitude target.
@@ -33,6 +35,9 @@ AEROBATIC = frozenset(["ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL"
 #: Time [s] that a craft may take to reach a new attitude target, and steps in which it is cut: what counts is the
 #: distance from the way that the target took within it, so that a stick thrown about is no loss of control.
 _FOLLOWS, _STEPS = 1.0, 10
+#: Throttle of idling motors (peterbarker 1.BIN, 775 s: a craft left to itself for a second rolls by 50 deg), and share
+#: of an output's range within which it is at a limit.
+_CLOSED, _NEAR = 0.05, 0.01
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,11 @@ class Readings:
         return axes if len(axes) > 2 else None
 
     @cached_property
+    def vibration(self) -> Vibration | None:
+        """Vibration of the first accelerometer."""
+        return read_vibration(self.messages, self.specific_force)
+
+    @cached_property
     def outputs(self) -> pd.DataFrame | None:
         """Motor outputs between their limits in flight, 0 at MOT_SPIN_MIN and 1 at MOT_SPIN_MAX."""
         motors = self.tables.motors
@@ -117,7 +127,7 @@ class Readings:
 
     @cached_property
     def attitude_error(self) -> pd.Series[float] | None:
-        """Angle between the thrust axis flown and the way of its target, rad; NaN in modes that tumble on purpose."""
+        """Angle between the thrust axis flown and the way of its target, rad; NaN where nothing should hold it."""
         wanted, flown = (
             None if table is None else table.loc[self.belongs.start : self.belongs.stop, ["roll", "pitch"]].dropna()
             for table in (self.tables.setpoints, self.tables.attitude)
@@ -128,7 +138,7 @@ class Readings:
         t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
         way = np.stack([_axes(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1)])
         error = _off_the_way(_axes(flown, t), way)
-        error[self.in_modes(t, AEROBATIC) | self.chirped(t)] = np.nan
+        error[self.in_modes(t, AEROBATIC) | self.chirped(t) | self.idle(t)] = np.nan
         return pd.Series(error, index=pd.Index(t))
 
     def in_modes(self, t: Floats, names: frozenset[str]) -> Mask:
@@ -145,21 +155,58 @@ class Readings:
         if chirp is None:
             return np.zeros(len(t), dtype=bool)
         moving = np.isfinite(chirp["target"].to_numpy(np.float64))
-        return within(t, [(a - 1.0, b + 1.0) for a, b in stretches(chirp.index.to_numpy(np.float64), moving, join=2.0)])
+        times = chirp.index.to_numpy(np.float64)
+        return within(t, [(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0)])
+
+    def idle(self, t: Floats) -> Mask:
+        """Return which times lie within a second after a closed throttle, which leaves motors nothing to turn with."""
+        if self.throttle is None:
+            return np.zeros(len(t), dtype=bool)
+        closed = self.throttle.index.to_numpy(np.float64)[self.throttle.to_numpy(np.float64) < _CLOSED]
+        return np.asarray(np.searchsorted(closed, t, side="right") > np.searchsorted(closed, t - _FOLLOWS))
+
+    def at_limits(self, first: float, last: float) -> str:
+        """Write which motors stood at a limit for most of a stretch, as a clause; empty where none did."""
+        outputs = None if self.outputs is None else self.outputs.loc[first:last]
+        if outputs is None or not len(outputs):
+            return ""
+        sides = {"its maximum": (outputs >= 1.0 - _NEAR).mean(), "its minimum": (outputs <= _NEAR).mean()}
+        words = []
+        for side, share in sides.items():
+            motors = [str(name).removeprefix("m") for name in share.index[share > 0.5]]
+            if motors and len(motors) < len(share):
+                several = len(motors) > 1
+                words.append(
+                    f"motor{'s' * several} {joined(motors)} at {side.replace('its', 'their') if several else side}"
+                )
+        return " and ".join(words)
 
     def flying(self, t: Floats) -> Mask:
         """Return which times lie in the flight, the shake of lift-off left out."""
         return (t >= self.flight.start + 0.5) & (t <= self.flight.stop)
 
 
-def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> list[tuple[float, float]]:
-    """Return the (first, last) times [s] of stretches of samples with `on`; interruptions up to `join` s end none."""
-    times = t[on]
-    if not len(times):
+class Stretch(NamedTuple):
+    """A stretch of samples: its first and last time [s], and its rows."""
+
+    first: float
+    last: float
+    rows: slice
+
+
+def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> list[Stretch]:
+    """Return the stretches of samples with `on` that last `shortest` s; interruptions up to `join` s end none.
+
+    Nor does the time between two rows, in a log that is slower.
+    """
+    rows = np.flatnonzero(on)
+    if not len(rows):
         return []
-    cuts = np.flatnonzero(np.diff(times) > join)
-    firsts, lasts = times[np.append(0, cuts + 1)], times[np.append(cuts, len(times) - 1)]
-    return [(float(a), float(b)) for a, b in zip(firsts, lasts, strict=True) if b - a >= shortest]
+    apart = max(join, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else join
+    cuts = np.flatnonzero(np.diff(t[rows]) > apart)
+    ends = zip(rows[np.r_[0, cuts + 1]].tolist(), rows[np.r_[cuts, len(rows) - 1]].tolist(), strict=True)
+    found = [Stretch(float(t[first]), float(t[last]), slice(first, last + 1)) for first, last in ends]
+    return [each for each in found if each.last - each.first >= shortest]
 
 
 def within(t: Floats, spans: list[tuple[float, float]]) -> Mask:

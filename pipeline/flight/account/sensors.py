@@ -9,8 +9,9 @@ import pandas as pd
 
 from core.catalogue import finding
 from core.findings import Finding, Severity
-from pipeline.flight.account.readings import Floats, Readings, at, stretches
-from pipeline.flight.account.vibration import Vibration, vibration
+from core.quantity import number
+from pipeline.flight.account.readings import Readings, Stretch, at, stretches, within
+from pipeline.flight.account.vibration import Floats
 
 #: Fewest satellites of a three-dimensional fix; losses closer together than this [s] are one.
 _FEWEST, _PAUSE = 4, 2.0
@@ -23,8 +24,9 @@ _EARTH = 6.371e6
 _RATIO, _DOUBTING = 0.8, 1.0
 #: Disagreement [m] of the autopilot's height with the barometer that no pressure and no prop wash explains.
 _HEIGHT_OFF = 5.0
-#: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before.
-_STAYS, _TIMES = 5.0, 3.0
+#: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
+#: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
+_STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
 #: Share of the flight beyond the limit that is more than moments.
 _SHARE = 0.1
 
@@ -49,8 +51,8 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         lost = (fix < 3.0) | (satellites < _FEWEST) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
     pause = max(_PAUSE, 3.0 * float(np.median(np.diff(t))))
     losses = stretches(t, lost & flying, join=pause)
-    for first, last in losses:
-        before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[(t >= first) & (t <= last)]
+    for first, last, rows in losses:
+        before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
         left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
         counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
@@ -67,12 +69,9 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         )
     yield from _silence(readings, t, losses)
     jump = _jumps(gps)
-    near = np.zeros(len(t), dtype=bool)
-    for first, last in losses:
-        near |= (t > first - 1.0) & (t < last + pause)
-    glitches = stretches(t, (jump > _RADIUS) & flying & ~near, join=10.0)
-    for first, last in glitches:
-        worst = float(jump[(t >= first) & (t <= last)].max())
+    near = within(t, [(first - 1.0, last + pause) for first, last, _ in losses])
+    for first, last, rows in stretches(t, (jump > _RADIUS) & flying & ~near, join=10.0):
+        worst = float(jump[rows].max())
         yield finding(
             "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst
         )
@@ -91,7 +90,7 @@ def _jumps(gps: pd.DataFrame) -> Floats:
     return np.concatenate(([0.0], np.maximum(miss, 0.0)))
 
 
-def _silence(readings: Readings, t: Floats, losses: list[tuple[float, float]]) -> Iterator[Finding]:
+def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Finding]:
     """Find times in flight without a word from the receiver while the log went on."""
     others = [times for name in ("attitude", "baro", "motors") if (times := readings.tables.times(name)) is not None]
     if not others:
@@ -103,7 +102,7 @@ def _silence(readings: Readings, t: Floats, losses: list[tuple[float, float]]) -
         begin, end = float(inside[k]), float(inside[k + 1])
         # Where another table stops too, it is the log that is silent.
         silent = max(float(np.max(np.diff([begin, *each[(each > begin) & (each < end)], end]))) for each in others)
-        if silent > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b in losses):
+        if silent > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b, _ in losses):
             continue
         yield finding(
             "gps-lost",
@@ -121,8 +120,8 @@ def _jamming(readings: Readings) -> Iterator[Finding]:
         return
     frame = readings.messages[name]
     t, state = frame.index.to_numpy(np.float64), frame["jamming_state"].to_numpy(np.float64)
-    for first, last in stretches(t, readings.flying(t) & (state >= 2.0), join=_PAUSE):
-        worst = float(state[(t >= first) & (t <= last)].max())
+    for first, last, rows in stretches(t, readings.flying(t) & (state >= 2.0), join=_PAUSE):
+        worst = float(state[rows].max())
         yield finding(
             "gps-lost",
             f"The GPS receiver reported jamming for {last - first:.1f} s.",
@@ -147,8 +146,8 @@ def _doubts(readings: Readings) -> Iterator[Finding]:
         if column not in frame or len(t) < 3:
             continue
         values = frame[column].to_numpy(np.float64)
-        for first, last in stretches(t, readings.flying(t) & (values > _RATIO), join=5.0, shortest=_DOUBTING):
-            worst = float(np.nanmax(values[(t >= first) & (t <= last)]))
+        for first, last, rows in stretches(t, readings.flying(t) & (values > _RATIO), join=5.0, shortest=_DOUBTING):
+            worst = float(np.nanmax(values[rows]))
             yield finding(
                 "estimator-doubt",
                 f"The autopilot doubted its {what} for {last - first:.0f} s (test ratio up to {worst:.1f}).",
@@ -171,9 +170,8 @@ def _height(readings: Readings) -> Iterator[Finding]:
     t = height.index.to_numpy(np.float64)
     off = height.to_numpy(np.float64) - at(t, barometer)
     off -= float(np.median(off[: max(len(off) // 20, 3)]))
-    for first, last in stretches(t, np.abs(off) > _HEIGHT_OFF, join=5.0, shortest=2.0)[:1]:
-        inside = (t >= first) & (t <= last)
-        worst = float(off[inside][int(np.argmax(np.abs(off[inside])))])
+    for first, last, rows in stretches(t, np.abs(off) > _HEIGHT_OFF, join=5.0, shortest=2.0)[:1]:
+        worst = float(off[rows][int(np.argmax(np.abs(off[rows])))])
         side = "above" if worst > 0.0 else "below"
         yield finding(
             "height-estimate-wrong",
@@ -186,46 +184,47 @@ def _height(readings: Readings) -> Iterator[Finding]:
 
 def _vibrations(readings: Readings) -> Iterator[Finding]:
     """Find vibration beyond the published limit, or that rose and stayed."""
-    measured = vibration(readings)
+    measured = readings.vibration
     if measured is None:
         return
-    t, level = measured.t, measured.level
-    inside = readings.flying(t) & (t < readings.flight.stop - 1.0)
-    rise = _rise(t[inside], level[inside], measured)
+    inside = readings.flying(measured.t) & (measured.t < readings.flight.stop - 1.0)
+    t, level = measured.t[inside], measured.level[inside]
+    rise = _rise(t, level, _FILTERED if measured.relative else measured.advised / 3.0)
     if rise is not None:
         usual, risen, since = rise
         yield finding(
             "vibration",
-            f"Vibration rose from {usual:.1f} to {risen:.0f} m/s² and stayed.",
+            f"Vibration rose to {risen / max(usual, 0.1):.0f} times what it was and stayed: from {number(usual, 2)} to "
+            f"{number(risen, 2)} m/s²{' behind the filters of the autopilot' if measured.relative else ''}.",
             severity=Severity.ERROR,
             t=since,
             end=readings.flight.stop,
             level_m_s2=risen,
         )
         return
-    strong = stretches(t, inside & (level > measured.harmful), join=5.0)
-    if strong and np.mean(level[inside] > measured.harmful) > _SHARE:
-        worst = float(level[inside].max())
+    strong = stretches(t, level > measured.harmful, join=5.0)
+    if strong and np.mean(level > measured.harmful) > _SHARE:
+        worst = float(level.max())
         yield finding(
             "vibration",
             f"Vibration was up to {worst:.0f} m/s², beyond {measured.harmful:.0f} m/s² which nearly always harms.",
             severity=Severity.WARNING,
-            t=strong[0][0],
-            end=strong[-1][1],
+            t=strong[0].first,
+            end=strong[-1].last,
             level_m_s2=worst,
         )
 
 
-def _rise(t: Floats, level: Floats, measured: Vibration) -> tuple[float, float, float] | None:
-    """Return what vibration was, what it became and since when; None where it did not rise for good."""
+def _rise(t: Floats, level: Floats, least: float) -> tuple[float, float, float] | None:
+    """Return what vibration was, what it became and since when; None where it did not rise for good to `least`."""
     if len(t) < 20:
         return None
-    # The largest prefix whose 95th percentile nearly everything after exceeds several times.
+    # The shortest prefix whose 95th percentile nearly everything in the next seconds exceeds.
     for begin in np.arange(t[0] + 10.0, t[-1] - _STAYS, 0.5):
         k = int(np.searchsorted(t, begin))
         later = level[k:][t[k:] < begin + _STAYS]
         risen, usual = float(np.percentile(later, 20.0)) if len(later) else 0.0, float(np.percentile(level[:k], 95.0))
-        if risen > _TIMES * usual and risen > measured.advised / 3.0:
+        if risen > max(_TIMES * usual, least):
             quiet = np.flatnonzero((level <= 1.5 * usual) & (t < begin + 0.5))
             since = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
             return usual, float(np.median(level[k:])), since

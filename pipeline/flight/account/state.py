@@ -10,7 +10,6 @@ import pandas as pd
 from logparse.heights import ground_level, heights, smoothed
 from pipeline.flight.account.power import cells, real_voltage
 from pipeline.flight.account.readings import Readings, within
-from pipeline.flight.account.vibration import vibration
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
 
@@ -120,8 +119,8 @@ def battery(readings: Readings) -> BatteryReading | None:
 
 def worst_vibration(readings: Readings) -> VibrationReading | None:
     """Return the worst vibration of the flight, when, and how often accelerometers clipped."""
-    measured = vibration(readings)
-    if measured is None:
+    measured = readings.vibration
+    if measured is None or measured.relative:
         return None
     inside = (measured.t >= readings.flight.start) & (measured.t <= readings.flight.stop)
     if not inside.any():
@@ -132,7 +131,7 @@ def worst_vibration(readings: Readings) -> VibrationReading | None:
         worst=float(axes[row, axis]),
         t=float(t[row]),
         axis="XYZ"[axis] if axes.shape[1] == 3 else "",
-        clips=measured.clipped(inside),
+        clips=measured.clipped(readings.flight),
         advised=measured.advised,
         harmful=measured.harmful,
         source=measured.source,

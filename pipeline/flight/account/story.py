@@ -33,7 +33,7 @@ GRAVITY = (
     "estimator-doubt",
 )
 #: What comes of something else: of these a cause is looked for.
-_CONSEQUENCES = frozenset(("crash", "hard-landing", "fall", "control-lost", "lift-lost"))
+_CONSEQUENCES = frozenset(("crash", "hard-landing", "fall", "throttle-runaway", "control-lost", "lift-lost"))
 #: What leads to something else.
 _CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "estimator-doubt", "gps-glitch", "autopilot-error"}
 #: What is to be known, and no story by itself unless it is an error: what came to nothing, or was so from the start.
@@ -44,12 +44,11 @@ _LED_TO = 3.0
 
 def gravest_first(happenings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Order what happened by severity, then by gravity of its kind, then by time."""
+    return tuple(sorted(happenings, key=lambda each: (WORST_FIRST.index(each.severity), _gravity(each), each.t or 0.0)))
 
-    def rank(each: Finding) -> tuple[int, int, float]:
-        kind = GRAVITY.index(each.id) if each.id in GRAVITY else len(GRAVITY)
-        return WORST_FIRST.index(each.severity), kind, each.t or 0.0
 
-    return tuple(sorted(happenings, key=rank))
+def _gravity(happening: Finding) -> int:
+    return GRAVITY.index(happening.id) if happening.id in GRAVITY else len(GRAVITY)
 
 
 def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -66,8 +65,8 @@ def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
         ]
         if not before:
             break
-        # The first of those that lead on, for it began what followed; of the same moment the graver.
-        chain.insert(0, min(before, key=lambda each: (each.t or 0.0, GRAVITY.index(each.id))))
+        # The first of the severest, for it began what followed; of the same moment the graver.
+        chain.insert(0, min(before, key=lambda each: (WORST_FIRST.index(each.severity), each.t, _gravity(each))))
     return tuple(chain)
 
 

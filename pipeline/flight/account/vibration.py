@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import scipy
+from numpy.typing import NDArray
 
-from pipeline.flight.account.readings import Floats, Mask, Readings
+from pipeline.results.span import Span
+
+Floats = NDArray[np.float64]
 
 #: Limits [m/s^2]: normally acceptable below the first, nearly always harmful above the other.
 _ARDUPILOT = (30.0, 60.0, "ArduPilot wiki, Measuring Vibration")
 _PX4 = (4.905, 9.81, "PX4 Flight Review, accel_vibration_metric")
-#: Filters of ArduPilot's own measure, Hz (AP_InertialSensor: 5 Hz floor, 2 Hz smoothing), and the slowest samples from
-#: which it can be computed.
-_FLOOR, _SMOOTH, _FAST = 5.0, 2.0, 90.0
+#: Filters of ArduPilot's own measure, Hz (AP_InertialSensor: 5 Hz floor, 2 Hz smoothing), the slowest samples from
+#: which it can be computed, and the slowest that show a rise of what the autopilot's filter leaves (26-11-2014_181).
+_FLOOR, _SMOOTH, _FAST, _SLOWEST = 5.0, 2.0, 90.0, 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,23 +32,24 @@ class Vibration:
     advised: float
     harmful: float
     source: str
+    relative: bool = False  #: Whether too little of it was logged to compare with limits.
 
     @property
     def level(self) -> Floats:
         """The worst axis at each time, m/s^2, shape (n,)."""
         return np.asarray(np.max(np.nan_to_num(self.axes), axis=1))
 
-    def clipped(self, inside: Mask) -> int | None:
-        """Return how often an accelerometer hit its range at these times; None where not logged."""
-        counts = None if self.clips is None else self.clips[inside]
+    def clipped(self, flight: Span) -> int | None:
+        """Return how often an accelerometer hit its range until the first row after a flight; None where not logged."""
+        first, last = np.searchsorted(self.t, (flight.start, flight.stop))
+        counts = None if self.clips is None else self.clips[first : last + 1]
         if counts is None or not len(counts) or not np.isfinite(counts[[0, -1]]).any():
             return None
         return int(np.nanmax(counts[-1] - counts[0]))
 
 
-def vibration(readings: Readings) -> Vibration | None:
-    """Read VIBE, VIBRATION or, of PX4, vehicle_imu_status; else compute it from a fast IMU; None where neither is."""
-    messages = readings.messages
+def read_vibration(messages: Mapping[str, pd.DataFrame], force: pd.DataFrame | None) -> Vibration | None:
+    """Read VIBE, VIBRATION or, of PX4, vehicle_imu_status; else compute it from the specific force along three axes."""
     for name, axes in (
         ("VIBE", ["VibeX", "VibeY", "VibeZ"]),
         ("VIBRATION", ["vibration_x", "vibration_y", "vibration_z"]),
@@ -52,7 +57,7 @@ def vibration(readings: Readings) -> Vibration | None:
     ):
         if name in messages and set(axes) <= set(messages[name].columns):
             return _logged(messages[name], axes, _PX4 if len(axes) == 1 else _ARDUPILOT)
-    return _measured(readings)
+    return None if force is None or len(force) < 100 else _measured(force)
 
 
 def _logged(frame: pd.DataFrame, axes: list[str], limits: tuple[float, float, str]) -> Vibration | None:
@@ -72,14 +77,11 @@ def _logged(frame: pd.DataFrame, axes: list[str], limits: tuple[float, float, st
     )
 
 
-def _measured(readings: Readings) -> Vibration | None:
+def _measured(rows: pd.DataFrame) -> Vibration | None:
     """Measure vibration as ArduPilot does: what is faster than 5 Hz, squared, smoothed at 2 Hz, its root."""
-    rows = readings.specific_force
-    if rows is None or len(rows) < 100:
-        return None
     t = rows.index.to_numpy(np.float64)
     step = float(np.median(np.diff(t)))
-    if not 0.0 < step <= 1.0 / _FAST:
+    if not 0.0 < step <= 1.0 / _SLOWEST:
         return None
     force = rows.to_numpy(np.float64)
     level = np.sqrt(_smoothed((force - _smoothed(force, _FLOOR * step)) ** 2, _SMOOTH * step))
@@ -87,7 +89,13 @@ def _measured(readings: Readings) -> Vibration | None:
     kept = slice(round(1.0 / step), None, max(round(0.1 / step), 1))
     source = f"{_ARDUPILOT[2]}; computed from the logged accelerations, of which filters have taken a part"
     return Vibration(
-        t=t[kept], axes=level[kept], clips=None, advised=_ARDUPILOT[0], harmful=_ARDUPILOT[1], source=source
+        t=t[kept],
+        axes=level[kept],
+        clips=None,
+        advised=_ARDUPILOT[0],
+        harmful=_ARDUPILOT[1],
+        source=source,
+        relative=step > 1.0 / _FAST,
     )
 
 
