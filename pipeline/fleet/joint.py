@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import sysid
 from logparse import Finding, Vehicle
 from pipeline.config import AnalysisConfig
+from pipeline.execution.executors import as_done
 from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
@@ -116,20 +118,14 @@ def _identify_all(
 ) -> dict[str, ModelResult]:
     """Identify every kind of model, side by side where there is an executor; by the kind's key."""
     models: dict[str, ModelResult] = {}
-    jobs: dict[Future[tuple[ModelResult, Stages]], Kind] = {}
+    fitted = [kind for kind in KINDS if records[kind.key].training]
     for kind in KINDS:
-        if not records[kind.key].training:
+        if kind not in fitted:
             models[kind.key] = without_model(kind, Failure("experiment", _no_records(kind, training)))
-            continue
-        if executor is not None:
-            try:
-                jobs[executor.submit(_identify_alone, kind, records[kind.key], config, stages.time_limit)] = kind
-            except BrokenExecutor:  # a log has killed a worker: the joint fit need not go with it
-                executor = None
-        if executor is None:
-            models[kind.key] = _identify(kind, records[kind.key], config, stages)
-    for job in as_completed(jobs):
-        kind = jobs[job]
+    if executor is None:
+        return models | {kind.key: _identify(kind, records[kind.key], config, stages) for kind in fitted}
+    alone = partial(_identify_alone, records=records, config=config, time_limit=stages.time_limit)
+    for kind, job in as_done(executor, alone, fitted):
         try:
             models[kind.key], own = job.result()
         except Exception as error:  # the worker died, or its result could not come back
@@ -154,11 +150,11 @@ def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
 
 
 def _identify_alone(
-    kind: Kind, records: Records, config: AnalysisConfig, time_limit: float
+    kind: Kind, records: Mapping[str, Records], config: AnalysisConfig, time_limit: float
 ) -> tuple[ModelResult, Stages]:
     """Identify in a process of its own; progress is not heard there."""
     stages = Stages(silent, time_limit)
-    return _identify(kind, records, config, stages), stages
+    return _identify(kind, records[kind.key], config, stages), stages
 
 
 def _identify(kind: Kind, records: Records, config: AnalysisConfig, stages: Stages) -> ModelResult:
@@ -186,12 +182,14 @@ def _physical(
 ) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure]:
     """Find thrust and physical parameters by every method, beside the models where there is an executor."""
     # Free runs are many megabytes that this does not need.
-    arguments = (records[THRUST_KEY], records[RIGID_BODY_KEY], replace(body, predictions=()), config, stages.time_limit)
+    light = replace(body, predictions=())
+    work = partial(_physical_alone, records=records, config=config, time_limit=stages.time_limit)
     if executor is None:
-        thrust, parameters, own = _physical_alone(*arguments)
+        thrust, parameters, own = work(light)
     else:
+        ((_, job),) = as_done(executor, work, [light])
         try:
-            thrust, parameters, own = executor.submit(_physical_alone, *arguments).result()
+            thrust, parameters, own = job.result()
         except Exception as error:  # the worker died, or its result could not come back
             _LOG.exception("finding physical parameters jointly failed")
             return _dead("thrust", error), _dead("parameters", error)
@@ -200,13 +198,13 @@ def _physical(
 
 
 def _physical_alone(
-    flown: Records, attitude: Records, body: ModelResult, config: AnalysisConfig, time_limit: float
+    body: ModelResult, records: Mapping[str, Records], config: AnalysisConfig, time_limit: float
 ) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure, Stages]:
     """Do so in a process of its own; progress is not heard there."""
     stages = Stages(silent, time_limit)
-    fitted = flown.fitted()
+    fitted = records[THRUST_KEY].fitted()
     thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=config.mass))
-    return thrust, compare_parameters(attitude.fitted(), [body], config, stages), stages
+    return thrust, compare_parameters(records[RIGID_BODY_KEY].fitted(), [body], config, stages), stages
 
 
 def _vehicle(flights: Sequence[FlightEntry], store: str) -> Vehicle:

@@ -4,13 +4,10 @@ Left to itself the split is deterministic and of this kind:
 
 - Flights whose position is poor or of unknown accuracy, or which move too little or nobody knows how much, are excluded
   from training; they judge.
-- Of the others half train. At every place and on every day the two halves differ by one flight at most: flights of the
-  same place and day are paired by how much they move, one of each pair trains; those left over are the edges of a
-  graph that joins places with days, and train or judge by turns along its trails. Cycles of such a graph are even, so
-  that turns work out at every place and day (an equitable colouring of the edges of a bipartite graph: de Werra 1971,
-  by trails as Gabow 1976).
-- Who of a pair trains is chosen such that both halves are spread alike over the range of excitation (RMS acceleration);
-  the flight that moves most trains, because models interpolate better than they extrapolate.
+- Of the others half train. Flights of the same place and day are paired by how much they move, those left over among
+  themselves, and one of each pair trains: in turns the one that moves more and the other, so that both halves are
+  spread alike over places, days and excitation. The flight that moves most trains, because models interpolate better
+  than they extrapolate.
 - No more than `MOST_TRAINING` train. Flights differ in wind, air and battery; a mean over k of them leaves the error
   on an unseen flight larger than that of the best model by a factor of sqrt(1 + 1/k), and a joint fit costs k times as
   much: at 20 flights the rest is 2.5 %.
@@ -24,7 +21,6 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatch
-from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from pipeline.fleet.homogeneity import unlike_flights
@@ -108,78 +104,17 @@ def _rank(flight: FlightEntry) -> tuple[float, str]:
 
 
 def _half(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
-    """Choose half of the flights, give or take one; every place and day is divided in the same way."""
-    rank = {flight.name: k for k, flight in enumerate(sorted(flights, key=_rank))}
+    """Choose half of the flights, give or take one, one of each pair of flights that are alike."""
     places = places_of(flights)
-    cells: dict[tuple[int, str], list[int]] = defaultdict(list)
-    for flight in flights:
-        cells[places[flight.name], day_of(flight)].append(rank[flight.name])
-    chains: list[list[int]] = []
-    rest: dict[tuple[int, str], int] = {}
-    for cell, members in sorted(cells.items()):
-        members.sort()
-        if len(members) % 2:
-            # The least excited is left over: the pairs hold those that matter most.
-            rest[cell] = members.pop()
-        chains += [[members[k], members[k + 1]] for k in range(0, len(members), 2)]
-    chains += [[rest[cell] for cell in trail] for trail in _trails(sorted(rest))]
-    chosen = _turned(chains, len(flights))
-    return [flight for flight in flights if rank[flight.name] in chosen]
-
-
-def _trails(cells: Sequence[tuple[int, str]]) -> list[list[tuple[int, str]]]:
-    """Divide the edges between places and days into trails, open ones first: as few as there are odd nodes, halved."""
-    # Edges by node: places and days are told apart by their side.
-    touching: dict[tuple[int, int | str], set[tuple[int, str]]] = defaultdict(set)
-    for cell in cells:
-        touching[0, cell[0]].add(cell)
-        touching[1, cell[1]].add(cell)
-    trails = []
-    # From odd nodes first, so that what is left has even nodes only and closes upon itself.
-    for odd in (True, False):
-        for node in sorted(touching, key=str):
-            while touching[node] and (len(touching[node]) % 2 == 1 or not odd):
-                trail, at = [], node
-                while touching[at]:
-                    edge = min(touching[at])
-                    trail.append(edge)
-                    for side in (0, 1):
-                        touching[side, edge[side]].discard(edge)
-                    at = (1, edge[1]) if at[0] == 0 else (0, edge[0])
-                trails.append(trail)
-    return trails
-
-
-def _turned(chains: Sequence[Sequence[int]], count: int) -> set[int]:
-    """Choose every other member of each chain, so that takers and others are spread alike over the ranks.
-
-    Returns
-    -------
-    set of int
-        Ranks taken: half of all, give or take one; 0 is among them.
-    """
-    chosen: set[int] = set()
-    signs = [0] * count
-    balance = 0
-    for chain in sorted(chains, key=min):
-        ways = []
-        for first in (1, -1):
-            turn = {member: first * (-1) ** k for k, member in enumerate(chain)}
-            total = balance + sum(turn.values())
-            # Best are halves alike or one more that train; one fewer only for the sake of the flight that moves most.
-            size = (0, 1, -1).index(total) if abs(total) <= 1 else 3
-            ways.append((turn.get(0, 1) < 0, max(size - 1, 0), _uneven(signs, turn), -turn[min(chain)], first, turn))
-        *_, turn = min(ways, key=lambda way: way[:5])
-        for member, sign in turn.items():
-            signs[member] = sign
-        balance += sum(turn.values())
-        chosen |= {member for member, sign in turn.items() if sign > 0}
-    return chosen
-
-
-def _uneven(signs: Sequence[int], turn: Mapping[int, int]) -> int:
-    """Sum of squares of how far takers are ahead, counted down the ranks (as in Cramér and von Mises' criterion)."""
-    return sum(ahead**2 for ahead in accumulate(turn.get(rank, sign) for rank, sign in enumerate(signs)))
+    cells: dict[tuple[int, str], list[FlightEntry]] = defaultdict(list)
+    for flight in sorted(flights, key=_rank):
+        cells[places[flight.name], day_of(flight)].append(flight)
+    # The least excited is left over: the pairs hold those that matter most.
+    rest = sorted((members.pop() for members in cells.values() if len(members) % 2), key=_rank)
+    pairs = [members[k : k + 2] for members in (*cells.values(), rest) for k in range(0, len(members), 2)]
+    pairs.sort(key=lambda pair: _rank(pair[0]))
+    chosen = {pair[k % 2].name for k, pair in enumerate(pairs) if k % 2 < len(pair)}
+    return [flight for flight in flights if flight.name in chosen]
 
 
 def _thinned(flights: Sequence[FlightEntry], most: int) -> list[FlightEntry]:

@@ -30,12 +30,6 @@ def unsendable() -> object:
     return lambda: None
 
 
-def hoard(_: object, kept: list[bytes] = []) -> int:  # noqa: B006
-    """Keep 20 MB for good."""
-    kept.append(os.urandom(20_000_000))
-    return os.getpid()
-
-
 def stay(pipe: Path) -> None:
     """Return the own process id and stay until killed; the pipe ends with the process."""
     with pipe.open("w") as told:
@@ -44,8 +38,11 @@ def stay(pipe: Path) -> None:
         signal.pause()
 
 
-def stay_at_first(folder: Path) -> str:
-    """Stay until killed, but not a second time."""
+def stay_at_first(task: tuple[Path, int]) -> str:
+    """Stay until killed where the number is 2, but not a second time."""
+    folder, number = task
+    if number != 2:
+        return "done"
     marker = folder / "tried"
     if not marker.exists():
         marker.touch()

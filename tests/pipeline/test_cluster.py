@@ -63,7 +63,7 @@ def test_the_workers_of_a_scheduler_do_what_processes_do(pair, tmp_path):
 def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     pair.check()
-    lost = pair.submit(calls.stay_at_first, tmp_path)
+    lost = pair.submit(calls.stay_at_first, (tmp_path, 2))
     with (tmp_path / "pipe").open() as told:
         os.kill(int(told.readline()), signal.SIGKILL)
     assert lost.result() == "done"
