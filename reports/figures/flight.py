@@ -17,17 +17,18 @@ from pipeline.results.span import Span
 from reports.figures.figure import (
     Drawn,
     Figure,
+    Plot,
     Trace,
     band,
     band_label,
     dots,
-    layout_of,
-    limit_line,
     line,
     margin,
+    marks,
     padded,
     plotly_text,
     rounded,
+    suffix,
     time_axis,
 )
 from reports.numbers.flight import mode_spans
@@ -49,100 +50,60 @@ def flight_figures(result: FlightResult) -> list[Figure]:
 
 def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
-    data: list[Trace] = []
-    span = present(result.flight)
+    plot = Plot({"title": {"text": "north (m)"}, "zeroline": False, "scaleanchor": "x", "scaleratio": 1}, x="east (m)")
     gps = _gps_offsets(result)
     if not isinstance(result.trajectory, Failure):
         if not result.position_known:
             return None
-        states = _within(result.trajectory.states, span)
+        states = _within(result.trajectory.states, present(result.flight))
         if states.empty:
             return None
         north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
-        data += [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")]
+        if gps is not None:
+            plot.add(dots(gps[1], gps[0], "GPS", "@gps"))
         hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-        data.append(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
-        data += [_heights(states), *_happened(result, states)]
+        plot.add(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
+        plot.add(_heights(states))
+        happened = _happened(result, states)
+        if happened is not None:
+            plot.add(happened)
     elif gps is not None:
         north, east = gps
-        data.append(line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float)))
+        plot.add(line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float)))
     else:
         return None
     for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": rounded(east[[at]], 2),
-                "y": rounded(north[[at]], 2),
-                "name": label,
-                "marker": {"symbol": symbol, "size": 10, "color": "@ink", "line": {"width": 2}},
-                "hoverinfo": "name",
-            }
-        )
-    layout = layout_of(
-        xaxis={"title": {"text": "east (m)"}, "zeroline": False, "range": padded(data, "x")},
-        yaxis={
-            "title": {"text": "north (m)"},
-            "zeroline": False,
-            "range": padded(data, "y"),
-            "scaleanchor": "x",
-            "scaleratio": 1,
-        },
-        annotations=_wind_arrow(result),
-    )
-    return Figure(
-        "track",
-        "The flight from above, both axes to the same scale; colour is height above the start.",
-        data,
-        layout,
-        430,
-        time=False,
-    )
+        plot.add(marks(east[[at]], north[[at]], label, "@ink", symbol=symbol, size=10), hoverinfo="name")
+    plot.axes["xaxis"] |= {"range": padded(plot.data, "x"), "zeroline": False}
+    plot.axes["yaxis"] |= {"range": padded(plot.data, "y")}
+    plot.notes += _wind_arrow(result)
+    caption = "The flight from above, both axes to the same scale; colour is height above the start."
+    return plot.figure("track", caption, 430)
 
 
 def _heights(states: pd.DataFrame) -> Trace:
     """Colour the track by height, with a scale that also reads in grey."""
     chosen = states.iloc[:: max(1, -(-len(states) // _TRACK_POINTS))]
     height = float(states["p_d"].iloc[0]) - chosen["p_d"].to_numpy(float)
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": rounded(chosen["p_e"].to_numpy(float), 2),
-        "y": rounded(chosen["p_n"].to_numpy(float), 2),
-        "name": "height",
-        "showlegend": False,
-        "marker": {
-            "size": 5,
-            "color": rounded(height, 1),
-            "colorscale": "Cividis",
-            "showscale": True,
-            "colorbar": {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0},
-        },
-        "hovertemplate": "%{marker.color:.1f} m above the start<extra></extra>",
-    }
+    trace = dots(chosen["p_e"], chosen["p_n"], "height", "@ink") | {"showlegend": False, "hoverinfo": "all"}
+    scale = {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0}
+    colors = {"color": rounded(height, 1), "colorscale": "Cividis", "showscale": True, "colorbar": scale}
+    hover = "%{marker.color:.1f} m above the start<extra></extra>"
+    return trace | {"marker": {"size": 5} | colors, "hovertemplate": hover}
 
 
-def _happened(result: FlightResult, states: pd.DataFrame) -> list[Trace]:
-    """Mark where notable events began, one mark for each kind and second."""
+def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
+    """Mark where notable events began."""
     account = present(result.account)
     known = [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
     inside = [(each, t) for each, t in known if states.index[0] <= t <= states.index[-1]][:_MOST_EVENTS]
     if not inside:
-        return []
+        return None
     at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)
-    return [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": rounded(states["p_e"].to_numpy(float)[at], 2),
-            "y": rounded(states["p_n"].to_numpy(float)[at], 2),
-            "name": "events",
-            "text": [plotly_text(f"{each.id.replace('-', ' ')}, {t:.1f} s") for each, t in inside],
-            "marker": {"symbol": "x", "size": 10, "color": "@bad"},
-            "hovertemplate": "%{text}<extra></extra>",
-        }
-    ]
+    east, north = (states[name].to_numpy(float)[at] for name in ("p_e", "p_n"))
+    text = [f"{each.id.replace('-', ' ')}, {t:.1f} s" for each, t in inside]
+    hover = "%{text}<extra></extra>"
+    return marks(east, north, "events", "@bad", symbol="x", size=10, text=text, hover=hover)
 
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
@@ -154,51 +115,34 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
     if not np.isfinite(speed) or not speed > 2.0 * wind.sigma:
         return []
     east, north = wind.east / speed, wind.north / speed
-    return [
-        {
-            "name": "wind",
-            "xref": "paper",
-            "yref": "paper",
-            "x": 0.03,
-            "y": 0.86,
-            "xshift": _ARROW // 2 + _ARROW // 2 * east,
-            "yshift": _ARROW // 2 * north,
-            "ax": -_ARROW * east,
-            "ay": _ARROW * north,
-            "showarrow": True,
-            "arrowhead": 2,
-            "arrowwidth": 2,
-            "arrowcolor": "@own",
-            "text": "",
-            # A flight at 40 m in sheared air has met twice as much.
-            "hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')} at {WIND_HEIGHT:g} m",
-        }
-    ]
+    place = {"name": "wind", "xref": "paper", "yref": "paper", "x": 0.03, "y": 0.86, "text": ""}
+    arrow = {"ax": -_ARROW * east, "ay": _ARROW * north, "arrowhead": 2, "arrowwidth": 2, "arrowcolor": "@own"}
+    arrow |= {"xshift": _ARROW // 2 + _ARROW // 2 * east, "yshift": _ARROW // 2 * north, "showarrow": True}
+    # A flight at 40 m in sheared air has met twice as much.
+    return [place | arrow | {"hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')} at {WIND_HEIGHT:g} m"}]
 
 
 def altitude(result: FlightResult) -> Figure | None:
     """Draw height above the ground that the flight left, by every sensor, and as estimated."""
-    data: list[Trace] = []
     span = margin(present(result.flight))
+    plot = Plot("height (m)", x=time_axis(span), **mode_bands(result))
     signals = present(result.signals)
     for panel in () if signals is None else signals.height:
         for signal in panel.signals:
-            data.append(line(signal.t, signal.y, signal.name, _HEIGHTS.get(signal.name, "@quiet"), width=1.4))
-    reach = padded(data[:1], "y") if data else None
+            plot.add(line(signal.t, signal.y, signal.name, _HEIGHTS.get(signal.name, "@quiet"), width=1.4))
+    reach = padded(plot.data[:1], "y") if plot.data else None
     if not isinstance(result.trajectory, Failure):
         up = -_within(result.trajectory.states["p_d"], span)
         if len(up) > 1:
-            data.append(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink", width=1.4))
-    if not data:
+            plot.add(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink", width=1.4))
+    if not plot.data:
         return None
-    axis: Drawn = {"title": {"text": "height (m)"}}
     if reach is not None:
         # A receiver or an estimate that runs away must not flatten what the barometer shows.
         beyond = 0.5 * (reach[1] - reach[0])
-        axis["range"] = [reach[0] - beyond, reach[1] + beyond]
-    layout = layout_of(xaxis=time_axis(span), yaxis=axis, **mode_bands(result))
+        plot.axes["yaxis"] |= {"range": [reach[0] - beyond, reach[1] + beyond]}
     caption = "Height above the ground that the flight left. Bands are flight modes."
-    return Figure("altitude", caption, data, layout, 300)
+    return plot.figure("altitude", caption, 300, time=True)
 
 
 def motors(result: FlightResult) -> Figure | None:
@@ -217,51 +161,24 @@ def motors(result: FlightResult) -> Figure | None:
         return None
     low, high = (float(v) for v in np.percentile(used, [0.5, 99.5]))
     pad = max(0.15 * (high - low), 10.0)
-    row = 1.0 / count
-    data: list[Trace] = []
-    axes: Drawn = {}
-    labels = []
-    for number in range(count):
-        suffix = "" if number == 0 else str(number + 1)
-        name = str(table.columns[number]).removeprefix("m")
-        data.append(
-            line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
-            | {"yaxis": f"y{suffix}", "showlegend": False}
-        )
-        top = 1.0 - number * row
-        axes[f"yaxis{suffix}"] = {
-            "domain": [top - row * 0.86, top],
-            "range": [low - pad, high + pad],
-            "nticks": 3,
-            "tickfont": {"size": 10},
-        }
-        labels.append(
-            {
-                "text": plotly_text(name),
-                "x": 0,
-                "xref": "paper",
-                "xanchor": "right",
-                "xshift": -40,
-                "y": 0.5,
-                "yref": f"y{suffix} domain",
-                "showarrow": False,
-                "font": {"size": 13},
-            }
-        )
-    axes["xaxis"] = time_axis(span) | {"anchor": f"y{count}" if count > 1 else "y"}
+    axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
+    plot = Plot(*[axis] * count, x=time_axis(span))
     modes = mode_bands(result)
-    modes["annotations"] += labels
+    plot.shapes, plot.notes = modes["shapes"], modes["annotations"]
     signals = present(result.signals)
-    limits = [] if signals is None else signals.motor_limits.values()
-    modes["shapes"] += [
-        limit_line(value, f"y{number + 1 if number else ''}")
-        for number in range(count)
-        for value in limits
-        if low - pad < value < high + pad
-    ]
-    layout = layout_of(**axes, **modes)
+    limits = () if signals is None else signals.motor_limits.values()
+    for number in range(count):
+        name = str(table.columns[number]).removeprefix("m")
+        commands = line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
+        plot.add(commands, number, legend=False)
+        place = {"x": 0, "xref": "paper", "xanchor": "right", "xshift": -40, "y": 0.5}
+        place |= {"yref": f"y{suffix(number)} domain", "showarrow": False, "font": {"size": 13}}
+        plot.notes.append(place | {"text": plotly_text(name)})
+        for value in limits:
+            if low - pad < value < high + pad:
+                plot.limit(value, number)
     caption = "PWM command of every motor (µs), all to the same scale, limits dashed."
-    return Figure("motors", caption, data, layout, 70 + 58 * count)
+    return plot.figure("motors", caption, 70 + 58 * count, time=True)
 
 
 def mode_bands(result: FlightResult) -> Drawn:

@@ -1,167 +1,253 @@
-"""Plots of frequency responses: Bode with bands, coherence below, poles with their ellipses."""
+"""Plots of frequency responses, measured and of models: gain, phase and coherence with 95 % bands, poles, zeros."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri as chi2_isf
+from numpy.typing import NDArray
 
 from pipeline.results.entry import ResponseCurve
 from pipeline.results.rotation import FittedResponse
-from reports.figures.figure import Figure, Trace, layout_of
+from pipeline.results.span import Span
+from reports.figures.figure import COLORS, DASHES, Drawn, Figure, Plot, area, band, curve, marks
+from sysid import TransferFunction
 from sysid.frequency.fit import FrequencyFit
-from sysid.frequency.response import COHERENT, Floats, FrequencyResponse
+from sysid.frequency.response import COHERENT, FrequencyResponse
+from sysid.transfer_functions.frequency_response import frequency_response
+from sysid.transfer_functions.roots import Root
+from sysid.transfer_functions.transfer_function import poles, zeros
 
-#: Half-width of a 95 % band in standard deviations.
-_BAND = 1.96
+Floats = NDArray[np.float64]
 
-#: Beyond this a band says nothing more.
-_WIDEST = 3.0
+#: Half-width of a 95 % band in standard deviations, and the widest that is drawn, in parts of the gain.
+_BAND, _WIDEST = 1.96, 3.0
+#: Ratio of the fastest to the slowest known root from which a linear scale squeezes the slow ones together.
+_DECADES = 20.0
+#: Colours of curves that are laid over each other.
+_OVER = ("@ink", "@body", "@mixer", "@joint", "@own")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A response over frequency, shape (n,), as it is drawn."""
+
+    name: str
+    color: str
+    dash: str = "solid"
+    hz: Floats
+    gain_db: Floats
+    phase_deg: Floats
+    #: Standard deviations of ln gain and of the phase, rad; without a band where infinite, None without any.
+    sigma: tuple[Floats, Floats] | None = None
+    coherence: Floats | None = None
+    group: str = ""  #: Curves of one group are shown and hidden together.
+    hidden: bool = False  #: Waits in the legend.
+
+    @classmethod
+    def of(cls, hz: Floats, response: NDArray[np.complex128], name: str, color: str, dash: str = "solid") -> Curve:
+        """Return a response without errors."""
+        gain = 20.0 * np.log10(np.maximum(np.abs(response), 1e-300))
+        phase = np.degrees(np.unwrap(np.angle(response)))
+        return cls(name=name, color=color, dash=dash, hz=hz, gain_db=gain, phase_deg=phase)
+
+
+def measured(frf: FrequencyResponse, name: str = "measured", color: str = "@ink") -> Curve:
+    """Return a measured response as it is drawn."""
+    return Curve(
+        name=name,
+        color=color,
+        hz=frf.hz,
+        gain_db=frf.gain_db,
+        phase_deg=np.degrees(frf.phase),
+        sigma=(np.nan_to_num(frf.sigma, posinf=_WIDEST), np.nan_to_num(frf.sigma_phase, posinf=_WIDEST)),
+        coherence=frf.coherence,
+    )
+
+
+def of_model(function: TransferFunction, hz: Floats, name: str, color: str, *, hidden: bool = False) -> Curve:
+    """Return the response of a transfer function as it is drawn, with a band where the data determine it."""
+    found = frequency_response(function, 2.0 * np.pi * hz)
+    sigma = tuple(np.where(found.determined, each, np.inf) for each in (found.sigma_gain, found.sigma_phase))
+    return Curve(
+        name=name,
+        color=color,
+        hz=hz,
+        gain_db=20.0 * np.log10(np.maximum(found.gain, 1e-300)),
+        phase_deg=np.degrees(found.phase),
+        sigma=(sigma[0], sigma[1]),
+        group=name,
+        hidden=hidden,
+    )
+
+
+def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, shaded: Sequence[Span] = ()) -> Figure:
+    """Draw gain, phase and, where one is known, coherence; `shaded` frequencies [Hz] do not count."""
+    coherent: list[str | Drawn] = []
+    if any(each.coherence is not None for each in curves):
+        coherent = [{"title": {"text": "coherence"}, "range": [0.0, 1.0]}]
+    axis = {"type": "log", "title": {"text": "frequency (Hz)"}}
+    panels: list[str | Drawn] = [f"gain ({unit})", "phase (deg)", *coherent]
+    plot = Plot(*panels, x=axis, shares=(48.0, 32.0, 20.0) if coherent else (54.0, 46.0), gap=0.1)
+    first = None
+    for each in curves:
+        # What is a whole turn away is the same.
+        about = float(np.median(each.phase_deg)) if len(each.phase_deg) else 0.0
+        turns = np.ceil((about - 90.0) / 360.0) if first is None else np.round((about - first) / 360.0)
+        phase = each.phase_deg - 360.0 * turns
+        first = about - 360.0 * turns if first is None else first
+        style: Drawn = {"visible": "legendonly"} if each.hidden else {}
+        gain_band, phase_band = (None, None) if each.sigma is None else each.sigma
+        for panel, values, sigma, factor, hover in (
+            (0, each.gain_db, gain_band, 20.0 / np.log(10.0), "%{x:.3g} Hz: %{y:.3g} dB"),
+            (1, phase, phase_band, np.degrees(1.0), "%{x:.3g} Hz: %{y:.0f}°"),
+        ):
+            for part in _runs(np.isfinite(sigma)) if sigma is not None and np.any(sigma) else ():
+                assert sigma is not None
+                reach = factor * np.minimum(_BAND * sigma[part], _WIDEST)
+                shade = area(each.hz[part], values[part] - reach, values[part] + reach, each.name, each.color)
+                plot.add(shade, panel, group=each.group, **style)
+            line = curve(each.hz, values, each.name, each.color, 2.0, each.dash, hover)
+            plot.add(line, panel, group=each.group, legend=panel == 0, **style)
+        if each.coherence is not None:
+            plot.add(curve(each.hz, each.coherence, each.name, each.color), 2, legend=False)
+    plot.shapes += [band(span, "@grid", 0.35) for span in shaded]
+    return plot.figure(name, caption, 520 if coherent else 440, margin={"l": 70, "t": 64})
 
 
 def bode_figure(fitted: FittedResponse, name: str) -> Figure:
-    """Draw gain, phase and coherence of one response with 95 % bands, its model, and plain regression beside it."""
-    frf, model = fitted.measured, fitted.model
-    hz = _plain(frf.hz, 4)
-    gain, phase = frf.gain_db, np.degrees(frf.phase)
-    wide = np.minimum(_BAND * np.nan_to_num(frf.sigma, posinf=_WIDEST), _WIDEST)
-    in_db, in_deg = wide * 20.0 / np.log(10.0), np.degrees(wide)
-    data: list[Trace] = [*_band(hz, gain - in_db, gain + in_db, "y"), *_band(hz, phase - in_deg, phase + in_deg, "y2")]
+    """Draw one measured response, its model, and plain regression beside it."""
+    frf = fitted.measured
+    curves = [measured(frf)]
     if frf.method == "instrument":
-        direct = 20.0 * np.log10(np.maximum(np.abs(frf.direct), 1e-12))
-        data.append(_line(hz, direct, "plain regression (biased)", "@own", "y", dash="dot"))
-    data.append(_line(hz, gain, "measured", "@ink", "y"))
-    data.append(_line(hz, phase, "measured", "@ink", "y2", legend=False))
-    if model is not None:
-        turns = 360.0 * np.round(np.median(phase - np.degrees(np.unwrap(np.angle(model)))) / 360.0)
-        data.append(_line(hz, 20.0 * np.log10(np.abs(model)), "model", "@body", "y", dash="dash"))
-        data.append(_line(hz, np.degrees(np.unwrap(np.angle(model))) + turns, "model", "@body", "y2", "dash", False))
-    data.append(_line(hz, frf.coherence, "coherence", "@ink", "y3", legend=False))
+        direct = Curve.of(frf.hz, frf.direct, "plain regression (biased)", "@own", "dot")
+        curves.append(direct)
+    if fitted.model is not None:
+        curves.append(Curve.of(frf.hz, fitted.model, "model", "@body", "dash"))
     unit = "dB" if frf.unit == "rad/rad" else f"dB of {frf.unit} per unit"
-    layout = layout_of(
-        xaxis={"type": "log", "title": {"text": "frequency (Hz)"}, "anchor": "y3"},
-        yaxis={"title": {"text": f"gain ({unit})"}, "domain": [0.56, 1.0]},
-        yaxis2={"title": {"text": "phase (deg)"}, "domain": [0.24, 0.52]},
-        yaxis3={"title": {"text": "coherence"}, "domain": [0.0, 0.2], "range": [0.0, 1.0]},
-        shapes=[_shade(low, high) for low, high in _incoherent(frf)],
-    )
     caption = (
         f"{frf.axis.capitalize()}: {frf.input} to {frf.output}, measured (dark, with 95 % bands) and fitted (dashed). "
         "Where the coherence is below 0.6 (shaded) nothing counts."
     )
-    return Figure(name, caption, data, layout, 520, False)
-
-
-#: Colours of curves that are laid over each other, and how they are drawn beyond those.
-_OVER = ("@ink", "@body", "@mixer", "@joint", "@own")
-_DASHES = ("solid", "dash", "dot", "dashdot")
+    return bode(curves, name, caption, unit, shaded=_incoherent(frf))
 
 
 def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list[Figure]:
     """Lay the responses of several flights over each other, a figure for each axis that two or more tell."""
     figures = []
-    for axis in dict.fromkeys(curve.axis for curve in curves):
-        mine = [curve for curve in curves if curve.axis == axis and curve.hz]
+    for axis in dict.fromkeys(each.axis for each in curves):
+        mine = [each for each in curves if each.axis == axis and each.hz]
         # What stands for the controller's outputs has another scale.
-        source = Counter(curve.source for curve in mine).most_common(1)[0][0] if mine else ""
-        mine = [curve for curve in mine if curve.source == source]
+        source = Counter(each.source for each in mine).most_common(1)[0][0] if mine else ""
+        mine = [each for each in mine if each.source == source]
         if len(mine) < 2:
             continue
-        data: list[Trace] = []
-        for k, curve in enumerate(mine):
-            color, dash = _OVER[k % len(_OVER)], _DASHES[k // len(_OVER) % len(_DASHES)]
-            hz, phase = _plain(np.array(curve.hz), 4), np.array(curve.phase_deg)
-            turns = 360.0 * np.ceil((np.median(phase) - 90.0) / 360.0)
-            data.append(_line(hz, np.array(curve.gain_db), curve.flight, color, "y", dash))
-            data.append(_line(hz, phase - turns, curve.flight, color, "y2", dash, legend=False))
-        layout = layout_of(
-            xaxis={"type": "log", "title": {"text": "frequency (Hz)"}, "anchor": "y2"},
-            yaxis={"title": {"text": f"gain (dB of {mine[0].unit} per unit)"}, "domain": [0.52, 1.0]},
-            yaxis2={"title": {"text": "phase (deg)"}, "domain": [0.0, 0.46]},
-        )
+        drawn = [
+            Curve(
+                name=each.flight,
+                color=_OVER[k % len(_OVER)],
+                dash=DASHES[k // len(_OVER) % len(DASHES)],
+                hz=np.array(each.hz),
+                gain_db=np.array(each.gain_db),
+                phase_deg=np.array(each.phase_deg),
+            )
+            for k, each in enumerate(mine)
+        ]
         caption = (
             f"{axis.capitalize()}: answers to the command by flight, where it is coherent. Curves that lie apart "
             "by more than a decibel or some degrees are another craft, another load or another battery."
         )
-        figures.append(Figure(f"{prefix}responses-{axis}", caption, data, layout, 420, False))
+        figures.append(bode(drawn, f"{prefix}responses-{axis}", caption, f"dB of {mine[0].unit} per unit"))
     return figures
 
 
 def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
-    """Draw the poles of models with 95 % ellipses; None without any."""
-    data: list[Trace] = []
-    colors = ("@own", "@joint", "@mixer", "@body")
-    far, high = 5.0, 2.0
-    for k, (label, fit) in enumerate(fits):
+    """Draw the poles of fits to frequency responses; None without any."""
+    found: dict[str, tuple[tuple[Root, ...], tuple[Root, ...]]] = {}
+    for label, fit in fits:
         model = fit.transfer_function()
-        shown = [
-            (pole, covariance)
-            for pole, covariance in zip(model.poles, model.pole_covariance, strict=True)
-            if np.isfinite(covariance).all() and np.sqrt(np.max(np.linalg.eigvalsh(covariance))) < 0.5 * abs(pole) + 1.0
-        ]
-        for j, (pole, covariance) in enumerate(shown):
-            far, high = max(far, abs(pole.real)), max(high, abs(pole.imag))
-            mark = {"x": [round(pole.real, 3)], "y": [round(pole.imag, 3)], "type": "scatter", "mode": "markers"}
-            style = {"symbol": "x", "size": 9, "color": colors[k % 4]}
-            data.append(mark | {"name": label, "showlegend": j == 0, "marker": style})
-            values, vectors = np.linalg.eigh(covariance)
-            radii = np.sqrt(np.maximum(values, 0.0) * chi2_isf(2, 0.05))
-            angle = np.linspace(0.0, 2.0 * np.pi, 40)
-            around = vectors @ (radii[:, None] * np.array([np.cos(angle), np.sin(angle)]))
-            x, y = _plain(pole.real + around[0], 3), _plain(pole.imag + around[1], 3)
-            outline = {"type": "scatter", "mode": "lines", "x": x, "y": y, "showlegend": False, "hoverinfo": "skip"}
-            data.append(outline | {"name": label, "line": {"color": colors[k % 4], "width": 1}})
-    if not data:
-        return None
-    layout = layout_of(
-        xaxis={"title": {"text": "real part (rad/s)"}, "range": [-1.2 * far, 0.2 * far]},
-        yaxis={"title": {"text": "imaginary part (rad/s)"}, "range": [-1.2 * high, 1.2 * high]},
+        pairs = zip(model.poles, model.pole_covariance, strict=True)
+        found[label] = (tuple(Root(complex(pole), covariance) for pole, covariance in pairs), ())
+    return root_map(found, "poles") if found else None
+
+
+def pole_map(functions: Mapping[str, TransferFunction], name: str) -> Figure:
+    """Draw poles and zeros of the transfer functions to one output, by input."""
+    return root_map({source: (poles(each), zeros(each)) for source, each in functions.items()}, f"roots-{name}")
+
+
+def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: str) -> Figure:
+    """Draw poles and zeros by what they are of, with 95 % ellipses of those that are determined.
+
+    Distances from the origin are logarithmic where the known roots span decades; directions, and with them damping, are
+    kept.
+    """
+    known = [root.value for kinds in found.values() for roots in kinds for root in roots if root.determined]
+    sizes = [abs(root) for root in known if abs(root) > 0.0]
+    unit = min(sizes) if sizes and max(sizes) > _DECADES * min(sizes) else None
+
+    def place(values: Sequence[complex] | NDArray[np.complex128]) -> NDArray[np.complex128]:
+        roots = np.asarray(values, dtype=np.complex128)
+        if unit is None:
+            return roots
+        size = np.abs(roots)
+        return np.asarray(roots * np.log10(1.0 + size / unit) / np.where(size > 0.0, size, 1.0))
+
+    axis: Drawn = {"zeroline": True}
+    if known:
+        # Roots that nobody knows may lie anywhere; those that are known decide what is shown at first.
+        at = place(known)
+        reach = 1.15 * float(np.max(np.abs(at)))
+        right = max(0.3 * reach, 1.1 * float(np.max(at.real)))
+        axis |= {"range": [-reach, reach]}
+    real = axis | {"title": {"text": "real part (rad/s)"}} | ({"range": [-reach, right]} if known else {})
+    imaginary = axis | {"title": {"text": "imaginary part (rad/s)"}, "scaleanchor": "x", "scaleratio": 1}
+    plain = {} if unit is None else {"showticklabels": False, "showgrid": False}
+    plot = Plot(imaginary | plain, x=real | plain)
+    for number, (source, kinds) in enumerate(found.items()):
+        color, first = COLORS[number % len(COLORS)], True
+        for kind, roots, symbol in zip(("pole", "zero"), kinds, ("x-thin-open", "circle-open"), strict=True):
+            for sure in (True, False):
+                some = [root.value for root in roots if root.determined is sure]
+                if some:
+                    at, words = place(some), [f"{each.real:.3g} + {each.imag:.3g} i rad/s" for each in some]
+                    hover = f"%{{text}}<extra>{kind}</extra>"
+                    drawn = marks(at.real, at.imag, source, color, symbol=symbol, size=9, text=words, hover=hover)
+                    plot.add(drawn, group=source, legend=first, opacity=1.0 if sure else 0.35)
+                    first = False
+            for outline in (place(root.ellipse()) for root in roots if root.determined):
+                edge = curve(outline.real, outline.imag, source, color, 1.0)
+                plot.add(edge | {"hoverinfo": "skip"}, group=source, legend=False)
+    scale = ""
+    if unit is not None:
+        scale = " Distances from the origin are logarithmic: circles are powers of ten."
+        lowest, highest = (int(np.floor(np.log10(each))) for each in (unit, max(sizes)))
+        for power in range(lowest, highest + 1):
+            rim = float(place([10.0**power]).real[0])
+            circle = {"type": "circle", "layer": "below", "line": {"color": "@grid", "width": 1}}
+            plot.shapes.append(circle | {"x0": -rim, "x1": rim, "y0": -rim, "y1": rim})
+            text = {"x": 0.0, "y": rim, "text": f"{10.0**power:g}", "showarrow": False, "font": {"size": 10}}
+            plot.notes.append(text | {"xanchor": "left", "yanchor": "bottom"})
+    caption = (
+        "Poles (crosses) and zeros (circles) with the ellipses in which they lie with 95 % probability. "
+        "Pale ones are not determined by the data: their deviation is more than half of their distance from the "
+        f"origin. The frame is chosen for those that are; a double click shows all.{scale}"
     )
-    return Figure("poles", "Poles of the models with 95 % ellipses.", data, layout, 360, False)
+    return plot.figure(name, caption, 430, margin={"t": 64})
 
 
-def _incoherent(frf: FrequencyResponse) -> list[tuple[float, float]]:
-    """Return the stretches of frequency in which the coherence is below 0.6."""
+def _runs(known: NDArray[np.bool_]) -> list[slice]:
+    """Return the unbroken runs of two or more points that are known."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+
+
+def _incoherent(frf: FrequencyResponse) -> list[Span]:
+    """Return the stretches of frequency in which the coherence is below 0.6, Hz."""
     bad = np.concatenate([[False], frf.coherence < COHERENT, [False]])
     edges = np.flatnonzero(np.diff(bad.astype(int)))
     last = len(frf.hz) - 1
-    return [
-        (float(frf.hz[max(a - 1, 0)]), float(frf.hz[min(b, last)]))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
-
-
-def _shade(low: float, high: float) -> dict[str, object]:
-    """Tint a stretch of frequency over all three plots."""
-    shape = {"type": "rect", "xref": "x", "yref": "paper", "x0": low, "x1": high, "y0": 0, "y1": 1}
-    return shape | {"fillcolor": "@grid", "opacity": 0.35, "line": {"width": 0}, "layer": "below"}
-
-
-def _band(hz: list[float], low: Floats, high: Floats, axis: str) -> list[Trace]:
-    edge: Trace = {"type": "scatter", "mode": "lines", "yaxis": axis, "line": {"width": 0}, "showlegend": False}
-    edge |= {"hoverinfo": "skip"}
-    return [
-        edge | {"x": hz, "y": _plain(low, 3), "name": "95 %"},
-        edge | {"x": hz, "y": _plain(high, 3), "name": "95 %", "fill": "tonexty", "fillcolor": "@grid"},
-    ]
-
-
-def _line(
-    hz: list[float], values: Floats, name: str, color: str, axis: str, dash: str = "solid", legend: bool = True
-) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": hz,
-        "y": _plain(values, 3),
-        "name": name,
-        "yaxis": axis,
-        "showlegend": legend,
-        "line": {"color": color, "width": 2, "dash": dash},
-    }
-
-
-def _plain(values: Floats, decimals: int) -> list[float]:
-    return [round(float(value), decimals) for value in np.nan_to_num(values)]
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [Span(float(frf.hz[max(a - 1, 0)]), float(frf.hz[min(b, last)])) for a, b in pairs]

@@ -18,14 +18,12 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports.figures.figure import Figure
-from reports.figures.models import off_by_default
-from reports.figures.prediction import joint_predictions
+from reports.figures.models import Board, joint_predictions, model_board, off_by_default
 from reports.files.parameters import write_parameters
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
 from reports.pages.flight import MODELS_PAGE, flight_page, models_page
-from reports.views.model_board import Board, model_board
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
 _LOG = logging.getLogger("rotorid.reports")

@@ -14,7 +14,7 @@ from pipeline.names import printable
 from pipeline.results.flight import ModelResult
 from pipeline.results.verdict import Verdict
 from reports.figures.figure import Figure
-from reports.figures.prediction import compare
+from reports.figures.models import compare
 from reports.numbers.flight import model_report, overall
 from reports.pages import html
 from reports.views import summary

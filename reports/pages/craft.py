@@ -9,8 +9,8 @@ from core.quantity import counted, per_degree, uncertain, with_unit
 from core.table import Row, Table
 from logparse import Finding
 from pipeline.results.craft_review import CraftReview, Note
-from reports.figures.drift import drift_figures
 from reports.figures.figure import Figure
+from reports.figures.fleet import drift_figures
 from reports.pages import html
 from reports.pages.comparison import chance
 from reports.views import summary

@@ -10,11 +10,15 @@ from logparse import Finding
 from pipeline.results.advice import Advice
 from pipeline.results.answer import AnswerLine
 from pipeline.results.report import CraftReport, FleetReport
-from reports.figures.coverage import coverage_figures
-from reports.figures.drift import drift_figures, motors_over_flights, parameters_over_flights
 from reports.figures.figure import Figure
-from reports.figures.flights import flights_over_time
-from reports.figures.models import horizon_figure
+from reports.figures.fleet import (
+    coverage_figures,
+    drift_figures,
+    flights_over_time,
+    motors_over_flights,
+    parameters_over_flights,
+)
+from reports.figures.models import Board, horizon_figure
 from reports.pages import html
 from reports.views import fleet as fleet_views
 from reports.views import summary
@@ -31,7 +35,6 @@ from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
 from reports.views.fleet import FlightRow, ShownFinding
 from reports.views.fleet_answer import Insight, fleet_answer, insight
-from reports.views.model_board import Board
 from reports.views.model_uses import MOST_ADVICE, holding
 from reports.views.models import identified, judgements, thrust_coefficients
 from reports.views.parameters import coherence, parameters
@@ -179,7 +182,7 @@ def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftS
         for number, (flight, figure) in enumerate(craft.predictions.items())
     }
     board = None if craft.board is None else craft.board.within(prefix)
-    boarded = [] if board is None else board.every
+    boarded = [] if board is None else board.figures
     coverage_findings = () if report.coverage is None else report.coverage.findings
     drift_findings = () if report.drift is None else report.drift.findings
     told = [summary.sentence(finding.reason) for finding in drift_findings]

@@ -15,8 +15,7 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
 from reports.figures.figure import Figure
 from reports.figures.flight import flight_figures
-from reports.figures.models import horizon_figure, off_by_default
-from reports.figures.prediction import prediction
+from reports.figures.models import Board, horizon_figure, model_board, off_by_default, prediction
 from reports.figures.signals import signal_figures
 from reports.pages.html import render
 from reports.views import summary
@@ -25,7 +24,6 @@ from reports.views.account import ShownAccount, shown_account
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
 from reports.views.first_screen import first_figures
-from reports.views.model_board import Board, model_board
 from reports.views.model_uses import MOST_ADVICE, failing, holding
 from reports.views.models import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
 from reports.views.parameters import ShownCoherence, ShownParameters, coherence, parameters
@@ -151,7 +149,7 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
         details=estimate_details(numbers),
     )
     turned = [] if turning is None else turning.figures
-    figures = [*([] if ahead is None else [ahead]), *predicted, *board.every, *turned]
+    figures = [*([] if ahead is None else [ahead]), *predicted, *board.figures, *turned]
     return render("models.html", figures, page, script_file)
 
 

@@ -13,9 +13,9 @@ from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport
 from pipeline.results.verdict import Verdict
 from reports.figures.figure import Figure
+from reports.figures.models import Board
 from reports.numbers.rows import average
 from reports.views import summary
-from reports.views.model_board import Board
 from reports.views.models import Judgement, ShownModel, ShownThrust
 from reports.views.parameters import ShownCoherence, ShownParameters
 from reports.views.tables import ShownVerdict, rmse_heads, rmse_lines

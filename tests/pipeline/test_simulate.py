@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.errors import ConfigError
-from reports.figures.packing import unpack
 from rotorid.cli.main import app
 from simulation import CASES, ArrivalError
+from tests.reports.builders import unpack
 
 RUNNER = CliRunner()
 

@@ -1,12 +1,13 @@
 """What is read out of pages and their schema to be compared."""
 
+import base64
+import gzip
 import json
 import re
 from functools import cache
 
 import jsonschema
 
-from reports.figures.packing import unpack
 from reports.numbers.schema import schema
 
 
@@ -27,6 +28,11 @@ def strict(text: str) -> object:
         raise AssertionError(f"{constant} is not JSON")
 
     return json.loads(text, parse_constant=refuse)
+
+
+def unpack(text: str) -> dict:
+    """Read what travels of a figure as the page's script does, but for differences."""
+    return json.loads(gzip.decompress(base64.b64decode(text)))
 
 
 def drawn(page: str) -> list[dict]:

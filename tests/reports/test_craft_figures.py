@@ -14,8 +14,7 @@ from pipeline.results.coverage import QUANTITIES
 from pipeline.results.drift import Drift
 from pipeline.results.entry import FlightEntry, FlightParameter
 from pipeline.results.envelope import Envelope
-from reports.figures.coverage import coverage_figures
-from reports.figures.drift import drift_figures
+from reports.figures.fleet import coverage_figures, drift_figures
 from reports.views.coverage import coverage_table, outside
 from reports.views.drift import drift_sentences, drift_table
 from tests.pipeline.coverages import coverage_of

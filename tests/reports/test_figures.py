@@ -10,7 +10,7 @@ import pytest
 from pipeline.results.failure import Failure
 from reports.figures.figure import MOST_POINTS
 from reports.figures.flight import flight_figures, motors
-from reports.figures.prediction import prediction
+from reports.figures.models import prediction
 from tests.reports.builders import themed
 
 

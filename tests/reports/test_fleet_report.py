@@ -57,7 +57,7 @@ def test_each_flights_predictions_can_be_chosen(fleet):
 def test_the_models_of_a_craft_have_their_board(fleet):
     page = (fleet / "craft1.html").read_text("utf-8")
     places = re.search(r'data-places="([^"]+)"', page)[1].split()
-    assert places == ["1-bode", "1-step", "1-roots"]
+    assert places == ["1-bode", "1-roots"]
     values = re.findall(r'<option value="([^"]+)">', page)
     figures = {figure["id"]: figure["place"] for figure in drawn(page)}
     assert all(figures[f"{place}-{value}"] == place for place in places for value in values)

@@ -11,22 +11,24 @@ from tests.reports.builders import themed
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):
-    figures = [figure for some in response_figures(flight.models[0], "7-").values() for figure in some]
+    figures = [figure for some in response_figures(flight.models[0]).values() for figure in some]
     figures.append(horizon_figure(flight_report(flight).models))
     for figure in figures:
         go.Figure(data=themed(figure.data), layout=themed(figure.layout))  # raises on unknown attributes
         assert not figure.time
     names = [figure.id for figure in figures]
     assert len(set(names)) == len(names) == 7
-    assert names[0] == "bode-7-motors-x"
+    assert names[0] == "bode-motors-x"
 
 
 def test_the_curve_is_the_transfer_functions_own(flight):
     model = flight.models[0].model
     bode = response_figures(flight.models[0])["y"][0]
-    gain = next(trace for trace in bode.data if trace.get("name") == "m2" and trace["yaxis"] == "y")
-    expected = np.abs(model.transfer_functions["y"]["m2"].response(np.array(gain["x"])))
-    assert np.allclose(gain["y"], expected, rtol=2e-3)
+    gain = next(
+        trace for trace in bode.data if trace.get("name") == "m2" and trace["yaxis"] == "y" and "fill" not in trace
+    )
+    expected = np.abs(model.transfer_functions["y"]["m2"].response(2.0 * np.pi * np.array(gain["x"])))
+    assert np.allclose(10.0 ** (np.array(gain["y"]) / 20.0), expected, rtol=2e-3)
     bands = [trace for trace in bode.data if trace.get("fill") == "toself" and trace["legendgroup"] == "m2"]
     assert bands, "this flight determines its model"
 

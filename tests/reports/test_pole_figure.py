@@ -22,6 +22,7 @@ def test_a_lightly_damped_mode_is_within_the_scale(tmp_path: Path) -> None:
     poles = fit.transfer_function().poles
     assert np.max(poles.imag) > 100.0
     (left, right), (low, high) = (figure.layout[axis]["range"] for axis in ("xaxis", "yaxis"))
-    marks = [(trace["x"][0], trace["y"][0]) for trace in figure.data if trace["mode"] == "markers"]
+    drawn = [trace for trace in figure.data if trace["mode"] == "markers"]
+    marks = [place for trace in drawn for place in zip(trace["x"], trace["y"], strict=True)]
     assert len(marks) == len(poles)
     assert all(left < x < right and low < y < high for x, y in marks)

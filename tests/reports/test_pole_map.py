@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from reports.pole_map import pole_map
+from reports.figures.frequency import pole_map
 from sysid import TransferFunction
 
 
