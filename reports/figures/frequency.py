@@ -17,8 +17,7 @@ from sysid import TransferFunction
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.transfer_functions.frequency_response import frequency_response
-from sysid.transfer_functions.roots import Root
-from sysid.transfer_functions.transfer_function import poles, zeros
+from sysid.transfer_functions.transfer_function import Root, poles, zeros
 
 Floats = NDArray[np.float64]
 
