@@ -92,10 +92,10 @@ def _firmware(folder: Path) -> list[Row]:
             proof = prove(_read(folder, f"{craft}_id"), _read(folder, f"{craft}_{later}"))
             for axis, (_, second) in proof.loops.items():
                 for name in QUANTITIES:
-                    row = proof.table.loc[(axis, name)]
-                    spread = 1.96 * np.hypot(row["predicted_sigma"], row["measured_sigma"])
-                    held = abs(row["predicted"] - row["measured"]) <= spread
-                    errors.add(name, row["predicted"], row["measured"], held=bool(held))
+                    known = proof.table.loc[(axis, name)]
+                    spread = 1.96 * np.hypot(known["predicted_sigma"], known["measured_sigma"])
+                    held = abs(known["predicted"] - known["measured"]) <= spread
+                    errors.add(name, known["predicted"], known["measured"], held=bool(held))
                 fits.append(float(proof.table.loc[(axis, "step_fit"), "predicted"]))
                 _both_ways(ways, second.own_margins, second.measured_margins)
         tuning, seconds = timed(lambda: tune(_read(folder, f"{craft}_id")))  # noqa: B023

@@ -27,13 +27,12 @@ def frequency(
 
     Example: rotorid frequency chirps.bin sticks.bin --axis roll --out frequency
     """
-    from core.serialization import as_json as strict_json
     from pipeline.errors import ConfigError
     from pipeline.execution.progress import shown
     from reports.pages.frequency import frequency_page, sentences, terminal_table
     from rotorid.cli.output import console
     from sysid.frequency.axes import AXES
-    from sysid.frequency.export import survey_record, write
+    from sysid.frequency.export import survey_json, write
     from sysid.frequency.survey import survey
 
     wanted = tuple(dict.fromkeys(axis)) if axis else tuple(AXES)
@@ -49,7 +48,7 @@ def frequency(
     (out / "frequency.html").write_text(frequency_page(found), encoding="utf-8")
     write(found, out)
     if as_json:
-        typer.echo(strict_json(survey_record(found)), nl=False)
+        typer.echo(survey_json(found), nl=False)
     else:
         console().print(terminal_table(found))
         for each in found.axes:

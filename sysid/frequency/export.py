@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
 import pandas as pd
 import scipy
 
 from core.lazy import lazy
-from core.parameter import Parameter
 from core.serialization import as_json
-from logparse import Finding
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.rational import RationalModel
-from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
-from sysid.frequency.time_domain import Verification
 
 if TYPE_CHECKING:
     import control
 else:
     control = lazy("control")
-
-#: Numbers of an array, None for what is not finite.
-Numbers = tuple[float | None, ...]
 
 #: Order of the approximation of delays for tools that have none.
 _PADE_ORDER = 3
@@ -60,184 +53,60 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
     return pd.DataFrame(columns, index=pd.Index(frf.hz, name="hz"))
 
 
-class ResponseRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A frequency response."""
-
-    input: str
-    output: str
-    unit: str
-    method: str
-    instrument: str
-    source: str
-    duration: float
-    records: tuple[str, ...]
-    gyro_filter_hz: float | None
-    findings: tuple[Finding, ...]
-    hz: Numbers
-    real: Numbers
-    imag: Numbers
-    coherence: Numbers
-    sigma: Numbers
-    sigma_phase: Numbers
-    averages: Numbers
+#: What frequency.json holds of a response, of a check, and of a fit, by the names of their fields.
+_RESPONSE = (
+    *("input", "output", "unit", "method", "instrument", "source", "duration", "records", "gyro_filter_hz", "findings"),
+    *("hz", "coherence", "sigma", "sigma_phase", "averages"),
+)
+_CHECK = ("seconds", "rms", "fit_percent", "theil", "correlation", "verdict", "records")
+_FIT = ("cost", "verdict", "parameters", "correlation")
 
 
-class FitRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A fit to a response: parameters with errors, cost, poles, matrices."""
-
-    structure: tuple[str, ...]
-    cost: float
-    verdict: str
-    parameters: Mapping[str, Parameter]
-    insensitivity: Mapping[str, float | None]
-    correlation: tuple[Numbers, ...]
-    num: Numbers
-    den: Numbers
-    delay: float
-    poles: tuple[tuple[float, float], ...]  #: Real and imaginary part, rad/s.
-    state_space: Mapping[str, tuple[Numbers, ...]]
+def survey_json(found: FrequencySurvey) -> str:
+    """Return the text of frequency.json."""
+    couplings = [{name: getattr(each, name) for name in ("axis", "other", "ratio")} for each in found.couplings]
+    axes = [{name: value for name, value in _axis(axis).items() if value is not None} for axis in found.axes]
+    return as_json({"logs": found.names, "axes": axes, "couplings": couplings, "findings": found.findings})
 
 
-class AttitudeRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """How the attitude follows its target."""
-
-    bandwidth: Parameter
-    phase_delay: Parameter
-    peak: Parameter
-    fit: FitRecord
-    response: ResponseRecord
-
-
-class CheckRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """How the model predicted flying that was held out."""
-
-    seconds: float
-    rms: float
-    fit_percent: float
-    theil: float
-    correlation: float
-    white: bool | None
-    verdict: str
-    records: tuple[str, ...]
-
-
-class CouplingRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """How strongly the command of one axis turns the craft about another, in parts of its own answer."""
-
-    axis: str
-    other: str
-    ratio: Parameter
-
-
-class AxisRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What is known of an axis."""
-
-    axis: str
-    reason: str
-    attitude_reason: str
-    response: ResponseRecord | None = None
-    fit: FitRecord | None = None
-    attitude: AttitudeRecord | None = None
-    check: CheckRecord | None = None
-    check_reason: str = ""
-
-
-class SurveyRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What frequency.json holds."""
-
-    logs: tuple[str, ...]
-    axes: tuple[AxisRecord, ...]
-    couplings: tuple[CouplingRecord, ...]
-    findings: tuple[Finding, ...]
-
-
-def survey_record(found: FrequencySurvey) -> SurveyRecord:
-    """Return a survey as frequency.json holds it."""
-    return SurveyRecord(
-        logs=found.names,
-        axes=tuple(map(_axis, found.axes)),
-        couplings=tuple(CouplingRecord(axis=each.axis, other=each.other, ratio=each.ratio) for each in found.couplings),
-        findings=found.findings,
-    )
-
-
-def _axis(axis: AxisSurvey) -> AxisRecord:
-    attitude = axis.attitude
-    return AxisRecord(
-        axis=axis.axis,
-        reason=axis.reason,
-        attitude_reason=axis.attitude_reason,
-        response=None if axis.response is None else _response(axis.response),
-        fit=None if axis.fit is None else _fit(axis.fit),
-        attitude=None
+def _axis(axis: AxisSurvey) -> dict[str, object]:
+    attitude, check = axis.attitude, axis.check
+    return {
+        "axis": axis.axis,
+        "reason": axis.reason,
+        "attitude_reason": axis.attitude_reason,
+        "response": None if axis.response is None else _response(axis.response),
+        "fit": None if axis.fit is None else _fit(axis.fit),
+        "attitude": None
         if attitude is None
-        else AttitudeRecord(
-            bandwidth=attitude.bandwidth,
-            phase_delay=attitude.phase_delay,
-            peak=attitude.peak,
-            fit=_fit(attitude.fit),
-            response=_response(attitude.frf),
-        ),
-        check=None if axis.check is None else _check(axis.check),
-        check_reason=axis.check_reason,
-    )
+        else _fields(attitude, ("bandwidth", "phase_delay", "peak"))
+        | {"fit": _fit(attitude.fit), "response": _response(attitude.frf)},
+        "check": None
+        if check is None
+        else _fields(check, _CHECK) | {"white": None if check.residuals is None else check.residuals.white},
+        "check_reason": axis.check_reason or None,
+    }
 
 
-def _check(check: Verification) -> CheckRecord:
-    return CheckRecord(
-        seconds=check.seconds,
-        rms=check.rms,
-        fit_percent=check.fit_percent,
-        theil=check.theil,
-        correlation=check.correlation,
-        white=None if check.residuals is None else check.residuals.white,
-        verdict=check.verdict,
-        records=check.records,
-    )
+def _fields(value: object, names: Sequence[str]) -> dict[str, object]:
+    return {name: getattr(value, name) for name in names}
 
 
-def _response(frf: FrequencyResponse) -> ResponseRecord:
-    return ResponseRecord(
-        input=frf.input,
-        output=frf.output,
-        unit=frf.unit,
-        method=frf.method,
-        instrument=frf.instrument,
-        source=frf.source,
-        duration=frf.duration,
-        records=frf.records,
-        gyro_filter_hz=frf.gyro_filter_hz,
-        findings=frf.findings,
-        hz=tuple(frf.hz.tolist()),
-        real=tuple(frf.response.real.tolist()),
-        imag=tuple(frf.response.imag.tolist()),
-        coherence=tuple(frf.coherence.tolist()),
-        sigma=tuple(frf.sigma.tolist()),
-        sigma_phase=tuple(frf.sigma_phase.tolist()),
-        averages=tuple(frf.averages.tolist()),
-    )
+def _response(frf: FrequencyResponse) -> dict[str, object]:
+    return _fields(frf, _RESPONSE) | {"real": frf.response.real, "imag": frf.response.imag}
 
 
-def _fit(fit: FrequencyFit) -> FitRecord:
+def _fit(fit: FrequencyFit) -> dict[str, object]:
     model = fit.transfer_function()
-    matrices = model.state_space
-    return FitRecord(
-        structure=tuple(structure.name for structure in fit.structure),
-        cost=fit.cost,
-        verdict=fit.verdict,
-        parameters=fit.parameters,
-        insensitivity=dict(zip(fit.names, fit.insensitivity.tolist(), strict=True)),
-        correlation=_rows(fit.correlation),
-        num=tuple(model.num.tolist()),
-        den=tuple(model.den.tolist()),
-        delay=model.delay,
-        poles=tuple((pole.real, pole.imag) for pole in model.poles.tolist()),
-        state_space={name: _rows(getattr(matrices, name)) for name in "ABCD"},
+    return (
+        _fields(fit, _FIT)
+        | _fields(model, ("num", "den", "delay", "poles"))
+        | {
+            "structure": [structure.name for structure in fit.structure],
+            "insensitivity": dict(zip(fit.names, fit.insensitivity.tolist(), strict=True)),
+            "state_space": _fields(model.state_space, "ABCD"),
+        }
     )
-
-
-def _rows(matrix: Floats) -> tuple[Numbers, ...]:
-    return tuple(tuple(row) for row in matrix.tolist())
 
 
 def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
@@ -248,7 +117,7 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
     ``roll_attitude``.
     """
     files = [out / "frequency.json", out / "frequency.mat"]
-    files[0].write_text(as_json(survey_record(found)), encoding="utf-8")
+    files[0].write_text(survey_json(found), encoding="utf-8")
     responses: dict[str, tuple[FrequencyResponse, FrequencyFit | None]] = {}
     for axis in found.axes:
         if axis.response is not None:
@@ -265,7 +134,7 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
 
 def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, object]:
     names = ("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "direct", "unit")
-    struct: dict[str, object] = {name: getattr(frf, name) for name in names}
+    struct = _fields(frf, names)
     struct["gyro_filter_hz"] = np.nan if frf.gyro_filter_hz is None else frf.gyro_filter_hz
     if fit is not None:
         model = fit.transfer_function()
