@@ -10,7 +10,7 @@ from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Chirp, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import FrequencyResponse
-from sysid.frequency.time_domain import fit_in_time, verify
+from sysid.frequency.time_domain import verify
 
 __all__ = [
     "AXES",
@@ -22,7 +22,6 @@ __all__ = [
     "attitude_response",
     "find_chirps",
     "fit",
-    "fit_in_time",
     "response",
     "verify",
 ]

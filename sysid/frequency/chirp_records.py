@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,46 +18,47 @@ from sysid.frequency.response import Floats
 _SKIPPED = 1.15
 
 
-def chirp_record(log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp) -> AxisRecord:
+def chirp_record(
+    log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp, beside: Sequence[Axis] = ()
+) -> AxisRecord:
     """Cut the record of one chirp: the axis' controller output, its answer, and the chirp as instrument.
 
-    Raises
-    ------
-    FrequencyError
-        When the log lacks the signals of the axis within the chirp.
+    With the outputs of the axes `beside`, what each command does is told apart; into those that the chirp is not of
+    nothing was injected. FrequencyError when the log lacks the signals within the chirp.
     """
     chirp = below_folding(log, chirp, signals.step)
-    rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
+    rows = signals.within(chirp.start, chirp.stop)
     t = signals.t[rows]
     if len(t) < 16:
         raise FrequencyError(f"{log.path.name}: no RATE or PID rows within the chirp at {chirp.start:.1f} s")
-    missing = [n for n in (axis.input, axis.output) if n not in signals.columns]
+    axes = (*beside, axis)
+    missing = [n for n in (*(each.input for each in axes), axis.output) if n not in signals.columns]
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} for the {axis.name} axis")
-    command = signals.columns[axis.input][rows]
-    if chirp.at_mixer and not signals.with_chirp and chirp.axis == axis.name:
-        command = command + chirp_signal(log, t, chirp)
+    commands = []
+    for each in axes:
+        late = chirp.at_mixer and not signals.with_chirp and chirp.axis == each.name
+        commands.append(signals.columns[each.input][rows] + (chirp_signal(log, t, chirp) if late else 0.0))
+    added = [float(not beside or chirp.axis == each.name) for each in axes]
     answer = signals.columns[axis.output][rows]
-    record = record_of_chirp(log, chirp, t, command, answer, lambda at: chirp_signal(log, at, chirp))
+    record = record_of_chirp(log, chirp, t, commands, answer, lambda at: np.outer(chirp_signal(log, at, chirp), added))
     return replace(record, source=signals.source)
 
 
 def record_of_chirp(
-    log: FlightLog, chirp: Chirp, t: Floats, command: Logged, answer: Logged, added: Callable[[Floats], Floats]
+    log: FlightLog,
+    chirp: Chirp,
+    t: Floats,
+    commands: Sequence[Logged],
+    answer: Logged,
+    added: Callable[[Floats], Floats],
 ) -> AxisRecord:
-    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added as instrument.
+    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added, (N, inputs).
 
     The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
     frequencies, must not be in it.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times within the chirp, s.
-    command, answer : ndarray, shape (N,)
-        Input and output at these times.
     """
-    clock, values, usable = on_uniform_clock(t, [command, answer])
+    clock, values, usable = on_uniform_clock(t, [*commands, answer])
     refuse_scattered(log, lost_one_by_one(t, float(clock[1] - clock[0])))
     table = log.tables.systemid
     assert table is not None
@@ -68,9 +69,9 @@ def record_of_chirp(
         name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
         start=float(clock[0]),
         dt=float(clock[1] - clock[0]),
-        inputs=values[:, :1],
-        output=values[:, 1],
-        instruments=added(clock)[:, None],
+        inputs=values[:, :-1],
+        output=values[:, -1],
+        instruments=added(clock),
         usable=usable,
         band=(chirp.low, chirp.high),
         instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
@@ -79,18 +80,7 @@ def record_of_chirp(
 
 
 def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
-    """Interpolate a chirp as it was added at the times `t`; zero outside it.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        s.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        In the unit of `Tables.systemid`.
-    """
+    """Interpolate a chirp as it was added at the times `t` [s]; zero outside it; in the unit of `Tables.systemid`."""
     table = log.tables.systemid
     assert table is not None
     times = table.index.to_numpy(np.float64)

@@ -9,9 +9,7 @@ import numpy as np
 
 from core.parameter import Parameter
 from core.quantity import uncertain
-from core.units import quantity
-from logparse import FlightLog, GivenLogs, logs_of
-from logparse.canonical.series import wrap
+from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.cost import POOR
@@ -21,15 +19,13 @@ from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.flight_records import flight_span
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.sources import GivenSignals, sources_of
 
 #: Frequencies that are looked at, Hz.
 _BAND = (0.1, 20.0)
 
 #: Movement [rad] of target and attitude below which nothing was asked of an axis.
 _STILL = 0.004
-
-#: Names of the targets of roll, pitch and yaw in the messages of firmware of all ages.
-_TARGETS = {"roll": ("DesRoll", "RollIn"), "pitch": ("DesPitch", "PitchIn"), "yaw": ("DesYaw", "NavYaw")}
 
 #: A standard deviation beyond this part of the bandwidth, or this many seconds of delay, leaves it undetermined.
 _BANDWIDTH_KNOWN, _DELAY_KNOWN = 0.3, 0.065
@@ -61,7 +57,7 @@ class AttitudeResponse:
 
 
 def attitude_response(
-    data: GivenLogs,
+    data: GivenSignals,
     axis: str,
     *,
     part: tuple[float, float] = (0.0, 1.0),
@@ -86,11 +82,10 @@ def attitude_response(
     which = axis_of(axis)
     if not which.attitude:
         raise FrequencyError("the vertical axis has no attitude; ask for roll, pitch or yaw")
-    logs = logs_of(data)
     records, reasons = [], []
-    for log in logs:
+    for source in sources_of(data):
         try:
-            records.append(_record(log, which, part, within))
+            records.append(_record(source.log, which, part, within))
         except FrequencyError as error:
             reasons.append(str(error))
     if not records:
@@ -142,34 +137,19 @@ def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Withi
 
 
 def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Floats]:
-    """Return times, targets and angles [rad] of an axis, of the fastest message that has both in its rows."""
-    best = None
-    for name in ("ANG", "ATT"):
-        if log.messages.counts.get(name, 0) < 32:
-            continue
-        frame = log.messages.once(name, (*_TARGETS[axis.name], axis.name.title()))
-        target = next((column for column in _TARGETS[axis.name] if column in frame), None)
-        if target is not None and axis.name.title() in frame and (best is None or len(frame) > len(best[0])):
-            best = (frame, target)
-    if best is not None:
-        frame, name = best
-        t = frame.index.to_numpy(np.float64)
-        both = [wrap(quantity(frame, column, "deg")) for column in (name, axis.name.title())]
-    else:
-        targets, attitude = log.tables.setpoints, log.tables.attitude
-        if targets is None or attitude is None or len(attitude) < 32 or targets[axis.name].isna().all():
-            raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
-        t = attitude.index.to_numpy(np.float64)
-        wanted = targets[axis.name].dropna()
-        if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
-            raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
-        at = np.interp(t, wanted.index.to_numpy(np.float64), np.unwrap(wanted.to_numpy(np.float64)))
-        both = [at, attitude[axis.name].to_numpy(np.float64)]
-    order = np.argsort(t, kind="stable")
-    keep = order[np.concatenate([[True], np.diff(t[order]) > 0.0]) & np.isfinite(both[0] + both[1])[order]]
-    if len(keep) < 32:
+    """Return times, targets and angles [rad] of an axis at the rows of its attitude."""
+    targets, attitude = log.tables.setpoints, log.tables.attitude
+    if targets is None or attitude is None or len(attitude) < 32 or targets[axis.name].isna().all():
+        raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
+    wanted = targets[axis.name].dropna()
+    if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
+        raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
+    t, angle = attitude.index.to_numpy(np.float64), attitude[axis.name].to_numpy(np.float64)
+    target = np.interp(t, wanted.index.to_numpy(np.float64), np.unwrap(wanted.to_numpy(np.float64)))
+    known = np.isfinite(angle)
+    if np.count_nonzero(known) < 32:
         raise FrequencyError(f"{log.path.name}: too few rows of attitude with its target")
-    return t[keep], both[0][keep], both[1][keep]
+    return t[known], target[known], angle[known]
 
 
 def _phase(found: FrequencyFit, omega: float) -> float:

@@ -7,22 +7,19 @@ controller does against the coupling does not count.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from core.parameter import Parameter
-from logparse import FlightLog
 from sysid.frequency.axes import AXES, Axis, FrequencyError
-from sysid.frequency.chirp_records import chirp_signal
+from sysid.frequency.chirp_records import chirp_record
 from sysid.frequency.estimate import coherent_up_to, response_of_records
-from sysid.frequency.excitation import Chirp, Within, find_chirps
+from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.flight_records import flight_record
-from sysid.frequency.rate_signals import RateSignals
-from sysid.frequency.records import AxisRecord, on_uniform_clock
+from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
-from sysid.frequency.sources import signals_of
+from sysid.frequency.sources import GivenSignals, LogSignals, sources_of
 
 #: Independent measurements that an average needs.
 _FEWEST = 4.0
@@ -49,7 +46,7 @@ class Coupling:
         return known.value is not None and known.sigma is not None and abs(known.value) > 3.0 * known.sigma
 
 
-def coupling(logs: Sequence[FlightLog], own: FrequencyResponse, other: str, within: Within | None = None) -> Coupling:
+def coupling(logs: GivenSignals, own: FrequencyResponse, other: str, within: Within | None = None) -> Coupling:
     """Estimate what the command of an axis does to another.
 
     Raises
@@ -58,7 +55,7 @@ def coupling(logs: Sequence[FlightLog], own: FrequencyResponse, other: str, with
         Where the logs do not tell the two commands apart.
     """
     commanded, answering = AXES[own.axis], AXES[other]
-    records = [record for log in logs for record in _records(log, commanded, answering, within)]
+    records = [record for source in sources_of(logs) for record in _records(source, commanded, answering, within)]
     if not records:
         raise FrequencyError(
             f"{own.axis} to {other}: the logs excite one of both axes only; fly chirps, or sticks, on both"
@@ -89,51 +86,23 @@ def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
     return Parameter(mean, sigma, "1")
 
 
-def _records(log: FlightLog, commanded: Axis, answering: Axis, within: Within | None) -> list[AxisRecord]:
+def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Within | None) -> list[AxisRecord]:
     """Cut records with the command looked at as first input and that of the answering axis as second."""
-    signals = signals_of(log, answering)
+    signals, log = source.of(answering), source.log
     if any(name not in signals.columns for name in (commanded.input, answering.input, answering.output)):
         return []
-    chirps = [chirp for chirp in find_chirps(log, within) if chirp.worthwhile]
-    pair = [chirp for chirp in chirps if chirp.axis in (commanded.name, answering.name)]
-    if {chirp.axis for chirp in pair} == {commanded.name, answering.name}:
-        return [record for chirp in pair if (record := _chirped(log, signals, commanded, answering, chirp)) is not None]
-    if pair:
-        return []
+    names = {commanded.name, answering.name}
+    pair = [chirp for chirp in find_chirps(log, within) if chirp.worthwhile and chirp.axis in names]
     try:
-        both = [flight_record(log, signals, axis, within) for axis in (commanded, answering)]
+        if pair:
+            both_flown = {chirp.axis for chirp in pair} == names
+            return [chirp_record(log, signals, answering, chirp, [commanded]) for chirp in pair] if both_flown else []
+        first, second = (flight_record(log, signals, axis, within) for axis in (commanded, answering))
     except FrequencyError:
         return []
-    first, second = both
     if first.start != second.start or len(first.output) != len(second.output):
         return []
-    columns = [np.column_stack([getattr(each, name)[:, 0] for each in both]) for name in ("inputs", "instruments")]
-    return [replace(second, inputs=columns[0], instruments=columns[1])]
-
-
-def _chirped(log: FlightLog, signals: RateSignals, commanded: Axis, answering: Axis, chirp: Chirp) -> AxisRecord | None:
-    """Cut a chirp on either axis; what was injected into the other is nothing."""
-    rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
-    t = signals.t[rows]
-    if len(t) < 16:
-        return None
-    added = chirp_signal(log, t, chirp)
-    inputs, instruments = [], []
-    for axis in (commanded, answering):
-        mine = chirp.axis == axis.name
-        late = chirp.at_mixer and not signals.with_chirp and mine
-        inputs.append(signals.columns[axis.input][rows] + (added if late else 0.0))
-        instruments.append(float(mine))
-    clock, values, usable = on_uniform_clock(t, [*inputs, signals.columns[answering.output][rows]])
-    return AxisRecord(
-        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
-        start=float(clock[0]),
-        dt=float(clock[1] - clock[0]),
-        inputs=values[:, :2],
-        output=values[:, 2],
-        instruments=np.outer(chirp_signal(log, clock, chirp), instruments),
-        usable=usable,
-        band=(chirp.low, chirp.high),
-        instrument="chirps",
-        source=signals.source,
+    inputs, instruments = (
+        np.column_stack([getattr(each, name)[:, 0] for each in (first, second)]) for name in ("inputs", "instruments")
     )
+    return [replace(second, inputs=inputs, instruments=instruments)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from logparse import Finding, FlightLog, Severity, logs_of
+from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.chirp_records import chirp_record
 from sysid.frequency.composite import merge
@@ -24,7 +24,7 @@ from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
 from sysid.frequency.response import OVER_FREQUENCY, Complex, Floats, FrequencyResponse
 from sysid.frequency.smoothness import roughness
-from sysid.frequency.sources import BURSTS, filtered, signals_of
+from sysid.frequency.sources import BURSTS, LogSignals, filtered, sources_of
 from sysid.frequency.spectra import (
     RecordWindows,
     Regression,
@@ -89,8 +89,8 @@ _BESIDE = 2
 #: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
 _LOWEST_RATE = 8.0
 
-#: A log by its path, too.
-Data = FlightLog | Experiment | str | Path
+#: A log by its path, too, or its signals where they are read already.
+Data = FlightLog | LogSignals | Experiment | str | Path
 
 
 def response(
@@ -120,8 +120,9 @@ def response(
     """
     which = axis_of(axis)
     findings: list[Finding] = []
-    records = records_of(data, which, findings, within)
-    logs = [source for source, _ in _sources(data, within) if isinstance(source, FlightLog)]
+    sources = _sources(data, within)
+    records = records_of(sources, which, findings)
+    logs = [each.log for each, _ in sources if isinstance(each, LogSignals)]
     source = records[0].source
     filters = {filtered(log, source) for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
@@ -139,7 +140,7 @@ def response(
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like, upto=upto)
     if source.endswith(BURSTS):
         with suppress(FrequencyError):  # what is slower than bursts last, from gyros that are slow
-            slower = records_of(data, which, within=within, bursts=False)
+            slower = records_of(sources, which, [], bursts=False)
             if slower[0].source.split(" to ")[0] == source.split(" to ")[0]:  # rotor speeds are past a lag
                 corner = filtered(logs[0], slower[0].source)
                 frf = _joined(response_of_records(slower, which, gyro_filter_hz=corner), frf)
@@ -158,22 +159,17 @@ def response(
     return replace(frf, findings=tuple(findings), systematic=common, systematic_delay=delay, limited=limited)
 
 
+#: Signals of a log, or a record of other origin, and the part of it that counts.
+Source = tuple[LogSignals | Experiment, Within | None]
+
+
 def records_of(
-    data: Data | Sequence[Data],
-    axis: Axis,
-    findings: list[Finding] | None = None,
-    within: Within | None = None,
-    *,
-    bursts: bool = True,
+    sources: Sequence[Source], axis: Axis, findings: list[Finding], *, bursts: bool = True
 ) -> list[AxisRecord]:
     """Cut the records of an axis: its chirps where there are any, else ordinary flying.
 
-    Raises
-    ------
-    FrequencyError
-        When there is none; the message says why not, log by log.
+    FrequencyError when there is none; the message says why not, log by log.
     """
-    sources = _sources(data, within)
     if not sources:
         raise FrequencyError("no logs given")
     chirped: list[AxisRecord] = []
@@ -184,13 +180,13 @@ def records_of(
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, [] if findings is None else findings, reasons, part, bursts=bursts)
+            found = _chirped(source, axis, findings, reasons, part, bursts=bursts)
             chirped += found
             if not found:
                 ordinary.append(ordinary_record(source, axis, part, bursts=bursts))
         except FrequencyError as error:
             reasons.append(str(error))
-    records = _of_one_source(chirped or ordinary, [] if findings is None else findings)
+    records = _of_one_source(chirped or ordinary, findings)
     # Spectra of records add up only with the same inputs: of two kinds, the simpler counts for all.
     fewest = min((record.inputs.shape[1] for record in records), default=1)
     records = [record if record.inputs.shape[1] == fewest else record.alone() for record in records]
@@ -199,16 +195,17 @@ def records_of(
     return records
 
 
-def _sources(data: Data | Sequence[Data], within: Within | None) -> list[tuple[FlightLog | Experiment, Within | None]]:
+def _sources(data: Data | Sequence[Data], within: Within | None) -> list[Source]:
     """Return each source with the part of it that counts; a record cut from a log is that stretch of the log."""
-    found: list[tuple[FlightLog | Experiment, Within | None]] = []
+    found: list[Source] = []
     for each in [data] if isinstance(data, Data) else data:
         if not isinstance(each, Experiment):
-            found += [(log, within) for log in logs_of(each)]
+            found += [(source, within) for source in sources_of(each, within)]
         elif each.log is None:
             found.append((each, None))
         else:
-            found.append((each.log, (float(each.t[0]), float(each.t[-1])) if within is None else within))
+            part = (float(each.t[0]), float(each.t[-1])) if within is None else within
+            found.append((LogSignals(each.log, part), part))
     return found
 
 
@@ -232,30 +229,28 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     return [record for record in records if record.source == kept]
 
 
-def ordinary_record(log: FlightLog, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
+def ordinary_record(source: LogSignals, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
-    Raises
-    ------
-    FrequencyError
-        Without the signals.
+    FrequencyError without the signals.
     """
-    if not axis.attitude and "RATE" not in log.messages:
-        return throttle_record(log, within)
-    return flight_record(log, signals_of(log, axis, bursts=bursts), axis, within)
+    if not axis.attitude and "RATE" not in source.log.messages:
+        return throttle_record(source.log, within)
+    return flight_record(source.log, source.of(axis, bursts=bursts), axis, within)
 
 
 def _chirped(
-    log: FlightLog, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None, *, bursts: bool
+    source: LogSignals, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None, *, bursts: bool
 ) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
+    log = source.log
     every = find_chirps(log, within)
     chirps = [chirp for chirp in every if chirp.axis == axis.name]
     if why := overlapped(log, axis.name, every):
         reasons.append(why)
     if not chirps:
         return []
-    signals = signals_of(log, axis, bursts=bursts)
+    signals = source.of(axis, bursts=bursts)
     records = []
     for chirp in chirps:
         if not chirp.worthwhile:

@@ -9,7 +9,6 @@ import numpy as np
 from logparse import FlightLog
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, Axis, FrequencyError
-from sysid.frequency.even_signals import rows_within
 from sysid.frequency.excitation import Within
 from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.rate_signals import RateSignals
@@ -21,7 +20,6 @@ from sysid.frequency.records import (
     refuse_scattered,
 )
 from sysid.frequency.response import Floats
-from sysid.frequency.sources import evenly
 
 #: Variance of what a kick counts for, per part of the rows that is lost one by one: 1 for its own row, twice 0.6
 #: squared for its neighbours.
@@ -79,7 +77,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         Without a flight, or without the signals of the axis in it.
     """
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
-    rows = rows_within(signals, start, stop)
+    rows = signals.within(start, stop)
     t = signals.t[rows]
     wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
     known = {name: signals.columns[name][rows] for name in wanted}
@@ -95,9 +93,8 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         beside, name = [axis.reference], "rate target"
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
-    # What asks for lift may be another thing in each part of a flight.
-    outside = {} if target is None else {name if axis.attitude else f"{name} from {start}": partial(_at_rows, target)}
-    clock, values, usable = evenly(signals, [axis.input, axis.output, *others, *beside], outside, start, stop)
+    outside = [] if target is None else [partial(_at_rows, target)]
+    clock, values, usable = signals.evenly([axis.input, axis.output, *others, *beside], start, stop, *outside)
     lost = lost_one_by_one(t, float(clock[1] - clock[0]))
     refuse_scattered(log, lost)
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]

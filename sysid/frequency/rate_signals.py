@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.units import quantity
 from logparse import FlightLog
@@ -13,7 +15,7 @@ from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.records import Logged
+from sysid.frequency.records import Logged, on_uniform_clock
 from sysid.frequency.response import Floats
 
 #: Time [s] before and after what is needed of the rate controllers that tells of air and battery there.
@@ -33,6 +35,22 @@ class RateSignals:
     def step(self) -> float:
         """Return the usual step, s."""
         return float(np.median(np.diff(self.t)))
+
+    def within(self, start: float, stop: float) -> slice:
+        """Return which rows lie within a stretch of time."""
+        return slice(np.searchsorted(self.t, start), np.searchsorted(self.t, stop, side="right"))
+
+    def evenly(
+        self, names: Sequence[str], start: float, stop: float, *further: Callable[[Floats], Floats]
+    ) -> tuple[Floats, Logged, NDArray[np.bool_]]:
+        """Bring columns of a stretch, and functions of time beside them, to an even clock, as `on_uniform_clock` does.
+
+        In the precision in which they are logged.
+        """
+        rows = self.within(start, stop)
+        t, values, usable = on_uniform_clock(self.t[rows], [self.columns[name][rows] for name in names])
+        values = np.column_stack([values, *(at(t) for at in further)])
+        return t, values.astype(self.columns[names[0]].dtype, copy=False), usable
 
 
 def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:

@@ -9,20 +9,19 @@ The faster of the two is brought to the times of the slower below half of its ra
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from core.cubic_spline import cubic_spline
-from core.recent import Recent
-from logparse import FlightLog, MissingDataError
+from logparse import FlightLog, GivenLogs, MissingDataError, logs_of
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.antialias import below, pieces_of
 from sysid.frequency.axes import Axis, FrequencyError
-from sysid.frequency.even_signals import EvenSignals, Further, OnClock, brought_evenly
 from sysid.frequency.excitation import Within
 from sysid.frequency.rate_signals import RateSignals, rate_signals, with_vertical
 from sysid.frequency.response import Floats
@@ -49,87 +48,70 @@ _FEWEST = 16
 _TURNING, _LIFTING, _TOGETHER, _POWERS = 0.02, 0.5, 0.9, (1.0, 3.0)
 
 
-class _Kept:
-    """What is kept of a log while it is surveyed."""
+class LogSignals:
+    """The signals of a log's axes, each from the best source that the log has, read once for all of them.
 
-    def __init__(self, within: Within | None) -> None:
-        self.within = within  #: Stretch of time that is needed, s.
-        #: Of one log, with and without the vertical axis.
-        self.signals = Recent[RateSignals](2)
-        self.even = Recent[EvenSignals](2)
-
-
-#: Signals of the rate controller while `kept_signals` lasts.
-_kept: ContextVar[_Kept | None] = ContextVar("kept", default=None)
-
-
-@contextmanager
-def kept_signals(within: Within | None = None) -> Iterator[None]:
-    """Keep the rate controller's signals of a log while it is surveyed: all its axes and their checks want them."""
-    token = _kept.set(_Kept(within))
-    try:
-        yield
-    finally:
-        _kept.reset(token)
-
-
-def _controllers(log: FlightLog, *, vertical: bool) -> RateSignals:
-    kept = _kept.get() or _Kept(None)
-    signals = kept.signals.of(log, make=lambda: as_motors_got(log, rate_signals(log, kept.within)))
-    return kept.signals.of(signals, make=lambda: with_vertical(log, signals)) if vertical else signals
-
-
-def evenly(signals: RateSignals, names: Sequence[str], further: Further, start: float, stop: float) -> OnClock:
-    """Return signals of a stretch of time on an even clock, while `kept_signals` lasts a common one.
-
-    Returns
-    -------
-    clock, values, usable : ndarray, shape (N,), (N, len(names) + len(further)) and (N,)
-        As `on_uniform_clock` returns them.
+    Of a log of which only the stretch `within` [s] is asked for, the controllers' rows beyond it are not read.
     """
-    kept = _kept.get()
-    if kept is not None:
-        even = kept.even.of(signals, make=lambda: EvenSignals(signals, start, stop))
-        found = even.between(names, further, start, stop)
-        if found is not None:
-            return found
-    return brought_evenly(signals, names, further, start, stop)
+
+    def __init__(self, log: FlightLog, within: Within | None = None) -> None:
+        self.log, self._within = log, within
+
+    @cached_property
+    def controllers(self) -> RateSignals:
+        """Return what the rate controllers said, their outputs as motors got them."""
+        return as_motors_got(self.log, rate_signals(self.log, self._within))
+
+    @cached_property
+    def vertical(self) -> RateSignals:
+        """Return the same with the vertical axis."""
+        return with_vertical(self.log, self.controllers)
+
+    @cached_property
+    def pairs(self) -> list[RateSignals]:
+        """Return motors and gyros that stand for the controllers, the fastest first."""
+        return sorted(_pairs(self.log), key=lambda pair: pair.step)
+
+    def of(self, axis: Axis, *, bursts: bool = True) -> RateSignals:
+        """Return the signals of an axis; FrequencyError without any, with what to log."""
+        if not axis.attitude:
+            return self.vertical
+        controllers, reason = None, ""
+        try:
+            known = self.controllers.columns
+            wanted = [known.get(name) for name in (axis.input, axis.output)]
+            if all(values is not None and np.isfinite(values).sum() >= 16 for values in wanted):
+                controllers = self.controllers
+        except FrequencyError as error:
+            reason = str(error)
+        if controllers is not None and 1.0 / controllers.step >= _FAST_ENOUGH:
+            return controllers
+        # Bursts last a second: what is slower than a few hertz does not show in them.
+        whole = [pair for pair in self.pairs if not pair.source.endswith(BURSTS)]
+        enough = not bursts or (whole and whole[0].step <= 1.0 / _WHOLE)
+        best = next(iter(whole if enough else self.pairs), None)
+        if controllers is not None and (best is None or controllers.step < FASTER * best.step):
+            return controllers
+        if best is None:
+            raise FrequencyError(
+                reason
+                or f"{self.log.path.name}: the log has no {axis.input} and no {axis.output} for the {axis.name} axis, "
+                f"and no motor outputs with gyros at {_LOWEST:.0f} Hz in their place; "
+                f"{bit_to_set(Need.FAST_RATES, self.log)}"
+            )
+        return best
 
 
-def signals_of(log: FlightLog, axis: Axis, *, bursts: bool = True) -> RateSignals:
-    """Return the signals of an axis from the best source that a log has.
+#: Logs, or their signals where they are read already.
+GivenSignals = GivenLogs | LogSignals | Sequence[FlightLog | LogSignals | str | Path]
 
-    Raises
-    ------
-    FrequencyError
-        Without any, with what to log.
-    """
-    controllers: RateSignals | None = None
-    reason = ""
-    try:
-        controllers = _controllers(log, vertical=not axis.attitude)
-    except FrequencyError as error:
-        reason = str(error)
-    if controllers is not None:
-        wanted = [controllers.columns.get(name) for name in (axis.input, axis.output)]
-        if any(values is None or np.isfinite(values).sum() < 16 for values in wanted):
-            controllers = None
-    if not axis.attitude or (controllers is not None and 1.0 / controllers.step >= _FAST_ENOUGH):
-        return controllers if controllers is not None else with_vertical(log, rate_signals(log))
-    others = sorted(_pairs(log), key=lambda pair: pair.step)
-    # Bursts last a second: what is slower than a few hertz does not show in them.
-    whole = [pair for pair in others if not pair.source.endswith(BURSTS)]
-    enough = not bursts or (whole and whole[0].step <= 1.0 / _WHOLE)
-    best = next(iter(whole if enough else others), None)
-    if controllers is not None and (best is None or controllers.step < FASTER * best.step):
-        return controllers
-    if best is None:
-        raise FrequencyError(
-            reason
-            or f"{log.path.name}: the log has no {axis.input} and no {axis.output} for the {axis.name} axis, and no "
-            f"motor outputs with gyros at {_LOWEST:.0f} Hz in their place; {bit_to_set(Need.FAST_RATES, log)}"
-        )
-    return best
+
+def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSignals]:
+    """Return the signals of each log, and of each power-up of one."""
+    found: list[LogSignals] = []
+    for each in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
+        found += [each] if isinstance(each, LogSignals) else [LogSignals(log, within) for log in logs_of(each)]
+    return found
 
 
 def _pairs(log: FlightLog) -> Iterator[RateSignals]:

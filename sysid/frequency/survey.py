@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from logparse import Finding, FlightLog, GivenLogs, Severity, logs_of
+from logparse import Finding, GivenLogs, Severity
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.coupling import Coupling, coupling
@@ -17,7 +17,7 @@ from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import FrequencyFit, fit
 from sysid.frequency.response import COHERENT, FrequencyResponse
-from sysid.frequency.sources import kept_signals
+from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.time_domain import Verification, hold_out
 
 #: Frequencies that two responses must have in common to be compared, and part of the gain by which flights of a craft
@@ -70,13 +70,11 @@ def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | 
     FrequencyError
         For an axis that does not exist.
     """
-    given = logs_of(logs)
-    names = tuple(log.name for log in given)
-    with kept_signals(within):
-        found = tuple(_axis(given, axis, within) for axis in axes)
-        single = _single(given, axes, within) if len(given) > 1 else ()
-        couplings = _couplings(given, found, within)
-    return FrequencySurvey(names, found, couplings, single, tuple(_differing(single)))
+    given = sources_of(logs, within)
+    found = tuple(_axis(given, axis, within) for axis in axes)
+    single = _single(given, axes, within) if len(given) > 1 else ()
+    couplings = _couplings(given, found, within)
+    return FrequencySurvey(tuple(each.log.name for each in given), found, couplings, single, tuple(_differing(single)))
 
 
 def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Finding]:
@@ -109,18 +107,18 @@ def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Find
 
 
 def _single(
-    logs: Sequence[FlightLog], axes: Sequence[str], within: Within | None
+    logs: Sequence[LogSignals], axes: Sequence[str], within: Within | None
 ) -> tuple[tuple[str, FrequencyResponse], ...]:
     """Estimate the responses of each log by itself, to be compared."""
     found = []
     for log in logs:
         for axis in axes:
             with suppress(FrequencyError):
-                found.append((log.name, response(log, axis, within)))
+                found.append((log.log.name, response(log, axis, within)))
     return tuple(found)
 
 
-def _couplings(logs: Sequence[FlightLog], found: Sequence[AxisSurvey], within: Within | None) -> tuple[Coupling, ...]:
+def _couplings(logs: Sequence[LogSignals], found: Sequence[AxisSurvey], within: Within | None) -> tuple[Coupling, ...]:
     """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
     known = {each.axis: each.response for each in found if each.fit is not None and each.response is not None}
     couplings = []
@@ -131,7 +129,7 @@ def _couplings(logs: Sequence[FlightLog], found: Sequence[AxisSurvey], within: W
     return tuple(couplings)
 
 
-def _axis(logs: list[FlightLog], axis: str, within: Within | None) -> AxisSurvey:
+def _axis(logs: Sequence[LogSignals], axis: str, within: Within | None) -> AxisSurvey:
     frf: FrequencyResponse | None = None
     found: FrequencyFit | None = None
     attitude: AttitudeResponse | None = None

@@ -1,29 +1,28 @@
-"""A structure in the time domain: a cross-check of its parameters, and its verification on held-out flights."""
+"""A fit in the time domain: its verification on held-out flights."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from scipy.linalg import solve_toeplitz
 
-from core.parameter import Parameter
-from logparse import FlightLog, GivenLogs, logs_of
+from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError, log_by_log
-from sysid.frequency.estimate import ordinary_record, records_of, response
+from sysid.frequency.estimate import ordinary_record, response
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, refit
 from sysid.frequency.limits import FOLDING
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
+from sysid.frequency.sources import GivenSignals, LogSignals, sources_of
 from sysid.records.filtering import above
 from sysid.statistics.covariance import independent_samples
 from sysid.statistics.residuals import ResidualTest, examine_residuals
 
-#: Order of the autoregression that whitens the remainder, and how often it is estimated anew.
-_AUTOREGRESSION, _ROUNDS = 12, 3
+#: Order of the autoregression that whitens the remainder.
+_AUTOREGRESSION = 12
 
 #: Slower movements [Hz] are of wind and trim, not of what is verified.
 _SLOWEST = 0.15
@@ -42,69 +41,6 @@ GOOD_THEIL = 0.3
 
 #: Standard deviations up to which errors and what was asked may correlate by chance, as the largest of many lags.
 UNRELATED = 4.0
-
-
-def fit_in_time(found: FrequencyFit, data: GivenLogs) -> Mapping[str, Parameter]:
-    """Fit the structure of one frequency response to the samples it came from, by the prediction-error method.
-
-    The output-error of the structure is whitened by an autoregression, which makes the estimate consistent also where
-    the loop is closed, as far as the noise is one (Ljung 1999, section 13.4).
-
-    Parameters
-    ----------
-    found : FrequencyFit
-        Of one axis; its values are where the search starts.
-    data : FlightLog, path-like, or a sequence of either
-
-    Returns
-    -------
-    mapping of str to Parameter
-        Parameters by name, with Cramer-Rao's errors.
-
-    Raises
-    ------
-    FrequencyError
-        Where the data have no record of the axis, or the fit is of several axes.
-    """
-    if len(found.axes) != 1:
-        raise FrequencyError("the time-domain check takes a fit of one axis")
-    axis, structure = AXES[found.axes[0]], found.structure[0]
-    records = [record.difference() if axis.attitude else record for record in records_of(data, axis)]
-    remainders_of = [record.remainders() for record in records]
-    specs = structure.specs
-    positive = np.array([spec.positive for spec in specs])
-    scale = np.array([spec.scale for spec in specs])
-    start = found.values
-    sign = np.where(positive, np.sign(start), 1.0)
-
-    def values_of(x: Floats) -> Floats:
-        return np.asarray(np.where(positive, sign * np.exp(x), x * scale))
-
-    def remainders(x: Floats) -> list[Floats]:
-        model = found.at(values_of(x))
-        left = [without(model.response) for without in remainders_of]
-        return [np.asarray((one.output - np.mean(one.output))[one.usable]) for one in left]
-
-    x = np.asarray(np.where(positive, np.log(np.abs(start)), start / scale))
-    slope, error = np.zeros((1, len(x))), np.zeros(1)
-    for _ in range(_ROUNDS):
-        whitening = _whitening(remainders(x))
-
-        def whitened(x: Floats, filter_: Floats = whitening) -> Floats:
-            parts = [np.convolve(one, filter_, "valid") for one in remainders(x)]
-            return np.concatenate(parts)
-
-        result = scipy.optimize.least_squares(whitened, x, method="lm", max_nfev=20 * len(x))
-        x = np.asarray(result.x, dtype=np.float64)
-        slope, error = np.asarray(result.jac, dtype=np.float64), np.asarray(result.fun, dtype=np.float64)
-    values = values_of(x)
-    turn = np.where(positive, np.abs(values), scale)
-    covariance = np.linalg.pinv(slope.T @ slope, hermitian=True) * float(np.mean(error**2))
-    sigma = turn * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return {
-        spec.name: Parameter(float(value), float(deviation), spec.unit)
-        for spec, value, deviation in zip(specs, values, sigma, strict=True)
-    }
 
 
 def _whitening(remainders: Sequence[Floats]) -> Floats:
@@ -143,7 +79,7 @@ class Verification:
         )
 
 
-def verify(found: FrequencyFit, data: GivenLogs, within: Within | None = None) -> Verification:
+def verify(found: FrequencyFit, data: GivenSignals, within: Within | None = None) -> Verification:
     """Judge a fit of one axis on other flying: all its time in the air, without chirps, above 0.15 Hz.
 
     Parameters
@@ -162,11 +98,10 @@ def verify(found: FrequencyFit, data: GivenLogs, within: Within | None = None) -
     if len(found.axes) != 1:
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
-    logs = logs_of(data)
     records, reasons = [], []
-    for log in logs:
+    for source in sources_of(data, within):
         try:
-            records.append(_without_chirps(ordinary_record(log, axis, within), log))
+            records.append(_without_chirps(ordinary_record(source, axis, within), source.log))
         except FrequencyError as error:
             reasons.append(str(error))
     if not records:
@@ -174,7 +109,7 @@ def verify(found: FrequencyFit, data: GivenLogs, within: Within | None = None) -
     return verify_records(found, records)
 
 
-def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | None = None) -> Verification:
+def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | None = None) -> Verification:
     """Judge a fit of one axis on flying that it was not made from, or one of the same kind where it was made from all.
 
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
@@ -191,7 +126,7 @@ def hold_out(found: FrequencyFit, logs: Sequence[FlightLog], within: Within | No
             f"rows at {1.0 / found.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
             "predicted; log it at 25 Hz or more"
         )
-    if any(chirp.axis == axis.name for log in logs for chirp in find_chirps(log, within)):
+    if any(chirp.axis == axis.name for each in logs for chirp in find_chirps(each.log, within)):
         return verify(found, logs, within)
     if len(logs) > 1:
         return verify(refit(found, response(logs[:-1], axis.name, within, like=found)), logs[-1], within)

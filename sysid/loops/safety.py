@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import FlightLog
-from sysid.loops.feedbacks import FeedbackOfEach
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
-from sysid.loops.unseen import Unseen, may_raise
+from sysid.loops.unseen import may_raise, raised_unseen
 
 #: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
 #: together for 95 % of what the data leave possible, and more.
@@ -144,7 +143,7 @@ def others_keep(staying: Iterable[RateLoop], factor: float) -> bool:
             return False
         if new["gain_db"] < flown["gain_db"] - _BYSTANDER_GAIN:
             return False
-        if Unseen(loop, other.settings, FeedbackOfEach).raised([{}])[0] > may_raise(loop)[0]:
+        if raised_unseen(loop, other.settings, [{}])[0][0] > may_raise(loop)[0]:
             return False
     return True
 

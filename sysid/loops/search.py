@@ -9,14 +9,13 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from sysid.loops.evidence import RANGES
-from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.settings import LoopSettings
-from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, Unseen, amplified_at_end, may_raise, promised, saw_modes
+from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
 _P = np.geomspace(0.501, 1.996, 13)
@@ -112,7 +111,7 @@ def flown_margins(loop: RateLoop) -> MarginSet:
 
 def _searched(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
     bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
-    candidates = _field(loop, bare, _gains(loop), Feedbacks)
+    candidates = _field(loop, bare, _gains(loop))
     raised = may_raise(loop)
     best = _best(loop, aim, candidates, raised[0])
     allowed = raised[0]
@@ -125,7 +124,7 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
     others = _others(loop)
     if best.tuned is None or not others:
         return best
-    found = _best(loop, aim, _field(loop, best.tuned.settings, others, FeedbackOfEach), allowed)
+    found = _best(loop, aim, _field(loop, best.tuned.settings, others), allowed)
     return found if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER else best
 
 
@@ -170,26 +169,20 @@ def _filters(loop: RateLoop, flown: float, factors: Sequence[float]) -> tuple[fl
     return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= highest)
 
 
-def _field(
-    loop: RateLoop,
-    bare: LoopSettings,
-    candidates: Sequence[Mapping[str, float]],
-    kind: type[Feedbacks | FeedbackOfEach],
-) -> _Field:
+def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str, float]]) -> _Field:
     """Compute what needs no draws of candidates that change the settings `bare`."""
     hz = loop.hz[::_EVERY]
     through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
     true_plant = through / bare.gyro.response(hz)
-    feedbacks, beyond = kind(bare, hz), Unseen(loop, bare, kind)
+    feedbacks, (unseen, noise) = bare.feedbacks(candidates, hz), raised_unseen(loop, bare, candidates)
     rows = []
-    gusts, unseen, noise, ending = (np.empty(len(candidates)) for _ in range(4))
+    gusts, ending = np.empty(len(candidates)), np.empty(len(candidates))
     for first in range(0, len(candidates), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        broken = through * feedbacks.of(candidates[some])
+        broken = through * feedbacks[some]
         rows.append(margins_of(hz, broken))
         gusts[some] = _gust_response(hz, true_plant, broken)
         ending[some] = amplified_at_end(loop, hz, broken)
-        unseen[some], noise[some] = beyond.raised(candidates[some]), beyond.noisier(candidates[some])
     nominal = _stack(rows)
     flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
     flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,6 +23,9 @@ OLDEST, NEWEST = (4, 0), (4, 7)
 #: Terms without which a controller is not known; the others are zero where the firmware has no such parameter.
 _NEEDED = ("P", "I", "D", "FLTT", "FLTE", "FLTD", "IMAX")
 _OPTIONAL = ("FF", "D_FF", "SMAX", "PDMX")
+
+#: Terms in which the feedback is affine.
+_GAINS = ("P", "I", "D", "FF", "D_FF")
 
 #: Gyro rate [Hz] of boards that log none (most run their filters at this rate).
 _GYRO_RATE = 1000.0
@@ -61,6 +64,21 @@ class LoopSettings:
         """
         attitude = -self.angle.rate_response(hz) * self.angle.delay_response(hz) / self.gyro.response(hz)
         return np.asarray(self.controller.error_response(hz) + self.controller.target_response(hz) * attitude)
+
+    def feedbacks(self, candidates: Sequence[Mapping[str, float]], hz: Floats) -> Complexes:
+        """Compute the feedback with each of many changes (see `changed`), shape (K, n): affine in the gains."""
+        result = np.empty((len(candidates), len(hz)), np.complex128)
+        alike: dict[tuple[tuple[str, float], ...], list[int]] = {}
+        for k, each in enumerate(candidates):
+            alike.setdefault(tuple(item for item in each.items() if item[0] not in _GAINS), []).append(k)
+        for filters, rows in alike.items():
+            gains = [name for name in _GAINS if name in candidates[rows[0]]]
+            bare = self.changed(**dict(filters), **dict.fromkeys(gains, 0.0))
+            without = bare.feedback(hz)
+            per_unit = [bare.changed(**{name: 1.0}).feedback(hz) - without for name in gains]
+            values = np.array([[candidates[k][name] for name in gains] for k in rows])
+            result[rows] = without + (values @ np.array(per_unit) if gains else 0.0)
+        return result
 
     def changed(self, **values: float) -> LoopSettings:
         """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.

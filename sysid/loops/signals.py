@@ -90,7 +90,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     # A spline through rows that end where the chirp is fast swings beyond all bounds there: it takes the whole chirp.
     inside = (times >= chirp.start) & (times <= chirp.stop)
     chirp = below_folding(log, chirp, signals.step)
-    rows = (signals.t >= chirp.start) & (signals.t <= chirp.stop)
+    rows = signals.within(chirp.start, chirp.stop)
     t, total = signals.t[rows], signals.columns[which.input][rows]
     added = scipy.interpolate.make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)
     pid = _pid_sum(log, f"PID{which.letter}")
@@ -112,7 +112,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     else:
         back = total - np.where((t + lag >= times[inside][0]) & (t + lag <= times[inside][-1]), added(t + lag), 0.0)
     first, last = times[inside][0], times[inside][-1]
-    return record_of_chirp(log, chirp, t, total, back, lambda at: added(np.clip(at, first, last)))
+    return record_of_chirp(log, chirp, t, [total], back, lambda at: added(np.clip(at, first, last))[:, None])
 
 
 def _pid_sum(log: FlightLog, message: str) -> tuple[Floats, Floats] | None:

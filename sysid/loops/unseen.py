@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.frequency.records import AxisRecord, Logged
-from sysid.loops.feedbacks import FeedbackOfEach, Feedbacks
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.settings import LoopSettings
@@ -125,29 +124,20 @@ def bends_at_its_end(loop: RateLoop) -> str | None:
     )
 
 
-class Unseen:
-    """The loop beyond the measured band, as the rigid craft would continue it: modes of the frame may stand above."""
+def raised_unseen(
+    loop: RateLoop, settings: LoopSettings, candidates: Sequence[Mapping[str, float]]
+) -> tuple[Floats, Floats]:
+    """Return by how much changes of settings raise the loop beyond the measured band, shape (K,) each.
 
-    def __init__(self, loop: RateLoop, settings: LoopSettings, kind: type[Feedbacks | FeedbackOfEach]) -> None:
-        self._hz, self._craft = _rigid(loop)
-        self._everywhere = not saw_modes(loop)
-        self._feedbacks = kind(settings, self._hz)
-        self._gyro = np.abs(settings.gyro.response(self._hz))
-        self._flown = np.abs(loop.flown.feedback(self._hz) * loop.flown.gyro.response(self._hz))
-
-    def raised(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
-        """Return the largest factor by which each raises it where it counts, shape (K,); 1 where nowhere.
-
-        Where the first modes were seen it counts only where a mode beyond them would.
-        """
-        gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
-        counts = self._everywhere | (MODE * gain * self._craft > _SMALL)
-        return np.asarray(np.maximum(np.where(counts, gain / self._flown, 1.0).max(axis=1), 1.0))
-
-    def noisier(self, candidates: Sequence[Mapping[str, float]]) -> Floats:
-        """Return the largest factor by which each raises the gain of noise there, shape (K,)."""
-        gain = np.abs(self._feedbacks.of(candidates)) * self._gyro
-        return np.asarray((gain / self._flown).max(axis=1))
+    As the rigid craft would continue it: the largest factor where it counts (1 where nowhere), since modes of the frame
+    may stand above, and the largest anywhere, by which noise rises. Where the first modes were seen it counts only
+    where a mode beyond them would.
+    """
+    hz, craft = _rigid(loop)
+    gain = np.abs(settings.feedbacks(candidates, hz) * settings.gyro.response(hz))
+    factor = gain / np.abs(loop.flown.feedback(hz) * loop.flown.gyro.response(hz))
+    counts = (not saw_modes(loop)) | (MODE * gain * craft > _SMALL)
+    return np.asarray(np.maximum(np.where(counts, factor, 1.0).max(axis=1), 1.0)), np.asarray(factor.max(axis=1))
 
 
 def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:

@@ -11,8 +11,8 @@ import logparse
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
 from sysid.frequency.antialias import below
-from sysid.frequency.axes import AXES, FrequencyError
-from sysid.frequency.sources import kept_signals, on_one_clock, signals_of
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.sources import on_one_clock
 from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
@@ -42,17 +42,6 @@ def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, e
     assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
     gain = frequency.fit(frf).parameters["gain"]
     assert gain.value == pytest.approx(150.0, rel=0.1)
-
-
-def test_the_axes_of_a_survey_share_the_controllers_signals(tmp_path: Path) -> None:
-    run = run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), STICKS, 3)
-    log = logged(tmp_path, run, rate=400.0, filter_hz=40.0)
-    with kept_signals():
-        shared = signals_of(log, AXES["roll"])
-        assert signals_of(log, AXES["roll"]) is shared
-    anew = signals_of(log, AXES["roll"])
-    assert anew is not shared
-    np.testing.assert_array_equal(anew.columns["out_roll"], shared.columns["out_roll"])
 
 
 def test_rotor_speeds_lift_where_they_come_faster_than_the_throttle(tmp_path: Path) -> None:
