@@ -21,15 +21,7 @@ Transforms = Annotated[NDArray[np.float32] | NDArray[np.float64], np.empty((0, 0
 def halved(padded: Floats, taps: Floats) -> Floats:
     """Filter signals and keep every second sample.
 
-    Parameters
-    ----------
-    padded : ndarray, shape (q, N)
-        N at least as many as the taps.
-    taps : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape ((N - n) // 2 + 1, q)
+    `padded` (q, N): N at least as many as the taps; `taps` (n,). Returns ((N - n) // 2 + 1, q).
     """
     count = (padded.shape[1] - taps.size) // 2 + 1
     result = np.empty((count, padded.shape[0]))
@@ -46,19 +38,10 @@ def halved(padded: Floats, taps: Floats) -> Floats:
 def products(left: Transforms, right: Transforms, places: Int64s, turns: Stack) -> Floats:
     """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
 
-    Parameters
-    ----------
-    left : ndarray, shape (K, q, 2, F)
-    right : ndarray, shape (K, r, 2, F)
-    places : ndarray of int, shape (K,)
-        Place of each window, ascending, in the unit by which windows are shifted.
-    turns : ndarray, shape (M, 2, F)
-        Weight and turn of the products between a window and one that comes 1, 2, ... M units later, whose transform is
-        the conjugate one. With M = 0 windows meet themselves, and nothing else.
-
-    Returns
-    -------
-    ndarray, shape (q, r, 2, F)
+    `left` (K, q, 2, F); `right` (K, r, 2, F); `places` (K,): place of each window, ascending, in the unit by which
+    windows are shifted; `turns` (M, 2, F): weight and turn of the products between a window and one that comes 1, 2,
+    ... M units later, whose transform is the conjugate one. With M = 0 windows meet themselves, and nothing else.
+    Returns (q, r, 2, F).
     """
     windows, rows, _, count = left.shape
     result = np.zeros((rows, right.shape[1], 2, count))

@@ -34,18 +34,8 @@ def below(t: Floats, values: Floats, at: Floats, step: float, pieces: Floats | N
 
     The filter has no phase, and a gain of one below 0.44 of the rate. Signals that are no faster pass by cubic splines.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-    values : ndarray, shape (N, k)
-    at : ndarray, shape (M,)
-    pieces : ndarray, shape (N,), optional
-        Number of the stretch without holes that each sample is of.
-
-    Returns
-    -------
-    ndarray, shape (M, k)
-        NaN in holes, and at ends that the filter does not reach.
+    `t` (N,); `values` (N, k); `at` (M,); `pieces` (N,): number of the stretch without holes that each sample is of.
+    Returns (M, k): NaN in holes, and at ends that the filter does not reach.
     """
     pieces = pieces_of(t) if pieces is None else pieces
     result = np.full((len(at), values.shape[1]), np.nan)

@@ -61,13 +61,7 @@ SID_AXES: Mapping[int, tuple[str, bool]] = MappingProxyType(
 
 
 def axis_of(name: str) -> Axis:
-    """Return an axis by its name.
-
-    Raises
-    ------
-    FrequencyError
-        When there is none of that name.
-    """
+    """Return an axis by its name."""
     if name not in AXES:
         raise FrequencyError(f"there is no axis {name!r}; the axes are {', '.join(AXES)}")
     return AXES[name]

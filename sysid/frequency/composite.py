@@ -29,9 +29,7 @@ def merge(hz: Floats, parts: list[tuple[NDArray[np.bool_], WindowEstimate]], col
     Weights are the fourth power of the smallest error over each window's own (Tischler and Remple 2012, eq. 10.3).
     The windows share their data: errors are averaged as they are, not reduced.
 
-    Parameters
-    ----------
-    hz : ndarray, shape (F,)
+    `hz` (F,).
     """
     count = (len(parts), len(hz))
     sigma = np.full(count, np.inf)

@@ -24,12 +24,7 @@ def coherence_weight(coherence: Floats) -> Floats:
 def cost(measured: Complex, modelled: Complex, coherence: Floats) -> float:
     """Compute J, the weighted mean of squared dB and degrees, times 20 (Tischler and Remple 2012, eq. 11.3).
 
-    Parameters
-    ----------
-    measured, modelled : ndarray of complex, shape (n,)
-        Frequency responses.
-    coherence : ndarray, shape (n,)
-        Of the measured response, from 0 to 1.
+    `measured, modelled` (n,): frequency responses; `coherence` (n,): of the measured response, from 0 to 1.
     """
     ratio = measured / modelled
     gain, phase = 20.0 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))

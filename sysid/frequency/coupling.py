@@ -47,13 +47,7 @@ class Coupling:
 
 
 def coupling(logs: GivenSignals, own: FrequencyResponse, other: str, within: Within | None = None) -> Coupling:
-    """Estimate what the command of an axis does to another.
-
-    Raises
-    ------
-    FrequencyError
-        Where the logs do not tell the two commands apart.
-    """
+    """Estimate what the command of an axis does to another."""
     commanded, answering = AXES[own.axis], AXES[other]
     records = [record for source in sources_of(logs) for record in _records(source, commanded, answering, within)]
     if not records:

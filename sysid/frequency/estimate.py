@@ -314,13 +314,7 @@ def response_of_records(
     like: FrequencyFit | None = None,
     upto: float = np.inf,
 ) -> FrequencyResponse:
-    """Estimate the response of the first input of uniform records.
-
-    Raises
-    ------
-    FrequencyError
-        When all records are too short or too slow.
-    """
+    """Estimate the response of the first input of uniform records."""
     records = [record for record in records if len(record.output) > 18 or not axis.attitude]
     if not records:
         raise FrequencyError(f"no record of the {axis.name} axis has more than 18 samples")

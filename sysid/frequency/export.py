@@ -143,13 +143,7 @@ def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, objec
 
 
 def to_control(found: FrequencyResponse | FrequencyFit | RationalModel) -> control.FRD | control.TransferFunction:
-    """Return a response as python-control's FRD, a model as its transfer function, the delay as Padé's approximation.
-
-    Raises
-    ------
-    FrequencyError
-        Without python-control, the extra ``control``.
-    """
+    """Return a response as FRD of python-control, a model as its transfer function, the delay by Padé."""
     if find_spec("control") is None:
         raise FrequencyError("python-control is not installed; install it with: pip install 'rotorid[control]'")
     if isinstance(found, FrequencyResponse):

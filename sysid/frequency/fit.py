@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -18,13 +16,10 @@ from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
 from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
-from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass, rational
+from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 FLOOR = 0.01
-
-#: Delays [s] from which a fit without structure starts, and times that its denominator is fed back as a weight.
-_DELAYS, _FEEDBACK = (0.0, 0.005, 0.015, 0.04), 6
 
 #: Independent frequencies that a fit needs for each parameter.
 _PER_PARAMETER = 1.0
@@ -218,70 +213,10 @@ def fit(
 
 
 def refit(found: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
-    """Fit the structure of an earlier fit to one response, from the values found before.
-
-    Raises
-    ------
-    FrequencyError
-        When too little of the response is coherent.
-    """
+    """Fit the structure of an earlier fit to one response, from the values found before."""
     if np.count_nonzero(_good(response)) < len(found.values) + 2:
         raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
     return _stated(_search((response,), found.structure, None, (), found.values))
-
-
-def fit_rational(response: FrequencyResponse, poles: int, zeros: int) -> FrequencyFit:
-    """Fit a ratio of polynomials with a delay, of no structure.
-
-    The search starts from linear least squares with the denominator fed back (Sanathanan and Koerner 1963), at several
-    delays. FrequencyError when too few frequencies are coherent for so many coefficients.
-    """
-    if not 0 <= zeros <= poles or poles < 1:
-        raise FrequencyError(f"{poles} poles and {zeros} zeros make no response that can be realised")
-    count, good = poles + zeros + 2, _good(response)
-    if _worth((response,)) < count or np.count_nonzero(good) < count:
-        raise FrequencyError(f"{response.axis}: too few coherent frequencies for {poles} poles and {zeros} zeros")
-    hz, measured, weight, known = _usable(response)
-    omega = 2.0 * np.pi * float(np.sqrt(hz[0] * hz[-1]))
-    structure, s = rational(poles, zeros, omega), np.asarray(2j * np.pi * hz / omega, np.complex128)
-    starts = [
-        np.append(_linear(np.asarray(measured / known * np.exp(late * omega * s)), s, weight, poles, zeros), late)
-        for late in _DELAYS
-    ]
-    return min((_search((response,), (structure,), None, (), one) for one in starts), key=lambda one: one.excess)
-
-
-def _linear(measured: Complex, s: Complex, weight: Floats, poles: int, zeros: int) -> Floats:
-    """Return the coefficients of numerator and denominator (but its leading 1) that make ``N - G D`` least."""
-    ahead, behind = np.vander(s, zeros + 1), -measured[:, None] * np.vander(s, poles)
-    wanted = measured * s**poles
-    each, x = weight / np.abs(wanted), np.zeros(zeros + 1 + poles)
-    for _ in range(_FEEDBACK):
-        matrix, right = np.hstack([ahead, behind]) * each[:, None], wanted * each
-        both = np.vstack([matrix.real, matrix.imag]), np.concatenate([right.real, right.imag])
-        x = np.linalg.lstsq(*both, rcond=None)[0]
-        den = np.concatenate([[1.0], x[zeros + 1 :]])
-        each = weight / np.maximum(np.abs(np.polyval(den, s) * measured), 1e-12)
-    return np.asarray(x)
-
-
-def scan_orders(response: FrequencyResponse, most_poles: int = 4) -> tuple[FrequencyFit, ...]:
-    """Fit all orders up to a number of poles, fewer zeros than poles, best first by the information criterion.
-
-    Models with poles in the right half plane that are faster than the slowest frequency are left out. FrequencyError
-    when not even one pole can be fitted.
-    """
-    found = []
-    for poles, zeros in itertools.combinations(range(most_poles, -1, -1), 2):
-        with suppress(FrequencyError):
-            one = fit_rational(response, poles, zeros)
-            unstable = np.any(one.transfer_function().poles.real > 2.0 * np.pi * response.hz[0])
-            if not unstable and -0.005 < one.values[-1] < 0.3:
-                found.append(one)
-    if not found:
-        raise FrequencyError(f"{response.axis}: too few coherent frequencies for a transfer function")
-    worth = _worth((response,))
-    return tuple(sorted(found, key=lambda one: one.excess**2 * worth + len(one.names) * np.log(max(worth, 2.0))))
 
 
 def _worth(responses: Sequence[FrequencyResponse]) -> float:

@@ -42,16 +42,6 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
     """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
 
     Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
-
-    Returns
-    -------
-    (float, float)
-        s.
-
-    Raises
-    ------
-    FrequencyError
-        When that is shorter than ten seconds.
     """
     flight = log.flight
     start, stop = (flight.start, flight.stop) if flight is not None else (first, last)
@@ -70,11 +60,6 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
     Without it the rate target is, of which a part comes from the angle loop.
-
-    Raises
-    ------
-    FrequencyError
-        Without a flight, or without the signals of the axis in it.
     """
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
     rows = signals.within(start, stop)
@@ -149,13 +134,7 @@ def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[str]:
 
 
 def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tuple[Floats, Floats, str] | None:
-    """Return times, values and name of what asked an axis from outside its loop; None without an attitude target.
-
-    Raises
-    ------
-    FrequencyError
-        When nothing asked for lift.
-    """
+    """Return times, values and name of what asked an axis from outside its loop; None without an attitude target."""
     if not axis.attitude:
         return lift_asked(log, first, last)
     table = log.tables.setpoints

@@ -27,13 +27,7 @@ _FEWEST = 16
 
 
 def lift_asked(log: FlightLog, start: float, stop: float) -> tuple[Floats, Floats, str]:
-    """Return times, values and name of what asked for lift from start to stop [s], positive upwards.
-
-    Raises
-    ------
-    FrequencyError
-        When nothing did.
-    """
+    """Return times, values and name of what asked for lift from start to stop [s], positive upwards."""
     known = []
     for t, values, name, least in (*_sticks(log), *_heights(log)):
         finite = np.isfinite(values)

@@ -54,13 +54,7 @@ class RateSignals:
 
 
 def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
-    """Read the rate controllers of a log: RATE, or the PID messages where it has none.
-
-    Raises
-    ------
-    FrequencyError
-        Without either.
-    """
+    """Read the rate controllers of a log: RATE, or the PID messages where it has none."""
     t = log.tables.times("rates")
     if t is None or len(t) < 16:
         raise FrequencyError(

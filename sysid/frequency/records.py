@@ -131,13 +131,7 @@ class EvenClock:
 
     @classmethod
     def of(cls, rows: Floats) -> EvenClock:
-        """Lay the clock from the first row with the usual step between them.
-
-        Raises
-        ------
-        FrequencyError
-            When nearly all of it would be holes.
-        """
+        """Lay the clock from the first row with the usual step between them."""
         step = float(np.median(np.diff(rows)))
         if rows[-1] - rows[0] > _EMPTY * step * len(rows):
             raise FrequencyError(
@@ -166,17 +160,8 @@ class EvenClock:
 def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock, rows in which all of them are numbers.
 
-    Returns
-    -------
-    clock : ndarray, shape (N,)
-    values : ndarray, shape (N, len(columns))
-    usable : ndarray of bool, shape (N,)
-        False in holes, which are bridged by straight lines.
-
-    Raises
-    ------
-    FrequencyError
-        When too few samples are numbers, or nearly all of the record would be holes.
+    Returns `clock` (N,); `values` (N, len(columns)); `usable` (N,): false in holes, which are bridged by straight
+    lines.
     """
     values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
@@ -191,23 +176,14 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
 def lost_one_by_one(t: Floats, step: float) -> float:
     """Return how many rows are missing one by one for each that is there.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times of rows, s.
+    `t` (N,): times of rows, s.
     """
     steps = np.diff(t) / step
     return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
 
 
 def refuse_scattered(log: FlightLog, lost: float) -> None:
-    """Refuse rows of which too many are missing one by one.
-
-    Raises
-    ------
-    FrequencyError
-        With the part that is missing.
-    """
+    """Refuse rows of which too many are missing one by one."""
     if lost > _MOST_LOST * (1.0 + lost):
         raise FrequencyError(
             f"{log.path.name}: {100.0 * lost / (1.0 + lost):.0f} % of the rows are lost one by one, and what is left "
@@ -221,11 +197,6 @@ def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:
     Inputs are found by the name of the axis (``roll``, ``out_roll``; ``thrust`` or ``throttle`` for the vertical one),
     outputs by theirs (``w_x``, ``p``; ``a_up``) or among the rates of the experiment's context. An input named
     ``chirp`` or ``instrument`` is the instrument.
-
-    Raises
-    ------
-    FrequencyError
-        When there is no such signal.
     """
     names_u, names_y = _NAMES[axis.name]
     instruments = [k for k, name in enumerate(experiment.input_names) if name in ("chirp", "instrument")]

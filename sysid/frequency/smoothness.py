@@ -16,15 +16,8 @@ def roughness(hz: Floats, response: Complex, sigma: Floats, coherence: Floats) -
     Noise that is not there while the chirp is elsewhere, such as that of outputs rounded to 1 us, does not show in the
     spectrum of the remainder, but it does in a response that is rougher than its errors.
 
-    Parameters
-    ----------
-    hz, response, sigma, coherence : ndarray, shape (n,)
-        The response with its steep part (an integrator) taken out.
-
-    Returns
-    -------
-    float
-        Median over frequency of the root mean square scatter in standard deviations; 0 where little is coherent.
+    `hz, response, sigma, coherence` (n,): the response with its steep part (an integrator) taken out. Returns median
+    over frequency of the root mean square scatter in standard deviations; 0 where little is coherent.
     """
     good = (coherence >= COHERENT) & np.isfinite(sigma) & (np.abs(response) > 0.0)
     if np.count_nonzero(good) < 12:

@@ -201,15 +201,7 @@ def _turning(angles: pd.DataFrame) -> pd.DataFrame:
 def on_one_clock(driven: pd.DataFrame, answer: pd.DataFrame, pieces: Floats) -> RateSignals:
     """Bring the faster table to the times of the slower, below half of its rate.
 
-    Parameters
-    ----------
-    pieces : ndarray, shape (len(answer),)
-        Number of the stretch without holes that each row of `answer` is of (`pieces_of`).
-
-    Raises
-    ------
-    FrequencyError
-        When they do not overlap.
+    `pieces` (len(answer),): number of the stretch without holes that each row of `answer` is of (`pieces_of`).
     """
     steps = [step_of(driven), step_of(answer, pieces)]
     own = pieces_of(driven.index.to_numpy(np.float64))

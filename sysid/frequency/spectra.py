@@ -98,16 +98,7 @@ def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
 def band_of_window(length: float, lengths: Floats, hz: Floats) -> NDArray[np.bool_]:
     """Return which frequencies windows of one length serve; the longest and the shortest serve what is left.
 
-    Parameters
-    ----------
-    lengths : ndarray, shape (windows,)
-        All lengths, s, longest first.
-    hz : ndarray, shape (n,)
-        Frequencies, Hz.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    `lengths` (windows,): all lengths, s, longest first; `hz` (n,): frequencies, Hz. Returns (n,).
     """
     low = 1.5 / length if length == lengths[0] else FEWEST_CYCLES / length
     high = np.inf if length == lengths[-1] else MOST_CYCLES / length
@@ -309,21 +300,9 @@ def _overlapped(
 ) -> tuple[Complex, float]:
     """Weigh products between different windows by the correlation that noise has in them, where they overlap.
 
-    Parameters
-    ----------
-    columns : ndarray, shape (K, q, 2, F)
-    taper : ndarray, shape (size,)
-    places : ndarray of int, shape (K,)
-        Of the windows, in hops.
-    cycles : ndarray, shape (F,)
-        Of each frequency in a sample.
-
-    Returns
-    -------
-    between : ndarray of complex, shape (F, q, q)
-        Sum over all pairs of windows; those farther apart than their length have no correlation.
-    squares : float
-        Sum of the squared correlations.
+    `columns` (K, q, 2, F); `taper` (size,); `places` (K,): of the windows, in hops; `cycles` (F,): of each frequency in
+    a sample. Returns `between` (F, q, q): sum over all pairs of windows; those farther apart than their length have no
+    correlation; `squares`, the sum of the squared correlations.
     """
     size = len(taper)
     spectrum = np.fft.rfft(taper, 2 * size)
@@ -390,10 +369,7 @@ class Regression:
     def responses(self, sums: AnswerSums, length: float, known: Complex | None = None) -> WindowEstimate:
         """Estimate responses from products with an output.
 
-        Parameters
-        ----------
-        known : ndarray of complex, shape (F,), optional
-            Response to the first input that was taken out of the output beforehand.
+        `known` (F,): response to the first input that was taken out of the output beforehand.
         """
         response = (self.inverse @ sums.zy[..., None])[..., 0]
         direct = (self.direct @ sums.xy[..., None])[..., 0]

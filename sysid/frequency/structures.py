@@ -136,18 +136,6 @@ def _second_order_zero(p: Floats) -> Polynomials:
     return p[0] * p[1] ** 2 * np.array([p[3], 1.0]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
 
 
-def rational(poles: int, zeros: int, omega: float) -> Structure:
-    """Return a ratio of polynomials in s over a frequency [rad/s], whose coefficients mean nothing by themselves."""
-    names = [*(f"b{k}" for k in range(zeros, -1, -1)), *(f"a{k}" for k in range(poles - 1, -1, -1))]
-    specs = (*(ParameterSpec(name, "", positive=False) for name in names), _DELAY)
-
-    def polynomials(p: Floats) -> Polynomials:
-        num, den = p[: zeros + 1], np.concatenate([[1.0], p[zeros + 1 : -1]])
-        return num / omega ** np.arange(zeros, -1.0, -1.0), den / omega ** np.arange(poles, -1.0, -1.0)
-
-    return Structure(f"{poles} poles, {zeros} zeros", specs, polynomials)
-
-
 RATE = Structure("rate", (_gain(_ANGULAR), _DAMPING, _DELAY), _rate)
 RATE_LAG = Structure("rate, lag", (_gain(_ANGULAR), _DAMPING, _LAG, _DELAY), lambda p: _lagged(_rate(p), float(p[2])))
 RATE_MODE = Structure("rate, flexible mode", (_gain(_ANGULAR), _DAMPING, *_MODE, _DELAY), _flexible)

@@ -63,13 +63,7 @@ class FrequencySurvey:
 
 
 def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
-    """Estimate what can be had of each axis from logs of one craft.
-
-    Raises
-    ------
-    FrequencyError
-        For an axis that does not exist.
-    """
+    """Estimate what can be had of each axis from logs of one craft."""
     given = sources_of(logs, within)
     found = tuple(_axis(given, axis, within) for axis in axes)
     single = _single(given, axes, within) if len(given) > 1 else ()

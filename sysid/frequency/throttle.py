@@ -32,11 +32,6 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
 
     All are averaged over the step of the throttle's rows, so that the average cancels in their ratio and vibration does
     not fold.
-
-    Raises
-    ------
-    FrequencyError
-        Without these signals, or where nothing asked for lift.
     """
     name = log.path.name
     imu = log.tables.imu
@@ -76,13 +71,7 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
 
 
 def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
-    """Return what lifted the craft, and what it is where it is not the throttle output.
-
-    Raises
-    ------
-    FrequencyError
-        When nothing that did has 64 rows.
-    """
+    """Return what lifted the craft, and what it is where it is not the throttle output."""
     throttle = throttle_output(log.messages, log.vehicle)
     found = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
     found += [(outputs["out_thrust"].dropna(), f"{source} to accelerometer") for source, outputs in driving(log)]

@@ -114,11 +114,6 @@ def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | N
 
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
     one, is judged by a fit to the others.
-
-    Raises
-    ------
-    FrequencyError
-        Where nothing is left that could judge it.
     """
     axis = AXES[found.axes[0]]
     if axis.attitude and found.responses[0].step > 1.0 / FOLDING:
@@ -137,13 +132,7 @@ def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | N
 
 
 def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:
-    """Judge a fit of one axis on records that it was not made from.
-
-    Raises
-    ------
-    FrequencyError
-        When the records are shorter than ten seconds together.
-    """
+    """Judge a fit of one axis on records that it was not made from."""
     axis = AXES[found.axes[0]]
     errors, outputs, models, scores, ahead = [], [], [], [], []
     seconds = float(sum(np.count_nonzero(record.usable) * record.dt for record in records))
@@ -198,10 +187,7 @@ def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualT
 def largest_correlation(error: Floats, command: Floats, record: AxisRecord) -> float:
     """Return the largest correlation of an error with the command within half a second, in its standard deviations.
 
-    Parameters
-    ----------
-    error, command : ndarray, shape (N,)
-        The model's error and what moves the axis, both above the same frequency.
+    `error, command` (N,): the model's error and what moves the axis, both above the same frequency.
     """
     reach = min(max(int(0.5 / record.dt), 1), len(error))
     # Two coloured signals are unrelated to within one over the root of the samples that their product is worth.

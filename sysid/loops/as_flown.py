@@ -97,24 +97,12 @@ class _Signals:
 
 
 def contradiction(log: FlightLog) -> str | None:
-    """Return which parameters of the loops a log's own signals contradict; None where they agree or show nothing.
-
-    Raises
-    ------
-    LoopError
-        Where parameters of an axis with chirps are missing.
-    """
+    """Return which parameters of the loops a log's own signals contradict; None where they agree or show nothing."""
     return next((reason for axis in _chirped(log) if (reason := contradiction_of(log, axis))), None)
 
 
 def contradiction_of(log: FlightLog, axis: str) -> str | None:
-    """Return the same of the parameters of one axis, whether it has chirps or not.
-
-    Raises
-    ------
-    LoopError
-        Where its parameters are missing.
-    """
+    """Return the same of the parameters of one axis, whether it has chirps or not."""
     advice = "reboot, see that the parameters are those wanted, and fly again"
     settings = read_settings(log, axis)
     other = other_rate(log, settings.controller.loop_rate)

@@ -22,13 +22,7 @@ def read_settings(log: FlightLog, axis: str) -> LoopSettings:
 
 
 def check_firmware(log: FlightLog) -> None:
-    """Raise where the loops of a log's firmware are not known.
-
-    Raises
-    ------
-    LoopError
-        With the firmware that is.
-    """
+    """Raise where the loops of a log's firmware are not known."""
     if log.vehicle.firmware == "PX4":
         check_version(log)
     else:

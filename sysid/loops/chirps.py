@@ -103,15 +103,7 @@ def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: f
 
     It holds the lowest frequency for two cycles, then sweeps evenly in the logarithm of frequency.
 
-    Parameters
-    ----------
-    hz : ndarray, shape (n,)
-        Frequencies, Hz.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        From 0 to 1.
+    `hz` (n,): frequencies, Hz. Returns (n,): from 0 to 1.
     """
     held = 2.0 / low
     inside = (hz >= low) & (hz <= high)
@@ -125,28 +117,14 @@ def chirp_energy(
 ) -> Floats:
     """Return the energy per Hz of a logarithmic sweep, ``A^2 / (4 f')`` at its speed f'; 0 outside its band.
 
-    Parameters
-    ----------
-    hz : ndarray, shape (n,)
-        Frequencies, Hz.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Square of the magnitude's unit, over Hz^2.
+    `hz` (n,): frequencies, Hz. Returns (n,): square of the magnitude's unit, over Hz^2.
     """
     passing = (seconds - 2.0 / low) / (hz * np.log(high / low))
     return np.asarray(0.25 * passing * (magnitude * chirp_window(hz, low, high, seconds, fade_in)) ** 2, np.float64)
 
 
 def flown_energy(loop: RateLoop) -> Floats:
-    """Return the energy per Hz of the chirps that a loop was identified with, at the frequencies of its response.
-
-    Raises
-    ------
-    LoopError
-        For a loop that has no records.
-    """
+    """Return the energy per Hz of the chirps that a loop was identified with, at the frequencies of its response."""
     if not loop.records:
         raise LoopError(f"{loop.name}: without records the errors of other chirps are unknown")
     frf = loop.frf
@@ -170,15 +148,8 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     The errors of the flown response are those of its noise, its windows and its estimator; at each frequency they fall
     with the root of the energy. The fit weighs them as `sysid.frequency.fit` does.
 
-    Parameters
-    ----------
-    energy : ndarray, shape of ``loop.frf.hz``
-        Of the experiment at the mixer, per Hz.
-
-    Returns
-    -------
-    tuple of PredictedError
-        Gain, damping and so on as the fit names them; empty where the experiment determines nothing.
+    `energy`: of the experiment at the mixer, per Hz. As the fit names
+    them; empty where the experiment determines nothing.
     """
     frf, structure = loop.frf, found.structure[0]
     names = list(structure.names)
@@ -228,13 +199,6 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
     """Choose band and magnitude: small errors of gain and delay within the limits, starting as low as they allow.
 
     Low frequencies tell of the rejection of disturbances, which gains that `tune` tries move down.
-
-    Raises
-    ------
-    LoopError
-        Where the crossover is not known.
-    FrequencyError
-        Where no structure fits the response.
     """
     crossover = loop.with_settings(loop.flown).margins.crossover_hz.value
     if crossover is None:

@@ -217,13 +217,7 @@ def _rate_scale(sine: Multisine, limits: Limits) -> float:
 
 
 def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> PredictedError:
-    """Predict the error of the gain from one period, through the rate loop from its target.
-
-    Raises
-    ------
-    LoopError
-        Where the flown response does not reach so low.
-    """
+    """Predict the error of the gain from one period, through the rate loop from its target."""
     hz = loop.frf.hz
     controller = loop.flown.controller
     drive = np.abs(controller.target_response(sine.hz)) * sine.amplitude * scale

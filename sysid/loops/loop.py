@@ -212,14 +212,7 @@ def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSe
 def summarise(hz: Floats, response: Complexes, draws: Complexes) -> Margins:
     """Compute the margins of a broken-loop response, shape (n,), with errors from draws of it, shape (DRAWS, n).
 
-    Parameters
-    ----------
-    hz : ndarray, shape (n,)
-        Frequencies, Hz.
-    response : ndarray of complex, shape (n,)
-        The loop, broken.
-    draws : ndarray of complex, shape (DRAWS, n)
-        What it may be within its errors.
+    `hz` (n,): frequencies, Hz; `response` (n,): the loop, broken; `draws` (DRAWS, n): what it may be within its errors.
     """
     best, drawn_set = margins_of(hz, response), margins_of(hz, draws)
     estimates, intervals = {}, {}

@@ -36,16 +36,9 @@ class MarginSet:
 def margins_of(hz: Floats, loop: Complexes) -> MarginSet:
     """Compute the margins of broken-loop responses.
 
-    Parameters
-    ----------
-    hz : ndarray, shape (n,)
-        Increasing.
-    loop : ndarray of complex, shape (K, n) or (n,)
-
-    Notes
-    -----
-    The controller integrates twice and the attitude once: at low frequency the phase may come from -270 deg, so a
-    crossing of -180 deg from below with a gain above one is the limit of lowering the gain and no gain margin.
+    `hz` (n,): increasing; `loop` (K, n) or (n,). The controller integrates twice and the attitude once: at low
+    frequency the phase may come from -270 deg, so a crossing of -180 deg from below with a gain above one is the limit
+    of lowering the gain and no gain margin.
     """
     loop = np.atleast_2d(loop)
     log_hz = np.log(hz)

@@ -18,13 +18,7 @@ def typed(value: float) -> float:
 
 
 def parameter_file(values: Mapping[str, float], comments: tuple[str, ...]) -> str:
-    """Write parameters as ground stations read them: ``NAME,VALUE`` a line, comments with ``#``.
-
-    Raises
-    ------
-    LoopError
-        For a value that would not come back as it is.
-    """
+    """Write parameters as ground stations read them: ``NAME,VALUE`` a line, comments with ``#``."""
     lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
     for name, value in sorted(values.items()):
         text = f"{value:.9g}"
@@ -35,13 +29,7 @@ def parameter_file(values: Mapping[str, float], comments: tuple[str, ...]) -> st
 
 
 def read_parameter_file(text: str) -> dict[str, float]:
-    """Read parameters as ground stations do: name and value parted by comma, blank or tab.
-
-    Raises
-    ------
-    LoopError
-        For a line that is neither a comment nor a name and a number.
-    """
+    """Read parameters as ground stations do: name and value parted by comma, blank or tab."""
     values: dict[str, float] = {}
     for number, line in enumerate(text.splitlines(), 1):
         bare = line.split("#", 1)[0].strip()

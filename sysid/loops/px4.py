@@ -80,13 +80,7 @@ class Px4Settings(LoopSettings):
 
 
 def check_version(log: FlightLog) -> None:
-    """Raise where the rate controller of a log's PX4 is not this one.
-
-    Raises
-    ------
-    LoopError
-        With the versions that are known.
-    """
+    """Raise where the rate controller of a log's PX4 is not this one."""
     known = f"known are those of PX4 {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
     numbers = re.match(r"v?(\d+)\.(\d+)", log.vehicle.version or "")
     if numbers is None:
@@ -96,13 +90,7 @@ def check_version(log: FlightLog) -> None:
 
 
 def read_px4(log: FlightLog, axis: str) -> Px4Settings:
-    """Read an axis' loop from the parameters of a log of PX4.
-
-    Raises
-    ------
-    LoopError
-        For another version, or where parameters are missing.
-    """
+    """Read an axis' loop from the parameters of a log of PX4."""
     check_version(log)
     parameters, name = log.parameters_flown, axis.upper()
     wanted = [f"MC_{name}RATE_{term}" for term in ("P", "I", "D")] + [f"MC_{name}_P", "IMU_GYRO_CUTOFF"]

@@ -111,13 +111,7 @@ class LoopSettings:
 
 
 def firmware_version(log: FlightLog) -> tuple[int, int]:
-    """Return major and minor version of ArduCopter.
-
-    Raises
-    ------
-    LoopError
-        When the log is of another firmware, of an unknown one, or of a version whose controller is another.
-    """
+    """Return major and minor version of ArduCopter."""
     vehicle = log.vehicle
     known = f"known are the rate loops of ArduCopter {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
     if not vehicle.firmware:
@@ -134,13 +128,7 @@ def firmware_version(log: FlightLog) -> tuple[int, int]:
 
 
 def read_copter(log: FlightLog, axis: str) -> LoopSettings:
-    """Read an axis' loop from the parameters of a log of ArduCopter.
-
-    Raises
-    ------
-    LoopError
-        For an unknown firmware, or where parameters are missing.
-    """
+    """Read an axis' loop from the parameters of a log of ArduCopter."""
     firmware_version(log)
     parameters = log.parameters_flown
     letters = AXES[axis]

@@ -42,15 +42,7 @@ class LoopRecord:
 
 
 def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:
-    """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order.
-
-    Raises
-    ------
-    LoopError
-        When there is none.
-    FrequencyError
-        When the log lacks the controller's signals.
-    """
+    """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order."""
     which = axis_of(axis)
     signals = rate_signals(log)
     chirps = [c for c in find_chirps(log, within) if c.axis == axis and c.at_mixer and c.worthwhile]

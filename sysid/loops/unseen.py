@@ -80,17 +80,7 @@ def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
     0 where the chirp saw the first modes of frames. Where it did not, a mode just beyond adds to what is left there of
     the loop: the peak of a craft that its chirp saw only half was 7.1 dB for 6.0 promised.
 
-    Parameters
-    ----------
-    hz : ndarray, shape (n,)
-        Frequencies of that band, Hz.
-    broken : ndarray of complex, shape (K, n)
-        Responses of broken loops.
-
-    Returns
-    -------
-    ndarray, shape (K,)
-        A factor.
+    `hz` (n,): frequencies of that band, Hz; `broken` (K, n): responses of broken loops. Returns (K,).
     """
     if saw_modes(loop):
         return np.zeros(len(broken))

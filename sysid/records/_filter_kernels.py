@@ -10,17 +10,8 @@ from core.kernel_types import Matrix, Vector
 def filtered(b: Vector, a: Vector, signals: Matrix, state: Matrix) -> Matrix:
     """Filter the columns of signals in the direct form II transposed.
 
-    Parameters
-    ----------
-    b, a : ndarray, shape (n + 1,)
-        Coefficients, a[0] being 1.
-    signals : ndarray, shape (N, k)
-    state : ndarray, shape (n + 1, k)
-        At the start, its last row zero; it is left as the state at the end.
-
-    Returns
-    -------
-    ndarray, shape (N, k)
+    `b, a` (n + 1,): coefficients, a[0] being 1; `signals` (N, k); `state` (n + 1, k): at the start, its last row zero;
+    it is left as the state at the end. Returns (N, k).
     """
     samples, columns = signals.shape
     result = np.empty((samples, columns))

@@ -10,16 +10,8 @@ from core.kernel_types import Vector
 def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
     """Filter a signal and interpolate it by straight lines, both only where asked.
 
-    Parameters
-    ----------
-    extended : ndarray, shape (M + taps - 1,)
-        Signal, continued at both ends by half the filter.
-    between : ndarray, shape (N,)
-        Where, in samples of the signal, 0 to M - 1.
-
-    Returns
-    -------
-    ndarray, shape (N,)
+    `extended` (M + taps - 1,): signal, continued at both ends by half the filter; `between` (N,): where, in samples of
+    the signal, 0 to M - 1. Returns (N,).
     """
     result = np.empty(between.size)
     last = extended.size - taps.size

@@ -63,15 +63,7 @@ class Clocked(Protocol):
 def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
     """Bring what physical models read to the clock of an experiment.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Uniform, s.
-
-    Returns
-    -------
-    DataFrame
-        Index `t`, columns as this module says.
+    `t` (N,) is uniform, s; columns are those that this module says.
     """
     states = trajectory.states
     w, x, y, z = (states[f"q_{axis}"].to_numpy(np.float64) for axis in "wxyz")
@@ -109,13 +101,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
 
 def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Clock, s.
-    """
+    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one."""
     same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
     found = next(same, None)
     return flight_context(trajectory, tables, t) if found is None else found

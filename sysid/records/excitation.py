@@ -65,13 +65,7 @@ class Coherence:
 
 
 def examine(experiments: Sequence[Experiment]) -> Excitation:
-    """Examine the inputs of records of one kind.
-
-    Raises
-    ------
-    ExperimentError
-        When every input is constant.
-    """
+    """Examine the inputs of records of one kind."""
     names = experiments[0].input_names
     u = np.vstack([record.u - record.input_trim for record in experiments])
     raw = np.vstack([record.u for record in experiments])
@@ -176,11 +170,6 @@ def coherence(experiments: Sequence[Experiment]) -> Coherence:
 
     Outputs are differentiated twice, which leaves their coherence as it is and keeps the power of slow motion, orders
     above the rest, from leaking over the spectrum.
-
-    Raises
-    ------
-    ExperimentError
-        When every input is constant, or the records are too short for as many averages as there are inputs.
     """
     excitation = examine(experiments)
     first = experiments[0]

@@ -38,13 +38,7 @@ class ModelOrderError(RotoridError, ValueError):
 
 
 def horizon_steps(horizon: float, dt: float) -> int:
-    """Return a prediction horizon in samples, at least one.
-
-    Raises
-    ------
-    ExperimentError
-        When the horizon is not a positive number.
-    """
+    """Return a prediction horizon in samples, at least one."""
     if not (np.isfinite(horizon) and horizon > 0.0):
         raise ExperimentError(f"the prediction horizon must be a positive number of seconds, not {horizon:g}")
     return max(round(horizon / dt), 1)
@@ -303,13 +297,7 @@ class Experiment(Summarised):
         return len(self.t)
 
     def __getitem__(self, samples: slice) -> Experiment:
-        """Cut samples by number, such as ``record[100:200]``, into a record of their own.
-
-        Raises
-        ------
-        ExperimentError
-            When the step is not 1, or too few samples are left; use `resample` for another rate.
-        """
+        """Cut samples by number, such as ``record[100:200]``, into a record of their own."""
         if not isinstance(samples, slice) or samples.step not in (None, 1):
             raise ExperimentError(f"{self.name}: cut samples as record[first:last]; for another rate use resample")
         return self._cut(samples)
@@ -415,13 +403,7 @@ class Experiment(Summarised):
 
 
 def require_alike(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """Check that records can be fitted jointly: same inputs, outputs and rate. One record counts as a list of one.
-
-    Raises
-    ------
-    ExperimentError
-        Without any record, or when one differs from the first.
-    """
+    """Check that records can be fitted jointly: same inputs, outputs and rate. One record counts as a list of one."""
     records = (experiments,) if isinstance(experiments, Experiment) else tuple(experiments)
     if not records:
         raise ExperimentError("no experiments given")
@@ -442,13 +424,7 @@ def require_alike(experiments: Experiment | Sequence[Experiment]) -> tuple[Exper
 
 
 def require_signals(experiment: Experiment, input_names: Sequence[str], output_names: Sequence[str]) -> None:
-    """Check that a record has the inputs and outputs of a model, in its order.
-
-    Raises
-    ------
-    ExperimentError
-        When they differ.
-    """
+    """Check that a record has the inputs and outputs of a model, in its order."""
     if experiment.input_names != tuple(input_names) or experiment.output_names != tuple(output_names):
         raise ExperimentError(
             f"{experiment.name} has inputs {', '.join(experiment.input_names)} and outputs "

@@ -19,11 +19,8 @@ def lfilter(
 ) -> Floats:
     """Filter signals by ``(sum b_k z^-k) / (sum a_k z^-k)``, as `scipy.signal.lfilter` does along the first axis.
 
-    Parameters
-    ----------
-    signals : ndarray, shape (N,) or (N, k)
-    zi : ndarray, shape (n,) or (n, k), optional
-        State of the direct form II transposed before the first sample, n the order; at rest by default.
+    `signals` (N,) or (N, k); `zi` (n,) or (n, k): state of the direct form II transposed before the first sample, n the
+    order; at rest by default.
     """
     order = max(len(b), len(a)) - 1
     size = max(order + 1, 3)
@@ -42,10 +39,7 @@ def above(signals: Floats, cutoff: float) -> Floats:
 
     As `scipy.signal.sosfiltfilt` does it with a section of `scipy.signal.butter`, its ends continued as odd functions.
 
-    Parameters
-    ----------
-    signals : ndarray, shape (N, k)
-        More than `_ENDS` samples.
+    `signals` (N, k): more than `_ENDS` samples.
     """
     warped = np.tan(np.pi * cutoff)
     scale = 1.0 + np.sqrt(2.0) * warped + warped**2

@@ -87,13 +87,7 @@ class Inputs:
 
 
 def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
-    """Read one of the `INPUT_SETS` from a log's tables.
-
-    Raises
-    ------
-    MissingDataError
-        When the log lacks them; the text names the messages and the setting that logs them.
-    """
+    """Read one of the `INPUT_SETS` from a log's tables."""
     if kind == "motors":
         return _motors(tables)
     if kind == "rotor_speeds":
@@ -313,12 +307,7 @@ def _jumps(t: Floats, error: Floats, tables: Tables, position: Floats) -> tuple[
 
     A loop is set up anew at a change of mode, and when the autopilot's own estimate jumps with the target.
 
-    Returns
-    -------
-    restarts : ndarray
-        Times at which the loop was set up anew, s.
-    steps : ndarray, shape (K, 2)
-        Times [s] and sizes [m] of the other jumps.
+    Returns times at which the loop was set up anew [s], and (K, 2) times [s] and sizes [m] of the other jumps.
     """
     limit = JUMP + JUMP_SPEED * np.diff(t)
     size = np.abs(np.diff(error, axis=0)).max(axis=1)

@@ -32,21 +32,8 @@ def factors_of(vehicle: Vehicle) -> Floats:
 def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> pd.DataFrame:
     """Project motor outputs on the commands of the mixer.
 
-    Parameters
-    ----------
-    voltage : ndarray, shape (N,), or None
-        V, on the same index; None when unknown.
-
-    Returns
-    -------
-    DataFrame
-        ``thrust roll pitch yaw`` in parts of a motor's full thrust, without those that the frame's motors do not make
-        (the yaw of a tricopter is made by a servo).
-
-    Raises
-    ------
-    MissingDataError
-        When the frame is unknown, or motors of it have no output.
+    `voltage` (N,): V, on the same index; None when unknown. Returns ``thrust roll pitch yaw`` in parts of a motor's
+    full thrust, without those that the frame's motors do not make (the yaw of a tricopter is made by a servo).
     """
     return patterns(thrust_commands(motors, vehicle, voltage), vehicle)
 
@@ -54,10 +41,7 @@ def project(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> p
 def thrust_commands(motors: pd.DataFrame, vehicle: Vehicle, voltage: Floats | None) -> pd.DataFrame:
     """Return what PWM outputs [us] ask of each motor, in parts of its full thrust.
 
-    Parameters
-    ----------
-    voltage : ndarray, shape (N,), or None
-        V, on the same index; None when unknown.
+    `voltage` (N,): V, on the same index; None when unknown.
     """
     command = np.clip(motor_commands(motors.to_numpy(np.float64), vehicle), 0.0, 1.0)
     if voltage is not None and vehicle.battery_voltage_max > 0.0:
@@ -74,13 +58,7 @@ def voltage_at(battery: pd.DataFrame | None, t: Floats) -> Floats | None:
 
 
 def patterns(thrust: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
-    """Project the thrusts of motors, columns ``m1 ...``, on the commands of the mixer, in the unit of the thrusts.
-
-    Raises
-    ------
-    MissingDataError
-        As `project` raises it.
-    """
+    """Project the thrusts of motors, columns ``m1 ...``, on the commands of the mixer, in the unit of the thrusts."""
     names, made, allocation = _allocation(thrust, vehicle)
     projected = thrust[names].to_numpy(np.float64) @ np.linalg.pinv(allocation).T
     return pd.DataFrame(projected, index=thrust.index, columns=made)
@@ -89,10 +67,7 @@ def patterns(thrust: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
 def rounding(motors: pd.DataFrame, vehicle: Vehicle) -> dict[str, float]:
     """Return the standard deviation that rounding PWM to 1 us leaves in each command of the mixer.
 
-    Returns
-    -------
-    dict of str to float
-        In parts of a motor's full thrust; nothing where PWM is not in whole microseconds.
+    In parts of a motor's full thrust; nothing where PWM is not in whole microseconds.
     """
     names, made, allocation = _allocation(motors, vehicle)
     pwm = motors[names].to_numpy(np.float64)
@@ -140,17 +115,8 @@ def _allocation(motors: pd.DataFrame, vehicle: Vehicle) -> tuple[list[str], list
 def expectation(outputs: Floats, factors: Floats) -> Floats:
     """Return the thrust that the mixer asks of each motor for given outputs of the controllers.
 
-    Parameters
-    ----------
-    outputs : ndarray, shape (N, 4)
-        Thrust, roll, pitch and yaw (RATE's AOut, ROut, POut, YOut).
-    factors : ndarray, shape (n, 3)
-        Roll, pitch and yaw factor of each motor (`logparse.Motor`).
-
-    Returns
-    -------
-    ndarray, shape (N, n)
-        In parts of a motor's full thrust, before the mixer's limits and what the firmware does about voltage and
-        density, which is the same factor for all motors.
+    `outputs` (N, 4): thrust, roll, pitch and yaw (RATE's AOut, ROut, POut, YOut); `factors` (n, 3): roll, pitch and yaw
+    factor of each motor (`logparse.Motor`). Returns (N, n): in parts of a motor's full thrust, before the mixer's
+    limits and what the firmware does about voltage and density, which is the same factor for all motors.
     """
     return np.asarray(outputs[:, :1] + outputs[:, 1:] @ factors.T)

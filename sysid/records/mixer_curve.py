@@ -74,9 +74,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
 def common_slope(wanted: Floats, given: Floats) -> float | None:
     """Return the slope of what was given over what was wanted, of the axes that agree well enough to tell one.
 
-    Parameters
-    ----------
-    wanted, given : ndarray, shape (N, axes)
+    `wanted, given` (N, axes).
     """
     x, y = wanted - wanted.mean(axis=0), given - given.mean(axis=0)
     both, own, other = (np.sum(a * b, axis=0) for a, b in ((x, y), (x, x), (y, y)))

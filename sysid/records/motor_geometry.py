@@ -24,13 +24,7 @@ class MotorGeometry:
 
 
 def motor_geometry(record: Experiment) -> MotorGeometry:
-    """Look the record's motors up in its craft.
-
-    Raises
-    ------
-    MissingDataError
-        When the log does not tell the frame, or an input is no motor of it.
-    """
+    """Look the record's motors up in its craft."""
     motors = {f"m{motor.number}": motor for motor in (record.vehicle.motors if record.vehicle is not None else ())}
     unknown = [name for name in record.input_names if name not in motors]
     if unknown:

@@ -26,15 +26,8 @@ def detrended(signals: Floats) -> Floats:
 def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
     """Estimate the one-sided power spectral density from windows that overlap by half, each without its mean.
 
-    Parameters
-    ----------
-    signal : ndarray, shape (..., N)
-
-    Returns
-    -------
-    hz : ndarray, shape (size // 2 + 1,)
-    density : ndarray, shape (..., size // 2 + 1)
-        In squared units of the signal per Hz.
+    `signal` (..., N). Returns `hz` (size // 2 + 1,); `density` (..., size // 2 + 1): in squared units of the signal per
+    Hz.
     """
     windows = np.lib.stride_tricks.sliding_window_view(signal, size, axis=-1)[..., :: size - size // 2, :]
     density: Floats = np.mean(densities(windows, rate), axis=-2)
@@ -44,13 +37,7 @@ def welch(signal: Floats, rate: float, size: int) -> tuple[Floats, Floats]:
 def densities(windows: Floats, rate: float) -> Floats:
     """Estimate the one-sided power spectral density of each window, of what it has beside its mean.
 
-    Parameters
-    ----------
-    windows : ndarray, shape (..., size)
-
-    Returns
-    -------
-    ndarray, shape (..., size // 2 + 1)
+    `windows` (..., size). Returns (..., size // 2 + 1).
     """
     size = windows.shape[-1]
     taper = hann(size)

@@ -27,18 +27,8 @@ FASTER = 1.5
 def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
     """Bring columns to the clock `t`: zero-phase low-pass where the source is faster, then straight lines.
 
-    Parameters
-    ----------
-    source_t : ndarray, shape (M,)
-        Strictly increasing, s.
-    values : ndarray, shape (M, k)
-        NaN marks missing samples; they are bridged by straight lines. A column without any value stays NaN.
-    t : ndarray, shape (N,)
-        Uniform, s.
-
-    Returns
-    -------
-    ndarray, shape (N, k)
+    `source_t` (M,): strictly increasing, s; `values` (M, k): NaN marks missing samples; they are bridged by straight
+    lines. A column without any value stays NaN; `t` (N,): uniform, s. Returns (N, k).
     """
     clock = NewClock(source_t, t)
     result = np.full((len(t), values.shape[1]), np.nan)
@@ -81,10 +71,7 @@ def logged_rate(values: Floats, dt: float) -> float:
 
     Between what was logged run straight lines, which bend at one sample or two about each.
 
-    Parameters
-    ----------
-    values : ndarray, shape (N, k)
-        Logged together.
+    `values` (N, k): logged together.
     """
     moving = values[:, np.ptp(values, axis=0) > 0.0]
     bends = np.any(np.abs(np.diff(moving, n=2, axis=0)) > _STRAIGHT * np.ptp(moving, axis=0), axis=1)
@@ -97,16 +84,8 @@ def logged_rate(values: Floats, dt: float) -> float:
 def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
     """Lay out a symmetric FIR low-pass filter and continue the signal for it at both ends.
 
-    Parameters
-    ----------
-    signal : ndarray, shape (N,)
-
-    Returns
-    -------
-    extended : ndarray, shape (N + taps - 1,)
-        The ends are continued by point reflection, which keeps level and slope.
-    taps : ndarray
-        A single one where there is nothing to filter.
+    `signal` (N,). Returns `extended` (N + taps - 1,): the ends are continued by point reflection, which keeps level and
+    slope; `taps`, a single one where there is nothing to filter.
     """
     half = min(round(1.6 / (cutoff * dt)), len(signal) - 1)
     if half < 1 or cutoff * dt >= 0.5:

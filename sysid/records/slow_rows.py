@@ -26,15 +26,7 @@ _GRID = 4096
 def join_rows(signals: Floats, dt: float, interval: float) -> Floats:
     """Return signals that were joined by straight lines as smooth as they were between their rows.
 
-    Parameters
-    ----------
-    signals : ndarray, shape (N, k)
-        On a uniform clock.
-
-    Returns
-    -------
-    ndarray, shape (N, k)
-        Unchanged where the rows are as fast as the clock, or too few.
+    `signals` (N, k): on a uniform clock. Returns (N, k): unchanged where the rows are as fast as the clock, or too few.
     """
     half = round(_HALF * interval / dt)
     if interval < _FASTER * dt or len(signals) <= 2 * half + 1:

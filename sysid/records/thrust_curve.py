@@ -68,13 +68,7 @@ def rotor_speeds(record: Experiment) -> Floats | None:
 def thrust_signals(
     record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> Floats:
-    """Return s of the module's text for each motor, (N, motors).
-
-    Raises
-    ------
-    ValueError
-        The law wants rotor speeds and the record has none.
-    """
+    """Return s of the module's text for each motor, (N, motors)."""
     density = relative_density(record)[:, None]
     if law is Law.SPEED:
         speeds = rotor_speeds(record)
@@ -90,9 +84,7 @@ def thrust_signals(
 def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:
     """Pass signals through a first-order lag from its steady state, exact for inputs linear between samples.
 
-    Parameters
-    ----------
-    signals : ndarray, shape (N, k) or (N,)
+    `signals` (N, k) or (N,).
     """
     if time_constant <= 1e-6 * dt:
         return signals

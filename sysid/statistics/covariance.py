@@ -17,13 +17,7 @@ AT_ONCE = 1 << 15
 def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     """Estimate the autocovariance over several records, tapered (Bartlett) so that it stays positive semidefinite.
 
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (N_r,)
-
-    Returns
-    -------
-    ndarray, shape (lags,)
+    `residuals` (N_r,). Returns (lags,).
     """
     total, result = 0, np.zeros(lags)
     for n, alike in groupby(residuals, key=len):
@@ -49,15 +43,7 @@ def independent_samples(residuals: Sequence[Floats]) -> float:
 def coloured_information(regressors: Sequence[Floats], covariance: Floats) -> Floats:
     """Covariance of ``sum_t psi(t) e(t)`` for residuals e of a given autocovariance.
 
-    Parameters
-    ----------
-    regressors : sequence of ndarray, shape (N_r, q)
-        psi, one array per record; records are independent.
-    covariance : ndarray, shape (lags,)
-
-    Returns
-    -------
-    ndarray, shape (q, q)
+    `regressors` (N_r, q): psi, one array per record; records are independent; `covariance` (lags,). Returns (q, q).
     """
     q = regressors[0].shape[1]
     result = np.zeros((q, q))
@@ -79,15 +65,8 @@ def lagged_information(signals: Sequence[Floats], lags: int, covariance: Floats)
     As `coloured_information` of the lagged signals beside each other, which would take `lags` times the memory: two
     columns one lag further on differ by what comes in at one end and goes out at the other.
 
-    Parameters
-    ----------
-    signals : sequence of ndarray, shape (N_r,)
-        u, one array per record, of more than `lags` samples; residuals start at the sample `lags`.
-    covariance : ndarray, shape (reach,)
-
-    Returns
-    -------
-    ndarray, shape (lags, lags)
+    `signals` (N_r,): u, one array per record, of more than `lags` samples; residuals start at the sample `lags`;
+    `covariance` (reach,). Returns (lags, lags).
     """
     result = np.zeros((lags, lags))
     for u in signals:

@@ -77,12 +77,7 @@ def examine_residuals(
 ) -> ResidualTest | None:
     """Test prediction errors of one output; None for too few samples, or errors that are all the same.
 
-    Parameters
-    ----------
-    errors : sequence of ndarray, shape (N_r,)
-        One-sample-ahead prediction errors, one array per record.
-    inputs : sequence of ndarray, shape (N_r, m)
-        At the same samples.
+    `errors` (N_r,): one-sample-ahead prediction errors, one array per record; `inputs` (N_r, m): at the same samples.
     """
     longest = max((len(error) for error in errors), default=0)
     lags = min(LAGS, longest // SAMPLES_PER_LAG)

@@ -13,7 +13,6 @@ from logparse import FlightLog
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
-from sysid.frequency.fit import scan_orders
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import UNRELATED, verify
 from tests.sysid.rate_logs import logged
@@ -149,13 +148,6 @@ def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
     assert found.structure[0].name == "rate, speed"
     assert found.parameters["gain"].value == pytest.approx(400.0, rel=0.05)
     assert found.parameters["speed_moment"].value == pytest.approx(22.0 * 9.8, rel=0.1)
-
-
-def test_orders_are_scanned_without_a_structure(chirped: FlightLog) -> None:
-    best = scan_orders(frequency.response(chirped, "roll"), most_poles=3)[0]
-    found = best.transfer_function().poles
-    assert len(found) == 2
-    assert found.real == pytest.approx([-2.0, -1.0 / 0.03], rel=0.25)
 
 
 @pytest.mark.slow
