@@ -36,13 +36,7 @@ _GAP = 1.0
 
 
 def check(log: "FlightLog") -> tuple[Finding, ...]:
-    """Judge a log for identification.
-
-    Returns
-    -------
-    tuple of Finding
-        Missing tables with the parameter that logs them, low rates, gaps in flight.
-    """
+    """Judge a log for identification."""
     flight = log.flight
     findings = list(_advised(log, list(_lacking(log))))
     findings += calibration(at_rest(log.tables, log.flights), log.parameters)

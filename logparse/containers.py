@@ -35,13 +35,7 @@ _HUGE_PAGE = 1 << 21
 
 
 class MappedPages:
-    """Pages of a mapped file in memory, given back on the way so that a file larger than memory can be read.
-
-    Attributes
-    ----------
-    matter : bool
-        Whether the file is mapped and large enough to be read in pieces.
-    """
+    """Pages of a mapped file in memory, given back on the way so that a file larger than memory can be read."""
 
     def __init__(self, buffer: "Buffer"):
         self._map = buffer if isinstance(buffer, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED") else None
@@ -80,13 +74,7 @@ def limit_unpacked(size: int) -> None:
 
 
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
-    """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped.
-
-    Raises
-    ------
-    LogError
-        No such file, unreadable, empty, or an archive that is damaged, too large or without one log.
-    """
+    """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped."""
     with _opened(path) as (file, magic):
         if magic[:3] == b"\x1f\x8b\x08":
             with gzip.open(path) as packed:

@@ -34,18 +34,7 @@ def export(
     start: float | None = None,
     stop: float | None = None,
 ) -> tuple[Path, ...]:
-    """Write messages as logged and canonical tables, one file each; for MATLAB one file with all of them.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
-
-    Raises
-    ------
-    RotoridError
-        Unknown format, or a name that the log does not have.
-    """
+    """Write messages as logged and canonical tables, one file each; for MATLAB one file with all of them."""
     if format not in FORMATS:
         raise RotoridError(f"unknown export format {format!r}; there are {', '.join(FORMATS)}")
     tables, raw = _selection(log, messages)

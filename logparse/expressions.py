@@ -40,16 +40,6 @@ def evaluate(log: "FlightLog", text: str) -> LoggedSignal:
     """Evaluate an expression of signals.
 
     Signals of different times are interpolated to those of the one with most samples.
-
-    Returns
-    -------
-    LoggedSignal
-        Its unit is composed from those of its parts.
-
-    Raises
-    ------
-    SignalError
-        It cannot be read, names no signal of the log, or adds what has different units.
     """
     text = text.strip()
     if len(text) > _LONGEST:

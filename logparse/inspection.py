@@ -68,12 +68,7 @@ class Inspection:
 
 
 def inspect(log: "FlightLog") -> Inspection:
-    """Summarise a log; of one that `FlightLog.of_flight` made, the tables and the findings of that flight.
-
-    Returns
-    -------
-    Inspection
-    """
+    """Summarise a log; of one that `FlightLog.of_flight` made, the tables and the findings of that flight."""
     duration = log.duration
     counts = sorted(log.messages.counts.items(), key=lambda item: (-item[1], item[0]))
     worst_first = {"error": 0, "warning": 1, "info": 2}

@@ -42,13 +42,7 @@ class Rest:
 
 
 def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
-    """Measure the specific force while the craft stands still outside its flights.
-
-    Returns
-    -------
-    Rest or None
-        None without an IMU, or where nothing shows three seconds at rest.
-    """
+    """Measure the specific force while the craft stands still outside its flights."""
     t = tables.times("imu")
     if t is None or len(t) < _SAMPLES:
         return None

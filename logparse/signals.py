@@ -36,13 +36,7 @@ class LoggedSignal:
 
 
 def logged_signal(log: "FlightLog", name: str) -> LoggedSignal:
-    """Find a signal by its name.
-
-    Raises
-    ------
-    SignalError
-        For another form, a message, instance or field that the log does not have, or one that is no number.
-    """
+    """Find a signal by its name."""
     match = _NAME.fullmatch(name.strip())
     if match is None:
         raise SignalError(f"{name!r} is no signal; write MESSAGE.Field, such as ATT.Roll, or table.column")

@@ -35,17 +35,9 @@ def utc_from_gps(week: int, milliseconds: float) -> datetime:
 
 
 def mend_times(t: npt.NDArray[np.float64], low: float, high: float) -> tuple[npt.NDArray[np.float64], int]:
-    """Replace time stamps that cannot be by interpolation over the rows.
+    """Replace time stamps that cannot be by interpolation over the rows; return how many, too.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Times of one message type in file order, s. Small steps back are usual and stay.
-
-    Returns
-    -------
-    ndarray, int
-        Times and how many were replaced.
+    `t` are those of one message type in file order, s: small steps back are usual and stay.
     """
     if _decode.is_orderly(t, low - _ODD_STEP, high + _ODD_STEP, _ODD_STEP):
         return t, 0

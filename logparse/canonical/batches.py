@@ -21,15 +21,7 @@ _BLOCK = 32
 
 
 def batches(messages: Mapping[str, pd.DataFrame]) -> dict[str, tuple[pd.DataFrame, ...]]:
-    """Read all batches.
-
-    Returns
-    -------
-    dict of str to tuple of DataFrame
-        ``"gyro_batch"`` [rad/s] and ``"accel_batch"`` [m/s^2], one table for each instance of the sensor, with the
-        columns `gyro_x`, `gyro_y`, `gyro_z` (or `accel_x` ...) and `batch`, which counts the bursts. Empty when the
-        log has none.
-    """
+    """Return ``"gyro_batch"`` [rad/s] and ``"accel_batch"`` [m/s^2] where the log has any: a table for each instance."""
     if "ISBH" not in messages or "ISBD" not in messages or not len(messages["ISBH"]) or not len(messages["ISBD"]):
         return {}
     heads, data = messages["ISBH"], messages["ISBD"]

@@ -89,11 +89,6 @@ def origin(messages: Messages, gps: pd.DataFrame | None, ekf: pd.DataFrame | Non
 
     ORGN of type 0 where it is logged (since 3.5; before, type 0 was 1). Otherwise the place that brings the
     filter's positions onto the GPS fixes, or the first good fix where there is no filter.
-
-    Returns
-    -------
-    Geodetic or None
-        rad and m; None where nothing tells.
     """
     if "ORGN" in messages and len(messages["ORGN"]):
         rows = messages["ORGN"]

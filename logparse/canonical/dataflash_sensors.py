@@ -31,13 +31,7 @@ SITL_LAG = 0.1
 
 
 def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
-    """Motor outputs by motor number: RCOU (and RCO2, RCO3 for outputs from 15), or MOT of firmware before 3.1.
-
-    Returns
-    -------
-    DataFrame or None
-        Columns m1, m2 ..., us; None where the log has none.
-    """
+    """Motor outputs by motor number: RCOU (and RCO2, RCO3 for outputs from 15), or MOT of firmware before 3.1."""
     if "RCOU" not in messages or not len(messages["RCOU"]):
         if "MOT" not in messages:
             return None
@@ -185,13 +179,7 @@ def _imu_table(
 
 
 def gps(messages: Messages, parameters: Mapping[str, float], old_receiver: bool, remarks: Remarks) -> Sensor:
-    """GPS fixes with their time of validity: GPS and GPS2, or GPS with its instance; accuracies of GPA or UBX3.
-
-    Returns
-    -------
-    (DataFrame or None, tuple of DataFrame)
-        The receiver that the autopilot prefers, and further ones.
-    """
+    """GPS fixes with their time of validity: GPS and GPS2, or GPS with its instance; accuracies of GPA or UBX3."""
     accuracy = instances(messages, "GPA", "GPA2")
     if not accuracy:
         accuracy = [
@@ -283,20 +271,7 @@ def _nearest(rows: pd.DataFrame, t: Array) -> dict[str, Array]:
 
 
 def clean_fixes(values: Array, fix: Array, message: str, remarks: Remarks) -> Array:
-    """Remove positions and velocities (columns lat, lon [rad] first) that no receiver can have measured.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, k)
-        Latitude, longitude [rad], altitude [m], then velocities [m/s].
-    fix : ndarray, shape (n,)
-        Type of fix; below 2 is none.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        The values, nan in rows that were removed.
-    """
+    """Remove positions and velocities (columns lat, lon [rad] first) that no receiver can have measured."""
     values = remarks.remove(
         values, (values[:, 0] == 0.0) & (values[:, 1] == 0.0), message, "latitude and longitude zero"
     )
@@ -315,13 +290,7 @@ def _positive(values: Array) -> Array:
 
 
 def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -> Sensor:
-    """Pressure altitude: BARO, BAR2, BAR3 or BARO with its instance; the altitude of CTUN in firmware before 3.2.
-
-    Returns
-    -------
-    (DataFrame or None, tuple of DataFrame)
-        The barometer that the autopilot prefers, and further ones.
-    """
+    """Pressure altitude: BARO, BAR2, BAR3 or BARO with its instance; the altitude of CTUN in firmware before 3.2."""
     tables = []
     for name, frame in instances(messages, "BARO", "BAR2", "BAR3"):
         alt, pressure = quantity(frame, "Alt", "m"), quantity(frame, "Press", "Pa")
@@ -346,13 +315,7 @@ def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) 
 
 
 def mag(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -> Sensor:
-    """Magnetic field, calibrated as the autopilot uses it: MAG, MAG2, MAG3 or MAG with its instance.
-
-    Returns
-    -------
-    (DataFrame or None, tuple of DataFrame)
-        The compass that the autopilot uses first, and further ones; body frame, T.
-    """
+    """Magnetic field, calibrated as the autopilot uses it: MAG, MAG2, MAG3 or MAG with its instance."""
     tables = []
     for name, frame in instances(messages, "MAG", "MAG2", "MAG3"):
         values = np.column_stack([quantity(frame, f"Mag{axis}", "mGauss") for axis in "XYZ"])

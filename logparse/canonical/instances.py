@@ -55,11 +55,6 @@ def pick(
     """Pick the first healthy instance of a sensor and keep the others that measured anything.
 
     An instance is healthy when column `key` has at least half as many values as that of the best instance.
-
-    Returns
-    -------
-    table : DataFrame or None
-    further : tuple of DataFrame
     """
     tables = [table for _, table in candidates]
     counts = [int(table[key].notna().sum()) for table in tables]

@@ -18,19 +18,7 @@ class Remarks:
     def remove(
         self, values: npt.NDArray[np.float64], impossible: npt.NDArray[np.bool_], message: str, why: str
     ) -> npt.NDArray[np.float64]:
-        """Replace impossible values by NaN and count them under a message and a reason.
-
-        Parameters
-        ----------
-        values : ndarray, shape (N,) or (N, k)
-        impossible : ndarray of bool, shape (N,)
-            Samples to remove; all k values of a sample go together.
-
-        Returns
-        -------
-        ndarray
-            A copy when something is removed.
-        """
+        """Replace impossible values by NaN and count them under a message and a reason."""
         count = int(np.count_nonzero(impossible))
         if count == 0:
             return values

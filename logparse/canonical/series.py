@@ -16,18 +16,6 @@ def series(
 
     Rows without a time are dropped, rows that step backwards are sorted in, and of rows with the same time the
     last counts. Infinite values become NaN.
-
-    Parameters
-    ----------
-    t : array_like, shape (N,)
-        Seconds on the boot clock.
-    columns : mapping of str to array_like, shape (N,), or pairs of the same
-        Pairs are taken one by one, so that those of a long message need not be in memory twice.
-
-    Returns
-    -------
-    DataFrame
-        Index `t` strictly increasing, float64 columns.
     """
     index, made = _made(t, columns.items() if isinstance(columns, Mapping) else columns)
     # The columns are our own: gathering them into one block would only copy them.
@@ -86,15 +74,7 @@ def order_of(t: Array) -> npt.NDArray[np.intp]:
 
 
 def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
-    """Order events by time without losing those that share one: later ones move by a microsecond each.
-
-    Returns
-    -------
-    order : ndarray of int
-        Positions of the events with a time.
-    times : ndarray, shape (len(order),)
-        Strictly increasing.
-    """
+    """Order events by time without losing those that share one: later ones move by a microsecond each."""
     times = np.asarray(t, dtype=np.float64)
     order = np.argsort(times, kind="stable")
     order = order[np.isfinite(times[order])]
@@ -108,16 +88,7 @@ def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
 
 
 def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -> Array:
-    """Interpolate every column of a table linearly at other times.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-
-    Returns
-    -------
-    ndarray, shape (N, columns)
-    """
+    """Interpolate the columns of a table at other times, shape (N, columns); NaN beyond `gap` from a sample."""
     result = np.full((len(t), table.shape[1]), np.nan)
     source = table.index.to_numpy()
     its_own = np.array_equal(source, t)
@@ -153,17 +124,7 @@ _FROZEN = 100
 
 
 def frozen(values: Array) -> npt.NDArray[np.bool_]:
-    """Mark the samples of a sensor that repeats one reading throughout the log, which no live one does.
-
-    Parameters
-    ----------
-    values : ndarray, shape (N, k)
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        All finite samples, or none.
-    """
+    """Mark the samples, (N, k), of a sensor that repeats one reading throughout the log, which no live one does."""
     known = np.asarray(np.isfinite(values).all(axis=1))
     seen = values[known]
     return known & (len(seen) >= _FROZEN and bool((seen == seen[0]).all()))
@@ -198,13 +159,7 @@ def wrap(angle: npt.ArrayLike) -> Array:
 
 
 def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order).
-
-    Parameters
-    ----------
-    q_w, q_x, q_y, q_z : ndarray, shape (n,)
-        The quaternions, of about unit length: nan comes of those shorter than 0.5.
-    """
+    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order)."""
     norm = np.sqrt(q_w**2 + q_x**2 + q_y**2 + q_z**2)
     norm = np.where(norm > 0.5, norm, np.nan)
     w, x, y, z = q_w / norm, q_x / norm, q_y / norm, q_z / norm
@@ -215,13 +170,7 @@ def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array,
 
 
 def quaternions(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order).
-
-    Parameters
-    ----------
-    roll, pitch, yaw : ndarray, shape (n,)
-        rad.
-    """
+    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order)."""
     cr, sr = np.cos(roll / 2.0), np.sin(roll / 2.0)
     cp, sp = np.cos(pitch / 2.0), np.sin(pitch / 2.0)
     cy, sy = np.cos(yaw / 2.0), np.sin(yaw / 2.0)

@@ -322,13 +322,7 @@ MOTOR_COUNTS: Mapping[str, int] = MappingProxyType(
 def motor_table(
     frame_class: str, frame_type: str | None = None, channels: Mapping[int, int] | None = None
 ) -> tuple[Motor, ...]:
-    """List the motors of a frame, by motor number.
-
-    Returns
-    -------
-    tuple of Motor
-        Empty when ArduPilot has no such frame.
-    """
+    """List the motors of a frame, by motor number."""
 
     def channel(number: int) -> int | None:
         return number if channels is None else channels.get(number)

@@ -552,13 +552,7 @@ def neighbouring_times(
     time_width: Int32s, time_offset: Int32s, low: int, high: int, positions: Int64s, indices: Int64s,
     before: Int64s, after: Int64s,
 ) -> None:  # fmt: skip
-    """Boot clocks of the timed messages around some that carry none.
-
-    Parameters
-    ----------
-    before, after : int64 arrays, shape (n, 2)
-        Output: byte and time [us] of the last timed message before and the first behind; the byte is -1 for none.
-    """
+    """Boot clocks of the timed messages around some that carry none."""
     known = np.int64(-1)
     for k in range(positions.size):
         if k > 0 and known > indices[k]:

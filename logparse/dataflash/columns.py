@@ -29,17 +29,7 @@ _SCALE = {
 
 
 class Layout:
-    """Where the columns of some tables lie in one block of memory.
-
-    Parameters
-    ----------
-    slots : list of Slot
-    rows : list of int
-        Of each table.
-    units : UnitTable
-    wanted : collection of str, optional
-        Fields that become columns; all of them by default.
-    """
+    """Where the columns of some tables lie in one block of memory."""
 
     def __init__(self, slots: list[Slot], rows: list[int], units: UnitTable, wanted: Collection[str] | None = None):
         self.slots, self.rows = slots, rows

@@ -75,15 +75,7 @@ class _Layout:
 
 
 class DataflashWriter:
-    """Writes messages to a binary stream; FMT, UNIT, MULT and FMTU rows are written on their own.
-
-    Parameters
-    ----------
-    stream : binary file
-        Open for writing; not closed by the writer.
-    start_us : int
-        Time of the first FMTU, UNIT and MULT rows, us on the boot clock.
-    """
+    """Writes messages to a binary stream; FMT, UNIT, MULT and FMTU rows are written on their own."""
 
     def __init__(self, stream: BinaryIO, start_us: int = 0):
         self._stream = stream

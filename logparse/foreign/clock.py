@@ -45,18 +45,7 @@ _LONGEST_SPIKE = 3
 
 
 def steady_rows(t: Floats, name: str, label: str) -> tuple[npt.NDArray[np.int64], list[Finding]]:
-    """Choose rows whose time stamps increase, in the longest part without a jump.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        s, as in the table.
-
-    Raises
-    ------
-    TableError
-        When time hardly ever increases.
-    """
+    """Choose rows whose time stamps increase, in the longest part without a jump."""
     findings: list[Finding] = []
     rows = np.flatnonzero(np.isfinite(t))
     if len(rows) < FEWEST:
@@ -119,24 +108,7 @@ def uniform(t: Floats) -> Floats:
 def known_rows(
     values: Floats, names: Sequence[str], dt: float, fill: bool, label: str
 ) -> tuple[slice, Floats, list[Finding]]:
-    """Fill short gaps, and keep the longest part without a long one.
-
-    Parameters
-    ----------
-    values : ndarray, shape (N, k)
-
-    Returns
-    -------
-    rows : slice
-    values : ndarray
-        Filled.
-    findings : list of Finding
-
-    Raises
-    ------
-    TableError
-        When a column has no values, or too few to be filled, or nothing long enough is known of all columns.
-    """
+    """Fill short gaps, and keep the longest part without a long one."""
     findings: list[Finding] = []
     out = values.copy()
     whole = np.ones(len(values), dtype=bool)
@@ -224,11 +196,6 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
     """Find columns that stop changing while others go on: a recorder that repeats its last packet; (N, k).
 
     A column at its own smallest or largest value is left alone: motors saturate.
-
-    Parameters
-    ----------
-    values : ndarray, shape (N, k)
-        Columns on the uniform clock.
     """
     still = np.diff(values, axis=0) == 0.0
     stuck = [name for name, column in zip(names, still.T, strict=True) if column.all()]

@@ -123,13 +123,7 @@ class _Plain(yaml.SafeLoader):
 
 
 def read_column_map(source: Mapping[str, Any] | str | Path) -> ColumnMap:
-    """Read the description of a table.
-
-    Raises
-    ------
-    TableError
-        When it is no such description; the text says which key.
-    """
+    """Read the description of a table."""
     if not isinstance(source, Mapping):
         path = Path(source)
         try:

@@ -54,23 +54,8 @@ def check_motion(
 ) -> list[Finding]:
     """Compare motion with itself and with the motors, in NED and FRD; what is odd and may still be right is told.
 
-    Parameters
-    ----------
-    position, velocity : ndarray, shape (N, 3)
-        NED, m and m/s.
-    quaternion : ndarray, shape (N, 4)
-        Body to NED, scalar first.
-    rates : ndarray, shape (N, 3)
-        Body rates, rad/s.
-    motors : ndarray, shape (N, k)
-        Motor columns, in the order declared.
-    t : ndarray, shape (N,)
-        Uniform clock, s.
-
-    Raises
-    ------
-    TableError
-        With every contradiction that was found, the columns, and what would fit.
+    Motion is (N, 3) in NED and FRD, quaternions scalar first, motors (N, k) in the order declared, t uniform [s].
+    TableError names every contradiction, its columns, and what would fit.
     """
     dt = float(t[1] - t[0])
     reach = max(round(_BASE / dt / 2.0), 1)

@@ -7,12 +7,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def slopes(values: Floats, dt: float, reach: int) -> Floats:
-    """Differentiate columns over 2 * reach samples about each; shape (N - 2 reach, ...).
-
-    Parameters
-    ----------
-    values : ndarray, shape (N, ...)
-    """
+    """Differentiate columns over 2 * reach samples about each; shape (N - 2 reach, ...)."""
     return np.asarray((values[2 * reach :] - values[: -2 * reach]) / (2.0 * reach * dt))
 
 

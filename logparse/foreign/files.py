@@ -60,13 +60,7 @@ def is_table(path: Path) -> bool:
 
 
 def read_columns(path: Path) -> pd.DataFrame:
-    """Read a file; lists and matrices become columns ``NAME[0]``, ``NAME[1]`` ...
-
-    Raises
-    ------
-    TableError
-        When the file is no such table.
-    """
+    """Read a file; lists and matrices become columns ``NAME[0]``, ``NAME[1]`` ..."""
     name = path.name.lower()
     if not path.exists():
         raise TableError(f"{path}: no such file")

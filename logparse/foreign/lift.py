@@ -35,13 +35,7 @@ _SHIFTS = range(-3, 13)
 
 
 def specific_force(velocity: Floats, rotation: Rotation, dt: float, reach: int) -> Floats:
-    """Acceleration less gravity in body axes (FRD), m/s^2, over 2 * reach samples; shape (N - 2 reach, 3).
-
-    Parameters
-    ----------
-    velocity : ndarray, shape (N, 3)
-        NED, m/s.
-    """
+    """Acceleration less gravity in body axes (FRD), m/s^2, over 2 * reach samples; shape (N - 2 reach, 3)."""
     pushed = slopes(velocity, dt, reach) - np.array([0.0, 0.0, STANDARD_GRAVITY])
     return rotation[reach:-reach].apply(pushed, inverse=True)
 
@@ -61,15 +55,7 @@ class Following:
 
 
 def following(pull: Floats, strength: Floats, dt: float) -> Following:
-    """Compare thrust with the motors within seconds.
-
-    Parameters
-    ----------
-    pull : ndarray, shape (N,)
-        Thrust for mass, upwards, m/s^2.
-    strength : ndarray, shape (N,)
-        Mean square of the motors over the same time.
-    """
+    """Compare thrust with the motors within seconds."""
     span = max(round(_SPAN / dt), 3)
     quick, driving = (_without_knocks(each - uniform_filter1d(each, span)) for each in (pull, strength))
     likeness, change = -1.0, 0.0
@@ -91,15 +77,7 @@ def _without_knocks(values: Floats) -> Floats:
 
 
 def check_lift(declared: ColumnMap, pull: Floats, motors: Floats, width: int, dt: float) -> list[Finding]:
-    """Name the columns where thrust hardly follows the motors, or changes more or less than it can with them.
-
-    Parameters
-    ----------
-    pull : ndarray, shape (N - width,)
-        Thrust for mass, upwards, m/s^2.
-    motors : ndarray, shape (N, k)
-        Motor columns.
-    """
+    """Name the columns where thrust hardly follows the motors, or changes more or less than it can with them."""
     quantity = declared.motors.quantity
     low, high = _BY_COMMANDS if quantity in {"pwm", "command"} else _BY_SPEEDS
     idle, full = declared.motors.pwm if quantity == "pwm" else (0.0, 1.0)

@@ -21,18 +21,7 @@ _QUIET = 0.1
 
 
 def check_units(declared: ColumnMap, columns: Mapping[str, Floats], label: str) -> list[Finding]:
-    """Compare magnitudes with what such a craft can have.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, shape (N, k)
-        Columns by quantity, in the units of `declared` brought to SI.
-
-    Raises
-    ------
-    TableError
-        When motors, rates or positions cannot be in the declared unit.
-    """
+    """Compare magnitudes with what such a craft can have."""
     motors = columns["motors"]
     names = ", ".join(declared.motors.columns)
     usual = float(np.median(np.abs(motors)))

@@ -64,13 +64,7 @@ class MotionTable:
 def read_motion(
     source: Path | str | pd.DataFrame, columns: Mapping[str, Any] | str | Path, name: str | None = None
 ) -> MotionTable:
-    """Read a table and bring it to rotorid's conventions.
-
-    Raises
-    ------
-    TableError
-        When columns are missing, or contradict each other; the text names them, with the evidence.
-    """
+    """Read a table and bring it to rotorid's conventions."""
     declared = read_column_map(columns)
     if isinstance(source, pd.DataFrame):
         frame, label = flatten(source), name or declared.name or "table"

@@ -39,15 +39,7 @@ def contradicted_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: f
 
 
 def unchecked_order(declared: ColumnMap, rates: Floats, motors: Floats, dt: float) -> list[Finding]:
-    """Explain that a flight does not show the order of its motors: it turns too little, or another fits better.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (N, 3)
-        Body rates, rad/s.
-    motors : ndarray, shape (N, k)
-        Motor columns, in the order declared.
-    """
+    """Explain that a flight does not show the order of its motors: it turns too little, or another fits better."""
     names = ", ".join(declared.motors.columns)
     found = _orders(declared, rates, motors, dt)
     if found is not None and found.best >= _TURNING:

@@ -47,17 +47,7 @@ class Shift:
 def check_shifts(
     declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
 ) -> list[Finding]:
-    """Name the columns that stand later or earlier in the table than others of the same motion.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, shape (N, 3)
-        NED, m and m/s.
-    quaternion : ndarray, shape (N, 4)
-        Body to NED, scalar first.
-    rates : ndarray, shape (N, 3)
-        rad/s.
-    """
+    """Name the columns that stand later or earlier in the table than others of the same motion."""
     rotation = Rotation.from_quat(quaternion, scalar_first=True)
     findings: list[Finding] = []
     if declared.velocity is not None:
@@ -81,17 +71,7 @@ def check_shifts(
 def check_clock(
     declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
 ) -> list[Finding]:
-    """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, shape (N, 3)
-        NED, m and m/s.
-    quaternion : ndarray, shape (N, 4)
-        Body to NED, scalar first.
-    rates : ndarray, shape (N, 3)
-        Body rates, rad/s.
-    """
+    """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike."""
     if declared.velocity is None or declared.rates is None:
         return []
     far, long = (max(round(leg / dt), 1) for leg in _LEGS)
@@ -133,11 +113,7 @@ def _compared(change: Floats, slope: Floats, samples: int, dt: float) -> tuple[f
 def find_shift(truth: Floats, signal: Floats, dt: float, beside: Floats | None = None) -> Shift | None:
     """Estimate by how much `signal` is late; None where parts of the record disagree or it does not follow at all.
 
-    Parameters
-    ----------
-    truth, signal : ndarray, shape (N, k)
-    beside : ndarray, shape (N, k), optional
-        What else the truth depends on without a shift, such as the velocity that makes drag.
+    Both (N, k); the truth may depend on `beside` without a shift, such as on the velocity that makes drag.
     """
     reach = round(_FARTHEST / dt)
     parts = np.array_split(np.arange(reach, len(truth) - reach), _PARTS)

@@ -380,14 +380,7 @@ def scan(
 
 @njit(cache=True, nogil=True)
 def sort_by_slot(offsets: Array, slots: Array, n_slots: Int) -> tuple[Array, Array]:
-    """Sort a chunk of frames by message, keeping the order of the stream within each.
-
-    Returns
-    -------
-    ordered : like `offsets`
-    starts : int32 array, shape (n_slots + 1,)
-        Where each message's frames begin in `ordered`.
-    """
+    """Sort a chunk of frames by message, keeping the order of the stream within each."""
     starts = np.zeros(n_slots + 1, np.int32)
     for k in range(offsets.size):
         starts[_U(slots[k]) + _U(1)] += 1

@@ -59,13 +59,7 @@ class BootClock:
 
 
 def find_boots(windows: Int64s, size: int, stamped: bool, boundary: Callable[[int, int], int]) -> BootClock:
-    """Split a stream into power-ups and give each a clock.
-
-    Parameters
-    ----------
-    windows : ndarray of int64, shape (n, WINDOW_SIZE)
-        Clock windows of the autopilot in the order of the stream, at least one.
-    """
+    """Split a stream into power-ups and give each a clock."""
     windows = _without_strays(windows, stamped)
     restarts = [0, *_restarts(windows, stamped).tolist()]
     stops = [*restarts[1:], len(windows)]

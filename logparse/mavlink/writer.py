@@ -23,32 +23,14 @@ _ELEMENT = re.compile(r"(?P<field>\w+)\[(?P<index>\d+)\]")
 
 
 class TlogWriter:
-    """Writes time-stamped MAVLink 2 frames to a binary stream; sequence numbers count up per component.
-
-    Parameters
-    ----------
-    stream : binary file
-        Open for writing; not closed by the writer.
-    """
+    """Writes time-stamped MAVLink 2 frames to a binary stream; sequence numbers count up per component."""
 
     def __init__(self, stream: BinaryIO):
         self._stream = stream
         self._links: dict[tuple[int, int], Any] = {}
 
     def write(self, time_unix_us: int, name: str, /, system: int = 1, component: int = 1, **fields: Any) -> None:
-        """Write one message.
-
-        Parameters
-        ----------
-        time_unix_us : int
-            When the ground station received it, us since 1970 UTC.
-        name : str
-            MAVLink name, such as ``"ATTITUDE"``.
-        system, component : int
-            Who sent it; an autopilot is component 1.
-        **fields
-            Values by field name: numbers, sequences for arrays, text for ``char`` arrays.
-        """
+        """Write one message."""
         definition = _definition(name)
         self._write_records(
             definition,
@@ -66,20 +48,7 @@ class TlogWriter:
         system: int = 1,
         component: int = 1,
     ) -> None:
-        """Write many messages of one name, in the order given.
-
-        Parameters
-        ----------
-        name : str
-            Message name of the dialect.
-        time_unix_us : array_like of int, shape (n,)
-            Receive times, us since 1970 UTC.
-        columns : mapping of str to array_like
-            Values by field name, shape (n,) or (n, length) for arrays; an array may also come as its elements
-            ``"voltages[0]"``, ``"voltages[1]"`` ... Floats meant for integer fields are rounded.
-        system, component : int
-            Who sent them.
-        """
+        """Write many messages of one name, in the order given."""
         stamps = np.asarray(time_unix_us, np.int64)
         definition = _definition(name)
         records = _records(definition, columns, len(stamps))
