@@ -21,7 +21,7 @@ _BLOCK = 32
 
 
 def batches(messages: Mapping[str, pd.DataFrame]) -> dict[str, tuple[pd.DataFrame, ...]]:
-    """Return ``"gyro_batch"`` [rad/s] and ``"accel_batch"`` [m/s^2] where the log has any: a table for each instance."""
+    """Return ``"gyro_batch"`` [rad/s] and ``"accel_batch"`` [m/s^2] of each instance, where the log has any."""
     if "ISBH" not in messages or "ISBD" not in messages or not len(messages["ISBH"]) or not len(messages["ISBD"]):
         return {}
     heads, data = messages["ISBH"], messages["ISBD"]

@@ -88,7 +88,7 @@ def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
 
 
 def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -> Array:
-    """Interpolate the columns of a table at other times, shape (N, columns); NaN beyond `gap` from a sample."""
+    """Interpolate columns of a table at other times, (N, columns); NaN beyond `gap` from a sample."""
     result = np.full((len(t), table.shape[1]), np.nan)
     source = table.index.to_numpy()
     its_own = np.array_equal(source, t)
@@ -124,7 +124,7 @@ _FROZEN = 100
 
 
 def frozen(values: Array) -> npt.NDArray[np.bool_]:
-    """Mark the samples, (N, k), of a sensor that repeats one reading throughout the log, which no live one does."""
+    """Mark the samples, (N, k), of a sensor that repeats one reading throughout, as no live one does."""
     known = np.asarray(np.isfinite(values).all(axis=1))
     seen = values[known]
     return known & (len(seen) >= _FROZEN and bool((seen == seen[0]).all()))

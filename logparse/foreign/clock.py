@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import percentile_filter
 
-from core.findings import Finding, Severity
-from logparse.foreign.files import TableError
+from core.findings import Finding
+from logparse.foreign.files import TableError, table_finding
 
 Floats = npt.NDArray[np.float64]
 
@@ -128,8 +128,7 @@ def known_rows(
         long = lengths * dt > LONGEST_GAP
         out[bad, k] = np.interp(at[bad], at[~bad], out[~bad, k])
         findings.append(
-            _finding(
-                "table-doubtful",
+            table_finding(
                 name,
                 f"{int(bad.sum())} of {len(values)} samples are missing, at most {lengths.max() * dt:.2f} s at a time; "
                 + ("gaps are filled" if fill or not long.any() else f"{int(long.sum())} gap(s) end the usable part"),
@@ -160,8 +159,7 @@ def without_spikes(values: Floats, names: Sequence[str]) -> tuple[Floats, list[F
         worst = float(column[bad][np.argmax(np.abs(column[bad] - np.median(column)))])
         column[bad] = np.interp(at[bad], at[~bad], column[~bad])
         findings.append(
-            _finding(
-                "table-doubtful",
+            table_finding(
                 name,
                 f"{int(bad.sum())} samples leap away and back, such as {worst:.6g}; their neighbours replace them",
                 "look for lost packets of the telemetry",
@@ -222,12 +220,8 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
 
 
 def _time(column: str, text: str) -> Finding:
-    return _finding("table-doubtful", column, text, "export the record with the time of each sample")
+    return table_finding(column, text, "export the record with the time of each sample")
 
 
 def _held(column: str, text: str) -> Finding:
-    return _finding("table-doubtful", column, text, "cut the record there: what a recorder repeats was not measured")
-
-
-def _finding(identifier: str, column: str, text: str, advice: str) -> Finding:
-    return Finding(identifier, Severity.WARNING, f"column {column}: {text}", advice, {"column": column})
+    return table_finding(column, text, "cut the record there: what a recorder repeats was not measured")

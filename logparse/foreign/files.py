@@ -20,6 +20,7 @@ import pandas as pd
 import scipy
 
 from core.errors import RotoridError
+from core.findings import Finding, Severity
 from core.lazy import lazy
 from logparse.containers import most_unpacked, unpack
 
@@ -52,6 +53,14 @@ SUFFIXES = (".csv", ".txt", ".tsv", ".csv.xz", ".csv.gz", ".csv.bz2", ".parquet"
 
 class TableError(RotoridError):
     """A table that cannot be read, or whose columns are missing or contradict each other; the text names them."""
+
+
+def table_finding(
+    column: str, text: str, advice: str, severity: Severity = Severity.WARNING, **evidence: str | float
+) -> Finding:
+    """Make a finding about a column, or several with commas between them."""
+    words = f"column{'s' if ', ' in column else ''} {column}: {text}"
+    return Finding("table-doubtful", severity, words, advice, {"column": column, **evidence})
 
 
 def is_table(path: Path) -> bool:

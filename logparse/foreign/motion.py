@@ -18,10 +18,10 @@ from core.findings import Finding, Severity
 from logparse.craft.frames import Vehicle
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
-from logparse.foreign.consistency import check_motion
-from logparse.foreign.files import TableError, flatten, read_columns
-from logparse.foreign.magnitudes import check_units
-from logparse.foreign.motor_order import unchecked_order
+from logparse.foreign.consistency import contradiction, wrong_frame
+from logparse.foreign.files import TableError, flatten, read_columns, table_finding
+from logparse.foreign.motors import check_lift, check_units, find_order, not_lifting, unchecked_order, wrong_order
+from logparse.foreign.pairs import Motion, pairs_of
 from logparse.foreign.shifts import check_clock, check_shifts
 
 Floats = npt.NDArray[np.float64]
@@ -38,6 +38,10 @@ _EXPLAINED, _ODD_SCALE = 0.95, 0.1
 
 #: Sampling interval of what is checked, s: motion has nothing that is faster.
 _CHECKED = 0.004
+
+#: Time over which differences are taken, s: short against the motion, long against noise; and second differences of
+#: position, where no velocity is logged.
+_BASE, _LONG_BASE = 0.04, 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,13 +125,16 @@ def read_motion(
     found += check_units(declared, columns_of, label)
     position, velocity, quaternion, rates = _in_ned(columns_of, clock, declared)
     every = slice(None, None, max(round(_CHECKED / dt), 1))
-    p, v, q, w = position[every], velocity[every], quaternion[every], rates[every]
-    motors, times = columns_of["motors"][every], clock[every]
-    found += check_motion(declared, p, v, q, w, motors, times, label)
-    step = float(times[1] - times[0])
-    found += unchecked_order(declared, w, motors, step)
-    found += check_shifts(declared, p, v, q, w, step)
-    found += check_clock(declared, p, v, q, w, step)
+    times = clock[every]
+    motion = Motion(
+        position[every],
+        velocity[every],
+        Rotation.from_quat(quaternion[every], scalar_first=True),
+        rates[every],
+        columns_of["motors"][every],
+        float(times[1] - times[0]),
+    )
+    found += _check(declared, motion, label)
     unit = {"pwm": "us", "command": "1"}.get(declared.motors.quantity, "rad/s")
     return MotionTable(
         name=label,
@@ -145,6 +152,28 @@ def read_motion(
         columns=declared,
         findings=tuple(found),
     )
+
+
+def _check(declared: ColumnMap, motion: Motion, label: str) -> list[Finding]:
+    """Compare motion with itself and with the motors; TableError for what contradicts, findings for what is odd."""
+    pairs = pairs_of(declared, motion)
+    reach = motion.half(_BASE)
+    base = motion.half(_LONG_BASE) if declared.velocity is None else reach
+    order = find_order(declared, motion)
+    refusals = (
+        *(contradiction(pair, declared, motion, reach) for pair in pairs),
+        wrong_frame(declared, motion, base),
+        not_lifting(declared, motion, base),
+        wrong_order(declared, order),
+    )
+    if wrong := next(filter(None, refusals), ""):
+        raise TableError(f"{label}: {wrong}")
+    return [
+        *check_lift(declared, motion, base),
+        *unchecked_order(declared, order),
+        *check_shifts(declared, motion, pairs),
+        *check_clock(declared, motion, pairs),
+    ]
 
 
 def _require(frame: pd.DataFrame, declared: ColumnMap, label: str) -> None:
@@ -202,15 +231,8 @@ class _Converter:
                     f"({named}) would have unit length; they are up to {100 * off:.1f} % off it: another scale?"
                 )
             if off > _NORM:
-                findings.append(
-                    Finding(
-                        "table-doubtful",
-                        Severity.INFO,
-                        f"columns {named}: quaternions are up to {100 * off:.1f} % off unit length and are normalised",
-                        "",
-                        {"column": named, "largest": off},
-                    )
-                )
+                text = f"quaternions are up to {100 * off:.1f} % off unit length and are normalised"
+                findings.append(table_finding(named, text, "", Severity.INFO, largest=off))
             rotation = Rotation.from_quat(raw, scalar_first=signal.scalar_first)
         else:
             angles = raw * signal.factor

@@ -7,15 +7,17 @@ damped mode into an undamped one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from core.findings import Finding, Severity
+from core.findings import Finding
 from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import ColumnMap
+from logparse.foreign.files import table_finding
+from logparse.foreign.pairs import Motion, Pair, alike, ratio
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,7 +33,7 @@ _EXPLAINED, _WORSE = 0.6, 1.02
 #: Times [s] over which position and attitude are compared with what velocity and rates add up to, the correlation that
 #: they need, and the part by which both must lie to one side. Of 18 flights of others none has both beyond 2.5 %,
 #: although velocities were up to 8 %, and rates up to 8 %, from what moved.
-_LEGS, _FOLLOWS, _STRETCHED = (0.5, 0.2), 0.98, 0.05
+_LEGS, _FOLLOWS, _STRETCHED = {"velocity": 0.5, "rates": 0.2}, 0.98, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,70 +46,40 @@ class Shift:
     gain: float
 
 
-def check_shifts(
-    declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
-) -> list[Finding]:
+def check_shifts(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> list[Finding]:
     """Name the columns that stand later or earlier in the table than others of the same motion."""
-    rotation = Rotation.from_quat(quaternion, scalar_first=True)
     findings: list[Finding] = []
-    if declared.velocity is not None:
-        moved = np.gradient(position, dt, axis=0)
-        findings += _told(declared.velocity.columns, declared.position.columns, find_shift(moved, velocity, dt), dt)
-    if declared.rates is not None:
-        turn = (rotation[:-2].inv() * rotation[2:]).as_rotvec() / (2.0 * dt)
-        late = find_shift(turn, rates[1:-1], dt)
-        findings += _told(declared.rates.columns, declared.attitude.columns, late, dt)
+    for pair in pairs:
+        findings += _late(pair.columns, pair.other, find_shift(*pair.over(2), pair.dt), pair.dt)
     # Elevons and other surfaces push sideways as they turn the craft, which looks like a shift.
     if not findings and not declared.inputs:
         # Thrust along the rotors' axis over its vertical part, which holds the weight and what climbs.
-        acceleration = np.gradient(velocity, dt, axis=0)
-        axis = rotation.apply(np.array([0.0, 0.0, -1.0]))
+        acceleration = np.gradient(motion.velocity, motion.dt, axis=0)
+        axis = motion.rotation.apply(np.array([0.0, 0.0, -1.0]))
         lean = (STANDARD_GRAVITY - acceleration[:, 2:]) * axis[:, :2] / np.maximum(-axis[:, 2:], 0.2)
-        late = find_shift(acceleration[:, :2], lean, dt, beside=velocity[:, :2])
-        findings += _told(declared.attitude.columns, declared.position.columns, late, dt)
+        late = find_shift(acceleration[:, :2], lean, motion.dt, beside=motion.velocity[:, :2])
+        findings += _late(declared.attitude.columns, declared.position.columns, late, motion.dt)
     return findings
 
 
-def check_clock(
-    declared: ColumnMap, position: Floats, velocity: Floats, quaternion: Floats, rates: Floats, dt: float
-) -> list[Finding]:
+def check_clock(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> list[Finding]:
     """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike."""
-    if declared.velocity is None or declared.rates is None:
+    widths = [max(round(_LEGS[pair.what] / pair.dt), 1) for pair in pairs]
+    if len(pairs) < 2 or len(motion.position) < 4 * max(widths):
         return []
-    far, long = (max(round(leg / dt), 1) for leg in _LEGS)
-    if len(position) < 4 * max(far, long):
+    slopes = [pair.over(width) for pair, width in zip(pairs, widths, strict=True)]
+    if min(alike(*each) for each in slopes) < _FOLLOWS:
         return []
-    rotation = Rotation.from_quat(quaternion, scalar_first=True)
-    moved = _compared(position[far:] - position[:-far], velocity, far, dt)
-    turned = _compared((rotation[:-long].inv() * rotation[long:]).as_rotvec(), rates, long, dt)
-    if min(moved[1], turned[1]) < _FOLLOWS:
-        return []
-    stretch = 1.0 / np.array([moved[0], turned[0]])
+    stretch = np.array([ratio(signal, slope) for slope, signal in slopes])
     if not (stretch > 1.0 + _STRETCHED).all() and not (stretch < 1.0 - _STRETCHED).all():
         return []
     name = "rate" if declared.time is None else declared.time.columns[0]
-    return [
-        Finding(
-            "table-doubtful",
-            Severity.WARNING,
-            f"column {name}: velocities add up to {stretch[0]:.2f} and rates to {stretch[1]:.2f} "
-            "times what positions and attitudes do: time runs too fast or too slow by about as much, or both units "
-            "are wrong",
-            "check the unit and the rate of the time column; gains and damping of models err by as much",
-            {"column": name, "velocity": float(stretch[0]), "rates": float(stretch[1])},
-        )
-    ]
-
-
-def _compared(change: Floats, slope: Floats, samples: int, dt: float) -> tuple[float, float]:
-    """Compare changes over some samples with what their slope adds up to: ratio of sizes, and correlation."""
-    total = np.cumsum(np.vstack([np.zeros(slope.shape[1]), 0.5 * dt * (slope[1:] + slope[:-1])]), axis=0)
-    added = total[samples:] - total[:-samples]
-    a, b = change - change.mean(axis=0), added - added.mean(axis=0)
-    squares = float(np.sum(a**2)), float(np.sum(b**2))
-    if min(squares) == 0.0:
-        return 1.0, 0.0
-    return float(np.sqrt(squares[0] / squares[1])), float(np.sum(a * b) / np.sqrt(squares[0] * squares[1]))
+    text = (
+        f"velocities add up to {stretch[0]:.2f} and rates to {stretch[1]:.2f} times what positions and attitudes do: "
+        "time runs too fast or too slow by about as much, or both units are wrong"
+    )
+    advice = "check the unit and the rate of the time column; gains and damping of models err by as much"
+    return [table_finding(name, text, advice, velocity=float(stretch[0]), rates=float(stretch[1]))]
 
 
 def find_shift(truth: Floats, signal: Floats, dt: float, beside: Floats | None = None) -> Shift | None:
@@ -150,17 +122,10 @@ def _left(truth: Floats, signals: Floats, beside: Floats | None) -> Floats:
     return left / max(total, 1e-300)
 
 
-def _told(late: tuple[str, ...], other: tuple[str, ...], shift: Shift | None, dt: float) -> list[Finding]:
+def _late(columns: tuple[str, ...], other: tuple[str, ...], shift: Shift | None, dt: float) -> list[Finding]:
     if shift is None or abs(shift.seconds) < max(_LEAST, dt, _SURE * shift.sigma) or shift.gain < _WORSE:
         return []
-    names, way = ", ".join(late), "later" if shift.seconds > 0.0 else "earlier"
-    return [
-        Finding(
-            "table-doubtful",
-            Severity.WARNING,
-            f"columns {names}: they stand {abs(shift.seconds):.3f} ± {shift.sigma:.3f} s {way} in the table than "
-            f"{', '.join(other)}",
-            "export both on one clock, or shift one of them by this time; delays and damping of models err by as much",
-            {"column": names, "seconds": shift.seconds, "sigma": shift.sigma},
-        )
-    ]
+    way = "later" if shift.seconds > 0.0 else "earlier"
+    text = f"they stand {abs(shift.seconds):.3f} ± {shift.sigma:.3f} s {way} in the table than {', '.join(other)}"
+    advice = "export both on one clock, or shift one of them by this time; delays and damping of models err by as much"
+    return [table_finding(", ".join(columns), text, advice, seconds=shift.seconds, sigma=shift.sigma)]

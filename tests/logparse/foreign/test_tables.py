@@ -233,7 +233,7 @@ WRONG_DECLARATIONS = {
     "order": (columns(attitude={"columns": ["qx", "qy", "qz", "qw"], "order": "wxyz"}), "qx, qy, qz, qw"),
     "direction": (
         columns(attitude={"columns": ["qx", "qy", "qz", "qw"], "order": "xyzw", "direction": "world-to-body"}),
-        "world-to-body would fit|does not turn",
+        "world-to-body would fit|are not the changes",
     ),
     "rates in deg": (columns(rates={"columns": ["wx", "wy", "wz"], "unit": "deg/s"}), "deg for rad"),
     "position in mm": (columns(position={"columns": ["x", "y", "z"], "unit": "mm"}), "mm for m"),
@@ -584,9 +584,9 @@ def scaled(frame, names, factor):
     [
         ("x y z vx vy vz", 1000.0, r"speeds up 9\d\d times as much as its lean says.*mm for m"),
         ("x y z vx vy vz", 3.28, r"speeds up 3\.\d+ times as much as its lean says"),
-        ("x", 0.0, "position stands still along E"),
-        ("vy", 0.0, "velocity stands still along N"),
-        ("wx", 0.0, "the rate stands still along x"),
+        ("x", 0.0, "position stand still along E"),
+        ("vy", 0.0, "velocity stand still along N"),
+        ("wx", 0.0, "rates stand still along x"),
         ("a b c d", -1.0, "below zero; give its size"),
         ("t", 2.0, "a unit is wrong"),
     ],
