@@ -14,7 +14,7 @@ from pipeline.flight.table_answer import table_answer
 from pipeline.results.tables import TableResult
 from sysid import Experiment, choose_observer, fit_six_dof, validate_states
 from sysid.rigid_body.six_dof.fit import FASTEST
-from sysid.validation.state_residuals import missed_motion, predict_record
+from sysid.validation.states import missed_motion, predict_record
 
 #: How far ahead the observer is chosen for and the prediction is shown, s.
 AHEAD = 1.0

@@ -8,8 +8,7 @@ from typing import Literal
 from logparse import Finding
 from pipeline.results.answer import Answer
 from sysid.rigid_body.six_dof.model import SixDofModel, SixDofReport
-from sysid.validation.state_residuals import Missed, PredictedStates
-from sysid.validation.states import StateErrors, StateVerdict
+from sysid.validation.states import Missed, PredictedStates, StateErrors, StateVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

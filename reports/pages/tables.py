@@ -14,7 +14,7 @@ from pipeline.results.tables import TableResult
 from reports.figures.figure import Drawn, Figure, Trace, layout_of, line, time_axis
 from reports.pages.html import render
 from reports.views.summary import ShownAnswer, answer_lines
-from sysid.validation.state_residuals import PredictedStates
+from sysid.validation.states import PredictedStates
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
 

@@ -305,11 +305,9 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
         lambda n: f"{n} row(s) with negative thrust",
         "tare the load cell before the test",
     )
-    findings += _order(motor, rows)
     left = _surface_residual(rows)
     scale = 1.4826 * float(np.median(np.abs(left)))
     far = np.abs(left) > max(OUTLYING * scale, OUTLYING_PART * float(rows["thrust"].max()))
-    findings += _mixed_units(motor, rows, left, far)
     leave_out(
         far,
         "table-doubtful",
@@ -318,25 +316,6 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     )
     findings += _power(motor, rows)
     return rows, findings
-
-
-def _order(motor: str, rows: pd.DataFrame) -> list[Finding]:
-    """Report when PWM jumps about within the test: neither up, down, nor repeated sweeps."""
-    steps = np.sign(np.diff(rows["pwm"].to_numpy()))
-    turns = int(np.count_nonzero(np.diff(steps[steps != 0.0]) != 0.0))
-    levels = max(rows["pwm"].round().nunique(), 1)
-    if turns <= max(2.0 * len(rows) / levels, 3.0):
-        return []
-    return [
-        Finding(
-            "table-doubtful",
-            Severity.WARNING,
-            f"motor {motor}: PWM goes up and down {turns} times in {len(rows)} rows, so that heat and battery mix with "
-            "the effect of PWM; rows are sorted",
-            "step PWM up, or up and down, in order",
-            {"motor": motor, "turns": turns},
-        )
-    ]
 
 
 def _surface_residual(rows: pd.DataFrame) -> Floats:
@@ -358,31 +337,6 @@ def _surface_residual(rows: pd.DataFrame) -> Floats:
         # Cauchy weights: a row in other units must not pull the curve at all.
         weight = 1.0 / (1.0 + (left / (2.4 * scale)) ** 2)
     return np.asarray(left)
-
-
-def _mixed_units(motor: str, rows: pd.DataFrame, left: Floats, far: Flags) -> list[Finding]:
-    """Recognise outliers that are the smooth curve in other units."""
-    thrust = rows["thrust"].to_numpy()
-    smooth = thrust - left
-    usable = far & (np.abs(smooth) > NOISE * float(np.abs(thrust).max()))
-    usable |= far & (thrust > 2.0 * np.abs(smooth))
-    for name, factor in {
-        "grams force among newtons": 1000.0 / _KGF,
-        "kilograms force among newtons": 1.0 / _KGF,
-    }.items():
-        ratio = thrust[usable] / np.where(smooth[usable] == 0.0, np.nan, smooth[usable])
-        alike = int(np.count_nonzero(np.abs(ratio / factor - 1.0) < 0.25)) if len(ratio) else 0
-        if alike:
-            return [
-                Finding(
-                    "table-doubtful",
-                    Severity.WARNING,
-                    f"motor {motor}: {alike} row(s) fit the others as {name}",
-                    "write all rows in the unit of the header",
-                    {"motor": motor, "rows": alike},
-                )
-            ]
-    return []
 
 
 def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from logparse import Vehicle
-from sysid.records.experiment import Experiment, Floats
+from sysid.records.experiment import Experiment
 from sysid.rigid_body.model_record import MotorEffect
 from sysid.rigid_body.rotation import (
     AXES,
@@ -22,6 +22,7 @@ from sysid.rigid_body.rotation import (
     RotationFit,
     levers,
     logged_motors,
+    regress_stretches,
     rotation_spectra,
     thrust_commands,
 )
@@ -55,7 +56,10 @@ def fit_motor_effects(
         why = f"the motors move together (condition number {condition:.1e})"
         return {name: _unknown(f"{why}; the controller gives them four commands only") for name in names}
     fits = {
-        axis: _axis(omega, shaped * (1.0 + 1j * omega * turning.axes[axis].lead)[None, :, None], w[:, :, k])
+        axis: regress_stretches(
+            np.dstack([shaped * (1.0 + 1j * omega * turning.axes[axis].lead)[None, :, None], -w[:, :, k]]),
+            1j * omega * w[:, :, k],
+        )
         for k, axis in enumerate(AXES)
     }
     coherent = min(fits["roll"][2], fits["pitch"][2])
@@ -84,24 +88,3 @@ def fit_motor_effects(
 
 def _unknown(reason: str) -> MotorEffect:
     return MotorEffect(thrust=None, thrust_sigma=None, torque=None, torque_sigma=None, reason=reason)
-
-
-def _axis(omega: Floats, shaped: np.ndarray, w: np.ndarray) -> tuple[Floats, Floats, float]:
-    """Coefficients of all motors about one axis, their standard errors, and the part explained."""
-    design = np.concatenate([shaped, -w[:, :, None]], axis=2)
-    target = 1j * omega * w
-    flat, y = design.reshape(-1, design.shape[2]), target.ravel()
-    normal = np.real(flat.conj().T @ flat)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
-    values = inverse @ np.real(flat.conj().T @ y)
-    residual = target - design @ values
-    scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
-    # Stretches overlap by half: neighbours are taken together.
-    pairs = np.array([scores[k : k + 2].sum(axis=0) for k in range(0, len(scores), 2)])
-    spare = len(pairs) / max(len(pairs) - len(values) / 2.0, 1.0)
-    sigma = np.sqrt(np.maximum(np.diag(inverse @ (pairs.T @ pairs * spare) @ inverse), 0.0))
-    power = float(np.sum(np.abs(target) ** 2))
-    explained = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
-    count = design.shape[2] - 1
-    return values[:count], sigma[:count], explained

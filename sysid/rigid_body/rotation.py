@@ -325,19 +325,26 @@ def _band_rates(w: np.ndarray, dt: float) -> Floats:
     return np.asarray(np.sqrt(power / (size * np.sum(np.hanning(size) ** 2))))
 
 
-def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool, moved: float) -> AxisFit:
-    design, target = _design(omega, q, w, lag, delay, lead)
+def regress_stretches(design: np.ndarray, target: np.ndarray) -> tuple[Floats, Floats, float]:
+    """Return coefficients, their standard errors and the part explained of (S, F) by regressors (S, F, k)."""
     values = _solve(design, target)
     residual = target - design @ values
     power = float(np.sum(np.abs(target) ** 2))
-    coherent = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
+    explained = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
     flat = design.reshape(-1, design.shape[2])
-    bread = np.linalg.pinv(np.real(flat.conj().T @ flat), hermitian=True)
+    normal = np.real(flat.conj().T @ flat)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
     # Stretches that overlap share noise: sums over neighbours are the clusters.
     scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
     clusters = np.array([scores[k : k + OVERLAP].sum(axis=0) for k in range(0, len(scores), OVERLAP)])
-    count = len(clusters)
-    sigma = np.sqrt(np.diag(bread @ (clusters.T @ clusters * count / max(count - 2, 1)) @ bread))
+    spare = len(clusters) / max(len(clusters) - max(len(values) / 2.0, 2.0), 1.0)
+    sigma = np.sqrt(np.maximum(np.diag(inverse @ (clusters.T @ clusters * spare) @ inverse), 0.0))
+    return values, sigma, explained
+
+
+def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool, moved: float) -> AxisFit:
+    values, sigma, coherent = regress_stretches(*_design(omega, q, w, lag, delay, lead))
     return AxisFit(
         gain=float(values[0]),
         gain_sigma=float(sigma[0]),

@@ -140,7 +140,7 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
         tried[Law.SPEED] = [blocks_of(record, vehicle, voltage, Law.SPEED) for record in records]
     rmse = {law: _fit(blocks).rmse for law, blocks in tried.items()}
     law, more = _choose(records, vehicle, rmse)
-    findings += [*more, *_dead(records, vehicle), *_slow(records, vehicle, law)]
+    findings += more
     thrust_expo, expo = vehicle.thrust_expo, Parameter(None, None, "1", "thrust follows rotor speed")
     if law is Law.COMMAND:
         expo = _curvature(bent, vehicle.thrust_expo)
@@ -207,49 +207,6 @@ def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, 
             "check motor pole count and ESC telemetry (a simulator's ESC reports the command)",
             {"residual_ratio": worse, "proportional": proportional},
         )
-    ]
-
-
-def _dead(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
-    """Name motors that stand still: constant at or below idle while the others fly, or without speed when driven."""
-    findings = []
-    commands = np.vstack([motor_commands(record.u, vehicle) for record in records])
-    speeds = [rotor_speeds(record) for record in records]
-    known = [s for s in speeds if s is not None]
-    turning = np.vstack(known) if len(known) == len(records) else None
-    for k, motor in enumerate(records[0].input_names):
-        if np.ptp(commands[:, k]) == 0.0:
-            where = "at or below idle" if commands[0, k] <= 0.0 else "at one value"
-            reason = f"motor {motor} is not driven: its output stays {where} while the craft flies"
-        elif turning is not None and np.median(turning[:, k]) < 0.1 * np.median(turning):
-            reason = f"motor {motor} does not turn although it is driven (ESC speed near zero)"
-        else:
-            continue
-        findings.append(
-            Finding("uneven-motor", Severity.WARNING, reason, "check motor, ESC and wiring", {"motor": motor})
-        )
-    return findings
-
-
-def _slow(records: Sequence[Experiment], vehicle: Vehicle, law: Law) -> list[Finding]:
-    """Name motors that turn slower than the others at the same command."""
-    if law is not Law.SPEED:
-        return []
-    command = np.vstack([motor_commands(record.u, vehicle) for record in records])
-    speed = np.vstack([np.asarray(rotor_speeds(record)) for record in records])
-    ideal = np.sqrt(np.maximum((1.0 - vehicle.thrust_expo) * command + vehicle.thrust_expo * command**2, 1e-6))
-    ratio = np.median(np.where(command > 0.05, speed / ideal, np.nan), axis=0)
-    usual = float(np.nanmedian(ratio))
-    return [
-        Finding(
-            "uneven-motor",
-            Severity.WARNING,
-            f"motor {motor} turns {100.0 * (1.0 - value / usual):.0f} % slower than the others at the same command",
-            "check bearings, propeller, ESC calibration and the motor's voltage",
-            {"motor": motor, "ratio": float(value / usual)},
-        )
-        for motor, value in zip(records[0].input_names, ratio, strict=True)
-        if 0.1 * usual < value < 0.92 * usual
     ]
 
 

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from simulation.survey_quadcopter import quadcopter
-from sysid import Experiment, ExperimentError, fit_rigid_body, physical_parameters, validate
+from sysid import ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.records.thrust_curve import lagged
 from sysid.rigid_body.body_parameters import ratio_sigma
 from sysid.rigid_body.methods.filter_error import Prior, fit_filter_error, step_within
@@ -305,11 +304,6 @@ def test_records_of_another_kind_are_refused_with_advice():
         fit_rigid_body([replace(seen, u=0.5 * seen.u)])
 
 
-def test_a_model_becomes_json():
-    text = as_json(fitted().record())
-    assert '"drag_linear_x"' in text
-
-
 @pytest.mark.slow
 def test_standard_errors_agree_with_monte_carlo():
     """Gusts of 0.02 m/s^2 that last 5 s, drawn 16 times onto one flight: claimed over actual spread near one.
@@ -342,14 +336,6 @@ def test_standard_errors_agree_with_monte_carlo():
     # common to all draws, but claimed.
     assert 0.75 < np.median(list(ratios.values())) < 1.6, ratios
     assert min(ratios.values()) > 0.6, ratios
-
-
-def test_windows_of_one_record_are_records(tmp_path):
-    whole = record(exciting())
-    half = whole.window(whole.t[0] + 10.0, whole.t[0] + 60.0)
-    assert isinstance(half, Experiment)
-    model = fit_rigid_body([half], mass=4.3)
-    assert model.training == (half.name,)
 
 
 def test_the_time_limit_ends_the_steps_and_says_so():

@@ -8,10 +8,9 @@ import pytest
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.kim2017 import quadcopter
-from sysid.records.thrust_curve import Law, lagged
+from sysid.records.thrust_curve import Law
 from sysid.rotors.kim2017 import fit_kim2017
 from sysid.rotors.rotor import fit_rotor
-from tests.sysid.level_flight import flight as level_flight
 from tests.sysid.simulated_craft import flight, without
 
 
@@ -64,12 +63,6 @@ def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
-def test_motors_that_move_by_themselves_show_the_weak_one():
-    model = fit_rotor([level_flight(3, samples=3000, per_mass=(3.2, 3.2, 2.4, 3.2))])
-    assert [f.evidence["motor"] for f in model.findings if f.id == "uneven-motor"] == ["m3"]
-    assert model.per_motor["m3"].per_mass == pytest.approx(2.4, rel=0.05)
-
-
 def test_in_stabilised_flight_the_weak_motor_shows_in_its_effort_and_in_kim_2017():
     """Vertical force alone does not tell motors apart that a controller moves together; rates do."""
     craft, thrust = quadcopter(16.0), (2.8e-5, 2.8e-5, 2.1e-5, 2.8e-5)
@@ -86,20 +79,6 @@ def test_in_stabilised_flight_the_weak_motor_shows_in_its_effort_and_in_kim_2017
     assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
-def test_slow_and_dead_motors_are_named(octo):
-    context = octo.context.copy()
-    context["rotor_speed_2"] *= 0.85
-    context["rotor_speed_5"] = 0.0
-    told = [f for f in fit_rotor([replace(octo, context=context)]).findings if f.id == "uneven-motor"]
-    assert [f.evidence["motor"] for f in told if "slower" in f.reason] == ["m2"]
-    assert [f.evidence["motor"] for f in told if "does not turn" in f.reason] == ["m5"]
-    u = octo.u.copy()
-    u[:, 3] = 1100.0
-    stopped = fit_rotor([replace(octo, u=u, input_trim=u.mean(axis=0))])
-    told = [f for f in stopped.findings if f.id == "uneven-motor" and "is not driven" in f.reason]
-    assert [f.evidence["motor"] for f in told] == ["m4"]
-
-
 def test_what_is_missing_is_said(octo):
     hover = flight(octocopter(), 5, duration=30.0, strength=0.02, speeds=False)
     model = fit_rotor([hover])
@@ -114,11 +93,3 @@ def test_what_is_missing_is_said(octo):
     assert "without battery voltage" in assumed
     with pytest.raises(MissingDataError, match="accelerometer"):
         fit_rotor([without(octo, "f_z")])
-
-
-def test_lag_is_exact_for_ramps():
-    """A ramp through a first-order lag lags by the time constant, in closed form."""
-    t = np.arange(200) * 0.02
-    out = lagged(t[:, None], 0.1, 0.02)[:, 0]
-    assert out == pytest.approx(t - 0.1 * (1.0 - np.exp(-t / 0.1)), abs=1e-12)
-    assert lagged(t[:, None], 0.0, 0.02)[:, 0] == pytest.approx(t)

@@ -7,14 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.serialization import as_json, cleaned
 from logparse import MissingDataError
 from logparse.craft.frames import motor_table
-from reports.views import summary
-from reports.views.models import thrust_coefficients
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
-from sysid.rotors.thrust_record import ThrustReport
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.level_flight import CRAFT, flight
 
@@ -107,11 +103,6 @@ def test_hover_command_carries_the_weight():
     assert motor_commands(np.array(model.hover_pwm), CRAFT) == pytest.approx(c)
 
 
-def test_json_has_no_false_numbers():
-    text = as_json(fit_thrust([flight(9)]).report())
-    assert json.loads(text)["common"]["newton"] is None
-
-
 def test_flights_that_disagree_widen_the_standard_error():
     """k/m of three flights scatters by 10 %: the standard error of the mean is a tenth over the root of three."""
     model = fit_thrust([flight(k, per_mass=(3.2 * f,) * 4) for k, f in ((1, 0.9), (2, 1.0), (3, 1.1))])
@@ -146,17 +137,6 @@ def test_unknown_air_widens_the_standard_error():
     model = fit_thrust([flight(12, density=1.112, told=np.nan)])
     assert model.common.sigma > 0.1 * model.common.per_mass
     assert abs(model.common.per_mass - 3.2) < 2.0 * model.common.sigma
-
-
-@pytest.mark.parametrize(
-    ("voltage", "words"), [(48.12, "at 48.1 V, "), (np.nan, "at the unknown voltage of the flight, ")]
-)
-def test_reports_say_at_which_voltage_and_in_which_air(voltage, words):
-    thrust = cleaned(fit_thrust([flight(13, voltage=voltage)]).report(), ThrustReport)
-    assert words + "in standard sea-level air" in summary.thrust_coefficient(thrust)
-    caption = thrust_coefficients(thrust, {}).table.caption
-    assert words + "in standard sea-level air" in caption
-    assert "3.5 % for the density of the air" in caption
 
 
 def test_with_some_motors_unlogged_no_coefficient_is_told():

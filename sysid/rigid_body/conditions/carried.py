@@ -15,8 +15,7 @@ from sysid.rigid_body.conditions._carry_kernels import carry
 from sysid.rigid_body.conditions.wander import FIXED, GATE, MEMORY, STATES, Wander, fit_wander, own_design
 from sysid.rigid_body.conditions.wind import WIND_EXPONENT
 from sysid.rigid_body.methods.filter_error import HUBER
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion
-from sysid.rigid_body.motion.increments import Increments, velocity_increments
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Increments, Motion, velocity_increments
 
 #: Winds in which multirotors fly: standard deviation of each component, m/s.
 WIND_SIGMA = 6.0

@@ -18,8 +18,7 @@ from sysid.records.arrays import Floats
 from sysid.rigid_body.conditions.wander import STATES, Wander, own_design
 from sysid.rigid_body.conditions.wind import WIND_EXPONENT
 from sysid.rigid_body.motion._rigid_kernels import accelerations
-from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion
-from sysid.rigid_body.motion.increments import BLOCK_SECONDS
+from sysid.rigid_body.motion.body_motion import BLOCK_SECONDS, LAG, OWN, SHARED, Motion
 
 #: Step of velocity by which its effect on the acceleration is found, m/s.
 _STEP = 0.05

@@ -21,8 +21,7 @@ from sysid.rigid_body.conditions.carried import (
 from sysid.rigid_body.conditions.wander import FIXED
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
 from sysid.rigid_body.methods.systematic import wind_error
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
-from sysid.rigid_body.motion.increments import velocity_increments
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.

@@ -17,8 +17,7 @@ import scipy
 from sysid.records.experiment import Floats
 from sysid.rigid_body.conditions._carry_kernels import carry
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
-from sysid.rigid_body.motion.body_motion import OWN, SHARED
-from sysid.rigid_body.motion.increments import Increments
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, Increments
 
 #: Memory of gusts and of departures of the thrust scale, s. Half or twice of either changes errors of free runs on
 #: thirty flights by less than 5 % in the mean of logarithms.

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body.methods._gust_kernels import whiten
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion
-from sysid.rigid_body.motion.increments import mean_accelerations
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, mean_accelerations
+from sysid.transfer_functions.search import Progress
 
 #: Residuals beyond this many standard deviations pull with constant force (Huber).
 HUBER = 3.0
@@ -58,6 +59,10 @@ _EVALUATIONS = 250
 #: Correlation time of gusts beforehand: mean and standard deviation of its logarithm. Dryden's length is some 100 m at
 #: 15 m height; a push that wandered without end would pass for the mean wind.
 _TAU = (np.log(10.0), 1.0)
+
+
+#: Laws of drag in the order of preference.
+LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +137,47 @@ class _Linearised:
     @property
     def cost(self) -> float:
         return float(self.costs.sum())
+
+
+def fit_best_law(
+    motions: Sequence[Motion], prior: Prior, start: Floats, deadline: float, report: Progress
+) -> tuple[FilterErrorFit, int]:
+    """Fit by filter error under every law of drag; return the likeliest.
+
+    All are compared under the disturbances of the first. Laws that can hardly be told from the best may each be the
+    true one: the covariance is that of their mixture, the mean of theirs and of what they find otherwise.
+    """
+    report("gusts", 0.0)
+    first = fit_filter_error(motions, start, prior, LAWS[0], deadline=deadline)
+    fits = {LAWS[0]: first}
+    for number, other in enumerate(LAWS[1:], start=1):
+        report("gusts, another law of drag", 0.6 * number / len(LAWS))
+        if time.monotonic() > deadline:
+            return replace(first, converged=False), LAWS[0]
+        rival = min(fit.cost for fit in fits.values())
+        fits[other] = fit_filter_error(
+            motions, first.values, prior, other, disturbances=first.disturbances, rival=rival, deadline=deadline
+        )
+    law = min(fits, key=lambda each: fits[each].cost)
+    best = fits[law]
+    chances = {other: _chance(best, fit) for other, fit in fits.items()}
+    weights = {other: chance / sum(chances.values()) for other, chance in chances.items()}
+    mixed = np.zeros_like(best.covariance)
+    for other, fit in fits.items():
+        off = (fit.values - best.values)[:SHARED]
+        mixed[:SHARED, :SHARED] += weights[other] * np.outer(off, off)
+        mixed += 0.0 if other == law else weights[other] * fit.covariance
+    if law != LAWS[0]:
+        report("gusts", 0.6)
+        best = fit_filter_error(motions, best.values, prior, law, deadline=deadline)
+    return replace(best, covariance=weights[law] * best.covariance + mixed), law
+
+
+def _chance(best: FilterErrorFit, other: FilterErrorFit) -> float:
+    """Weigh a law against the best by how far their clusters' costs differ, in standard deviations (Vuong 1989)."""
+    differences = other.costs - best.costs
+    scatter = float(np.sqrt(len(differences)) * differences.std())
+    return float(np.exp(-0.5 * (differences.sum() / scatter) ** 2)) if scatter > 0.0 else 1.0
 
 
 def flight_slice(flight: int) -> slice:

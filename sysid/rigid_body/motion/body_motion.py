@@ -14,7 +14,7 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.slow_rows import join_rows
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
-from sysid.rigid_body.motion._rigid_kernels import path
+from sysid.rigid_body.motion._rigid_kernels import accelerations, path
 
 #: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
 THETA = (
@@ -36,6 +36,9 @@ SHARED = len(THETA)
 #: Parameters of a flight before the coefficients of its wind.
 OWN = ("wind_exponent", "thrust_scale")
 LAG = THETA.index("motor_lag")
+
+#: Length of a block, s: longer than the motor outputs' sampling, shorter than a gust.
+BLOCK_SECONDS = 0.5
 
 #: Step by which the derivative by the lag is taken, s; also the shortest lag.
 _LAG_STEP = 1e-3
@@ -181,3 +184,44 @@ def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
         [-sp, sr * cp, cr * cp],
     ]
     return np.moveaxis(np.array(rows), 2, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Increments:
+    """Changes of velocity over short blocks beside what the equations make of the measured motion.
+
+    They are linear in small changes of the parameters and sum up nothing from block to block.
+    """
+
+    edges: np.ndarray  #: shape (K + 1,): Samples at which blocks begin and end.
+    seconds: float  #: Length of a block, s.
+    missed: Floats  #: shape (K, 3): Measured change of velocity less that of the model, NED, m/s.
+    #: shape (K, 3, q): Derivatives of the model's change of velocity by the parameters of the kernels.
+    jacobian: Floats
+
+
+def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
+    """Hold the changes of velocity of a flight against the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
+
+    Shapes: `theta` (q,).
+    """
+    count = len(flight.t)
+    size = min(max(round(BLOCK_SECONDS / flight.dt), 1), count - 1)
+    seconds = size * flight.dt
+    model, jacobian = mean_accelerations(flight, theta, np.ones((count, 1)), law, size)
+    edges = np.arange(0, count, size)
+    missed = np.diff(flight.velocity[edges], axis=0) - seconds * model
+    return Increments(edges=edges, seconds=seconds, missed=missed, jacobian=seconds * jacobian)
+
+
+def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, stride: int) -> tuple[Floats, Floats]:
+    """Compute the model's accelerations along a flight as it was measured.
+
+    Shapes: `theta` (q,); `shapes` (N, w).
+    """
+    means = (len(flight.t) - 1) // stride
+    model, jacobian = np.empty((means, 3)), np.empty((means, 3, len(theta)))
+    heights = flight.ground - flight.position[:, 2]
+    signals = flight.signals(theta[LAG])
+    accelerations(theta, *signals, shapes, heights, flight.velocity, law, stride, model, jacobian)
+    return model, jacobian
