@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from core.quantity import joined
 from core.recent import Recent
-from pipeline.results.verdict import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
+from pipeline.results.verdict import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses, Verdict
 from sysid.validation.assessment import MARGIN
 
 if TYPE_CHECKING:
@@ -32,6 +33,9 @@ CLOSE_PERCENT = 50.0
 #: Part of the error of constant position and of constant velocity below which a prediction is worth having.
 HALF = 0.5
 
+#: Why nothing is judged.
+NO_MODEL = "There is no model of the motion to judge"
+
 #: Shortest held-out record that can judge a free run, s: the first three seconds give the initial state.
 SHORTEST_JUDGE = 10.0
 
@@ -47,10 +51,10 @@ _recent: Recent[Uses] = Recent(8)
 
 def _uses(validation: Validation | None, model: object | None, outside: Collection[str]) -> Uses:
     prediction = prediction_use(validation, outside)
-    return Uses.of(
-        prediction,
-        free_run_use(validation, outside),
-        ParameterUse.counted(list(_determined(model)), confirmed=bool(prediction.horizons_s)),
+    return Uses(
+        prediction=prediction,
+        free_run=free_run_use(validation, outside),
+        parameters=ParameterUse.counted(list(_determined(model)), confirmed=bool(prediction.horizons_s)),
     )
 
 
@@ -101,11 +105,15 @@ def _reach(
 
 def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -> FreeRunUse:
     """Judge the free run on held-out flights, those outside the fitted envelope apart."""
-    if validation is None or not validation.unseen:
-        return FreeRunUse(trust=Trust.UNKNOWN)
+    if validation is None:
+        return FreeRunUse(trust=Trust.UNKNOWN, reason=NO_MODEL)
+    if not validation.unseen:
+        return FreeRunUse(trust=Trust.UNKNOWN, reason="The model is not judged: every flight was used to fit it")
     scored = validation.table[~validation.table["trained"].astype(bool)]
-    if float(scored["duration"].max()) < SHORTEST_JUDGE:
-        return FreeRunUse(trust=Trust.UNKNOWN)
+    longest = float(scored["duration"].max())
+    if longest < SHORTEST_JUDGE:
+        why = f"{longest:.0f} s of held-out flight are too short; {SHORTEST_JUDGE:.0f} s or more are needed"
+        return FreeRunUse(trust=Trust.UNKNOWN, reason=f"The model could not be judged: {why}")
     chosen = _within(scored, outside)
     outputs = [str(output) for output in scored["output"].unique()]
     averaged = chosen.groupby("output", sort=False)[[each for each in _ERRORS if each in chosen]].mean()
@@ -146,7 +154,7 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
         trust = Trust.LIMITED if follows and set(follows) | set(run.excused) == set(outputs) else Trust.NO
     else:
         trust = Trust.LIMITED if follows else Trust.NO
-    return replace(run, trust=trust).worded()
+    return replace(run, trust=trust)
 
 
 #: Errors of free runs and of what could be said without a model.
@@ -211,3 +219,34 @@ def _determined(model: object | None) -> Iterator[bool]:
         for function in row.values():
             if function.determined is not None and any(function.num):
                 yield from (bool(each) for each in function.determined)
+
+
+def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:
+    """Sum up several models of one motion: what the best can be trusted with, and what holds for the others."""
+    verdict = _summed(verdicts)
+    ahead = {title: use for title, use in (predictions or {}).items() if use.horizon_s is not None}
+    if not ahead:
+        return verdict
+    best = max(ahead, key=lambda title: ahead[title].horizon_s or 0.0)
+    told = ahead[best].sentence.removeprefix("prediction: ")
+    return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {told}.")
+
+
+def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
+    if not verdicts:
+        return Verdict(Trust.UNKNOWN, NO_MODEL + ".")
+    if len(verdicts) == 1:
+        return next(iter(verdicts.values()))
+    by_trust = {trust: [title for title, each in verdicts.items() if each.trust is trust] for trust in Trust}
+    phrases = {
+        Trust.YES: "Trust {} for flights like these",
+        Trust.LIMITED: "take {} with care",
+        Trust.NO: "do not trust {}",
+        Trust.UNKNOWN: "{} could not be judged",
+    }
+    said = [phrases[trust].format(joined(titles)) for trust, titles in by_trust.items() if titles]
+    sentence = "; ".join(said)
+    best = next(trust for trust, titles in by_trust.items() if titles)
+    # One good model among bad ones must not paint all of them green.
+    mixed = best is Trust.YES and any(by_trust[trust] for trust in (Trust.LIMITED, Trust.NO))
+    return Verdict(Trust.LIMITED if mixed else best, f"{sentence[0].upper()}{sentence[1:]}.")

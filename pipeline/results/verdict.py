@@ -1,9 +1,9 @@
-"""What a model is good for, by purpose, and whether to trust it: words, numbers and sentences."""
+"""What a model is good for, by purpose, and whether to trust it: one judgement, from which every sentence is made."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from core.quantity import joined
@@ -22,6 +22,14 @@ class Trust(StrEnum):
     LIMITED = "limited"
     NO = "no"
     UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A word for the eye, a sentence for the reader."""
+
+    trust: Trust
+    sentence: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +83,7 @@ class FreeRunUse:
     followed_outside: int = 0
     #: Least and greatest fit over axes and flights of those followed within the envelope.
     fit_percent: tuple[float, float] | None = None
-    sentence: str = "free simulation: not judged"  #: The answer as a clause.
+    reason: str = ""  #: Why it is not judged.
 
     @property
     def far(self) -> tuple[str, ...]:
@@ -107,9 +115,9 @@ class FreeRunUse:
             parts.append(f"{self.followed_outside} of {self.flights_outside} outside it")
         return "; ".join(parts)
 
-    def worded(self) -> FreeRunUse:
-        """Return it with its sentence."""
-        words = {Trust.YES: "yes", Trust.LIMITED: "with care", Trust.NO: "no", Trust.UNKNOWN: "not judged"}
+    @property
+    def rests_on(self) -> str:
+        """What the answer rests on, as clauses; empty where nothing was judged."""
         known = {name: ratio for name, ratio in self.error_over_mean.items() if ratio is not None}
         reasons = [self.flights()]
         if self.trust is Trust.NO and self.far:
@@ -120,8 +128,40 @@ class FreeRunUse:
             reasons.append(f"error over that of the mean {ratios} in {joined(list(known))}")
         if self.as_good_as_target:
             reasons.append(f"in {joined(list(self.as_good_as_target))} the target itself is as good")
-        told = "; ".join(reason for reason in reasons if reason)
-        return replace(self, sentence=f"free simulation: {words[self.trust]}" + (f" ({told})" if told else ""))
+        return "; ".join(reason for reason in reasons if reason)
+
+    @property
+    def sentence(self) -> str:
+        """The answer as a clause."""
+        words = {Trust.YES: "yes", Trust.LIMITED: "with care", Trust.NO: "no", Trust.UNKNOWN: "not judged"}
+        told = self.rests_on
+        return f"free simulation: {words[self.trust]}" + (f" ({told})" if told else "")
+
+    @property
+    def verdict(self) -> Verdict:
+        """The answer for a reader who asks whether to trust the model."""
+        lost = [name for name in self.error_over_mean if name not in self.follows]
+        if self.trust is Trust.UNKNOWN:
+            return Verdict(self.trust, f"{self.reason or 'The model is not judged'}.")
+        if self.trust is Trust.YES:
+            word = "The model can be trusted for flights like these"
+        elif self.trust is Trust.NO:
+            word = "Do not trust the model"
+        elif lost:
+            word = f"Trust the model in {joined(list(self.follows))} only"
+        elif self.flights_outside and not self.flights_within:
+            word = "The model looks right, but no held-out record lies within the fitted envelope"
+        else:
+            word = "The model looks right, but only one record has judged it"
+        apart = ""
+        if self.trust is Trust.NO and self.follows:
+            in_these = joined(list(self.follows))
+            apart = (
+                f" A free run is no better than its worst axis, however good it is in {in_these}."
+                if self.far
+                else " A single record must hold in every axis."
+            )
+        return Verdict(self.trust, f"{word}: {self.rests_on}.{apart}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,19 +196,9 @@ class Uses:
     prediction: PredictionUse
     free_run: FreeRunUse
     parameters: ParameterUse
-    sentence: str
 
-    @classmethod
-    def of(cls, prediction: PredictionUse, free_run: FreeRunUse, parameters: ParameterUse) -> Uses:
-        """Return the three answers with a sentence for all."""
-        text = "; ".join(each.sentence for each in (prediction, free_run, parameters))
-        text = f"{text[0].upper()}{text[1:]}."
-        return cls(prediction=prediction, free_run=free_run, parameters=parameters, sentence=text)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """A word for the eye, a sentence for the reader."""
-
-    trust: Trust
-    sentence: str
+    @property
+    def sentence(self) -> str:
+        """The three answers in one sentence."""
+        text = "; ".join(each.sentence for each in (self.prediction, self.free_run, self.parameters))
+        return f"{text[0].upper()}{text[1:]}."

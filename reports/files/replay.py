@@ -82,7 +82,7 @@ def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
 def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
-    models = [model_report(result, "replay", replay.name, flight=replay.name) for result in replay.results]
+    models = [model_report(result, "replay", flight=replay.name) for result in replay.results]
     missing = [(summary.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(

@@ -13,8 +13,7 @@ import msgspec
 from core.findings import WORST_FIRST
 from core.serialization import cleaned
 from pipeline.flight.excitation import BAND, in_band
-from pipeline.flight.purposes import uses_of
-from pipeline.flight.verdict import assess, summarise
+from pipeline.flight.purposes import summarise, uses_of
 from pipeline.names import printable
 from pipeline.results.coverage import Linearity
 from pipeline.results.failure import Failure, present
@@ -53,8 +52,7 @@ if TYPE_CHECKING:
 
 def flight_report(result: FlightResult) -> FlightReport:
     """Gather what is known of one log; whatever is not finite becomes None."""
-    unseen = "the held-out last part of the flight"
-    models = [model_report(each, "own", unseen, flight=result.name) for each in result.models]
+    models = [model_report(each, "own", flight=result.name) for each in result.models]
     return cleaned(
         FlightReport(
             rotorid=version("rotorid"),
@@ -88,8 +86,7 @@ def craft_report(group: GroupResult) -> CraftReport:
     """Gather what is known of one craft from several flights; whatever is not finite becomes None."""
     coverage = present(group.coverage)
     outside = set() if coverage is None else {each.flight for each in coverage.outside}
-    unseen = "flights that it was not fitted to"
-    models = [model_report(each, "joint", unseen, craft=group.name, outside=outside) for each in group.models]
+    models = [model_report(each, "joint", craft=group.name, outside=outside) for each in group.models]
     return cleaned(
         CraftReport(
             rotorid=version("rotorid"),
@@ -133,7 +130,6 @@ def models_file(result: FlightResult | GroupResult) -> ModelsFile:
 def model_report(
     result: ModelResult,
     scope: str,
-    unseen: str,
     flight: str | None = None,
     craft: str | None = None,
     outside: Collection[str] = (),
@@ -144,8 +140,6 @@ def model_report(
     ----------
     result : ModelResult
     scope : str
-    unseen : str
-        What judged it, in words.
     flight, craft : str, optional
     outside : collection of str
         Held-out flights that leave the envelope of those fitted.
@@ -153,12 +147,13 @@ def model_report(
     rows = _rmse_rows(result, scope, flight, craft)
     record = None if isinstance(result.model, Failure) else _record(result.model)
     validation, orders = present(result.validation), present(result.orders)
+    uses = uses_of(validation, present(result.model), outside)
     return ModelReport(
         key=result.key,
         title=result.title,
         note=result.note,
-        verdict=assess(validation, unseen, outside),
-        uses=uses_of(validation, present(result.model), outside),
+        verdict=uses.free_run.verdict,
+        uses=uses,
         rmse=tuple(rows),
         rmse_average_m=average([row.rmse_m for row in rows if row.part == "held-out"]),
         horizons=tuple(_horizons(validation)),

@@ -40,7 +40,7 @@ def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
     assert all(name.startswith(parts[0].name) for name in scanned.orders.held_out)
     # The craft is of second order in every axis.
     assert scanned.orders.recommended[0] == 2
-    table = orders(model_report(scanned, "own", "the rest").orders)
+    table = orders(model_report(scanned, "own").orders)
     assert [row.label for row in table.rows][:2] == ["1 / 0", "2 / 0"]
     assert sum(row.kind == "average" for row in table.rows) == 1
     assert len(table.heads) == len(table.rows[0].cells) == 9
@@ -55,7 +55,7 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
     failure = Failure("motors", "two identical motors")
     assert (result.model, result.validation, result.predictions) == (failure, None, ())
-    assert views.verdicts([model_report(result, "own", "the rest")]) == []
+    assert views.verdicts([model_report(result, "own")]) == []
 
 
 def test_every_kind_has_a_stage_and_progress_never_goes_back():

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from pipeline.flight.purposes import uses_of
-from pipeline.flight.verdict import assess, summarise
+from pipeline.flight.purposes import free_run_use, summarise, uses_of
 from pipeline.results.verdict import Trust, Verdict
 from sysid import Validation
 
@@ -41,15 +40,19 @@ def validation(
     )
 
 
+def assess(found, outside=()):
+    return free_run_use(found, outside).verdict
+
+
 @pytest.mark.parametrize(
     ("fit", "trusted", "trust", "words"),
     [
         ({"x": 90.0, "z": 80.0}, {"x": True, "z": True}, Trust.YES, "can be trusted"),
         ({"x": 90.0, "z": 20.0}, {"x": True, "z": True}, Trust.LIMITED, "in x only"),
         ({"x": 90.0, "z": -40.0}, {"x": True, "z": False}, Trust.LIMITED, "in x only"),
-        ({"x": -90.0, "z": -40.0}, {"x": False, "z": False}, Trust.NO, "no better than a guess"),
+        ({"x": -90.0, "z": -40.0}, {"x": False, "z": False}, Trust.NO, "Do not trust"),
         ({"x": float("nan"), "z": 90.0}, {"x": True, "z": True}, Trust.LIMITED, "in z only"),
-        ({"x": 20.0, "z": -20.0}, {"x": True, "z": False}, Trust.NO, "hardly better than a guess"),
+        ({"x": 20.0, "z": -20.0}, {"x": True, "z": False}, Trust.NO, "Do not trust"),
     ],
 )
 def test_verdict_follows_the_worst_axis(fit, trusted, trust, words):
@@ -64,7 +67,6 @@ def test_an_axis_that_does_not_follow_its_own_flight_is_right_elsewhere_by_luck(
     verdict = assess(found)
     assert verdict.trust is Trust.LIMITED
     assert "in z only" in verdict.sentence
-    assert "worse than the mean on the very flight time that it was fitted to" in verdict.sentence
 
 
 def test_no_verdict_without_unseen_flight():
@@ -86,25 +88,9 @@ def test_one_record_is_not_enough_to_trust_a_model():
 
 
 def test_a_diverging_model_is_called_that():
-    bad = validation({"x": 0.0}, {"x": False})
-    bad = Validation(**{name: getattr(bad, name) for name in bad.__slots__} | {"average": {"x": float("inf")}})
-    assert "diverges" in assess(bad).sentence
-
-
-def test_what_is_worse_than_the_mean_is_called_that_and_the_mean_is_quoted():
-    worse = assess(validation({"x": -90.0, "z": -80.0}, {"x": False, "z": False}, mean=0.125)).sentence
-    assert "errs by 1.00, 1.00 m RMS in x and z, where always predicting the mean errs by 0.125, 0.125 m" in worse
-    assert "guess" not in worse
-    assert worse.endswith("In x and z that is worse than always predicting the mean.")
-
-
-def test_axes_that_differ_are_told_apart():
-    table = validation({"x": -90.0, "z": 20.0}, {"x": False, "z": True})
-    table.table.loc[table.table["output"] == "x", "rmse_mean"] = 0.5
-    sentence = assess(table).sentence
-    assert sentence.endswith(
-        "That is worse than always predicting the mean in x and hardly better than a guess without any model in z."
-    )
+    bad = validation({"x": -900.0}, {"x": False})
+    bad.table.loc[~bad.table["trained"], "rmse"] = float("inf")
+    assert "x diverges" in assess(bad).sentence
 
 
 def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
@@ -112,8 +98,7 @@ def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
     found = validation({"x": 95.0, "z": 96.0}, {"x": False, "z": False}, mean=20.0, reference=1.02)
     verdict = assess(found)
     assert verdict.trust is Trust.YES
-    assert "and taking the target itself by 1.02, 1.02 m" in verdict.sentence
-    assert verdict.sentence.endswith("In x and z taking the target itself is as good.")
+    assert "in x and z the target itself is as good" in verdict.sentence
     assert uses_of(found, None).free_run.as_good_as_target == ("x", "z")
 
 
@@ -183,7 +168,6 @@ def test_flights_outside_the_envelope_are_counted_apart():
     )
     assert run.trust is Trust.YES, "on average over those within, every axis is followed"
     assert assess(found, outside={"f"}).trust is Trust.YES
-    assert "errs by 3.12, 1.70, 0.700 m" in assess(found, outside={"f"}).sentence
     assert assess(found).trust is Trust.NO
     # Where all are outside, nothing else judges, and they do not make a model trusted.
     assert uses_of(errors(good, good), None, outside={"a", "b"}).free_run.trust is Trust.LIMITED
