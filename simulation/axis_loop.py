@@ -21,8 +21,7 @@ from logparse.dataflash.writer import MessageTable, write_dataflash
 from simulation._kernels import fly_axis
 from simulation._parameters import AxisParameters, AxisSignals
 from simulation.flight_log import message
-from sysid.loops.controller import AngleController, RateController
-from sysid.loops.settings import AXES, GyroPath, LoopSettings
+from sysid.loops.controller import AXES, AngleController, GyroPath, LoopSettings, RateController
 
 Floats = NDArray[np.float64]
 

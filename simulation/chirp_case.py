@@ -24,9 +24,9 @@ from simulation.axis_loop import (
 )
 from simulation.errors import ParameterError
 from simulation.outcome import Fact, Outcome, Plot
+from sysid.loops.controller import AXES
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import read_parameter_file
-from sysid.loops.settings import AXES
 
 #: A survey quadcopter of 2 kg: how each axis answers the mixer.
 PLANTS = {

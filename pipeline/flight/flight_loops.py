@@ -7,8 +7,8 @@ import numpy as np
 from logparse import FlightLog
 from pipeline.results.loops import FlightLoops
 from pipeline.results.span import Span
+from sysid.loops.controller import AXES
 from sysid.loops.evidence import find_oscillation
-from sysid.loops.settings import AXES
 
 #: Fewest samples of asked and flown attitude that make an RMS.
 _FEWEST = 50

@@ -26,11 +26,11 @@ from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
 from sysid.loops.as_flown import contradiction_of
-from sysid.loops.autopilot import check_firmware, read_settings
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError
 from sysid.loops.evidence import no_one_loop, oscillation, saturation, two_ways_apart, unfit_log, weak_band
 from sysid.loops.loop import rate_loop
 from sysid.loops.ordinary import ordinary_loop
+from sysid.loops.settings import check_firmware, read_settings
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.chirp_records import chirp_record
-from sysid.frequency.composite import merge
+from sysid.frequency.composite import merge, roughness
 from sysid.frequency.excitation import Chirp, Within, find_chirps, overlapped
 from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
 from sysid.frequency.response import OVER_FREQUENCY, Complex, Floats, FrequencyResponse
-from sysid.frequency.smoothness import roughness
 from sysid.frequency.sources import BURSTS, LogSignals, filtered, sources_of
 from sysid.frequency.spectra import (
     RecordWindows,

@@ -1,15 +1,13 @@
 """The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof, next flights."""
 
-from sysid.loops.autopilot import read_settings
 from sysid.loops.chirps import Limits
-from sysid.loops.controller import AngleController, PidTerms, RateController
+from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, PidTerms, RateController
 from sysid.loops.design import Design, design
-from sysid.loops.errors import LoopError
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.ordinary import ordinary_loop
 from sysid.loops.proof import Proof, prove
 from sysid.loops.safety import AIMS, Aim
-from sysid.loops.settings import GyroPath, LoopSettings
+from sysid.loops.settings import read_settings
 from sysid.loops.tuning import Tuning, tune
 
 __all__ = [

@@ -22,10 +22,10 @@ from sysid.frequency.chirp_records import below_folding
 from sysid.frequency.excitation import Chirp, find_chirps
 from sysid.frequency.rate_signals import rate_signals
 from sysid.frequency.records import on_uniform_clock
-from sysid.loops.autopilot import read_settings
+from sysid.loops.controller import AXES, LoopSettings
 from sysid.loops.evidence import limited_chirp
 from sysid.loops.filters import Complexes, Floats, first_order
-from sysid.loops.settings import AXES, LoopSettings
+from sysid.loops.settings import read_settings
 
 #: Rms of the logarithm of logged over computed response beyond which a block is not as its parameters say. In firmware
 #: (36 chirps) P and the error are exact, I, D, the target and the angle controller within 0.025 (a gyro of 1 kHz gives

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.frequency.fit import FLOOR, TIMES, FrequencyFit, fit
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, gain_between_flights
-from sysid.loops.settings import LoopSettings
 
 #: SID_AXIS of a chirp at the mixer.
 SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}

@@ -1,4 +1,4 @@
-"""ArduCopter's rate controller (AC_PID as of 4.0) and angle controller, with their discrete filters at the loop rate.
+"""One axis' loop: ArduCopter's rate controller (AC_PID as of 4.0), angle controller and gyro filters, all discrete.
 
 Per loop of length T: the target passes a first-order low-pass (FLTT), the error e = target - rate another (FLTE);
 u = P e + I sum(e T) + D low-pass_FLTD((e - e_before) / T) + FF target + D_FF (target - target_before) / T. P and D
@@ -8,12 +8,29 @@ may only shrink while the mixer is at a limit. Source: ArduPilot libraries/AC_PI
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sysid.loops.filters import Complexes, Floats, first_order
+from logparse import RotoridError
+from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, first_order, second_order
 from sysid.records.filtering import lfilter
+
+#: Axes and how ArduPilot's parameters spell them.
+AXES: Mapping[str, str] = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
+
+#: Terms without which a controller is not known; the others are zero where the firmware has no such parameter.
+NEEDED = ("P", "I", "D", "FLTT", "FLTE", "FLTD", "IMAX")
+OPTIONAL = ("FF", "D_FF", "SMAX", "PDMX")
+
+#: Terms in which the feedback is affine.
+_GAINS = ("P", "I", "D", "FF", "D_FF")
+
+
+class LoopError(RotoridError):
+    """The log does not describe the loop: unknown firmware, missing parameters or signals, another craft."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,3 +128,79 @@ class AngleController:
     def delay_response(self, hz: Floats) -> Complexes:
         """Compute the response from the rate target to that which the rate controller sees."""
         return np.asarray(np.exp(-2j * np.pi * self.late * np.asarray(hz, np.float64)), np.complex128)
+
+
+@dataclass(frozen=True, slots=True)
+class GyroPath:
+    """Filters between the gyro and the controller: low-pass (INS_GYRO_FILTER, Hz) and notches, at the gyro's rate."""
+
+    low_pass: float
+    rate: float
+    notches: tuple[DigitalFilter, ...] = ()
+
+    def response(self, hz: Floats) -> Complexes:
+        """Compute filtered per true rate."""
+        return second_order(self.rate, self.low_pass).response(hz) * cascade(self.notches, hz)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """Everything of one axis' loop that is in the autopilot: rate controller, angle controller, gyro filters."""
+
+    axis: str
+    controller: RateController
+    angle: AngleController
+    gyro: GyroPath
+    remarks: tuple[str, ...] = field(default=())
+
+    def feedback(self, hz: Floats) -> Complexes:
+        """Compute mixer output per measured rate, sign reversed: rate loop and, through the attitude, angle loop.
+
+        The attitude is the integral of the true rate, not of the filtered one.
+        """
+        attitude = -self.angle.rate_response(hz) * self.angle.delay_response(hz) / self.gyro.response(hz)
+        return np.asarray(self.controller.error_response(hz) + self.controller.target_response(hz) * attitude)
+
+    def feedbacks(self, candidates: Sequence[Mapping[str, float]], hz: Floats) -> Complexes:
+        """Compute the feedback with each of many changes (see `changed`), shape (K, n): affine in the gains."""
+        result = np.empty((len(candidates), len(hz)), np.complex128)
+        alike: dict[tuple[tuple[str, float], ...], list[int]] = {}
+        for k, each in enumerate(candidates):
+            alike.setdefault(tuple(item for item in each.items() if item[0] not in _GAINS), []).append(k)
+        for filters, rows in alike.items():
+            gains = [name for name in _GAINS if name in candidates[rows[0]]]
+            bare = self.changed(**dict(filters), **dict.fromkeys(gains, 0.0))
+            without = bare.feedback(hz)
+            per_unit = [bare.changed(**{name: 1.0}).feedback(hz) - without for name in gains]
+            values = np.array([[candidates[k][name] for name in gains] for k in rows])
+            result[rows] = without + (values @ np.array(per_unit) if gains else 0.0)
+        return result
+
+    def changed(self, **values: float) -> LoopSettings:
+        """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.
+
+        Raises
+        ------
+        LoopError
+            For an unknown name or a value that is negative or not finite.
+        """
+        for name, value in values.items():
+            if not math.isfinite(value) or value < 0.0:
+                raise LoopError(f"{name} = {value} is no value of a gain or filter")
+        terms = {name: value for name, value in values.items() if name in (*NEEDED, *OPTIONAL)}
+        unknown = set(values) - set(terms) - {"angle_P", "gyro_filter"}
+        if unknown:
+            known = ", ".join((*NEEDED, *OPTIONAL, "angle_P", "gyro_filter"))
+            raise LoopError(f"there is no {', '.join(sorted(unknown))}; known are {known}")
+        return replace(
+            self,
+            controller=replace(self.controller, **terms),
+            angle=replace(self.angle, P=values.get("angle_P", self.angle.P)),
+            gyro=replace(self.gyro, low_pass=values.get("gyro_filter", self.gyro.low_pass)),
+        )
+
+    def parameters(self) -> dict[str, float]:
+        """Return values by the autopilot's parameter names."""
+        letters = AXES[self.axis]
+        result = {f"ATC_RAT_{letters}_{name}": getattr(self.controller, name) for name in (*NEEDED, *OPTIONAL)}
+        return result | {f"ATC_ANG_{letters}_P": self.angle.P, "INS_GYRO_FILTER": self.gyro.low_pass}

@@ -20,7 +20,7 @@ from sysid.loops.chirps import (
     first_chirp,
     predicted_errors,
 )
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.lua import multisine_script
 from sysid.loops.missions import (

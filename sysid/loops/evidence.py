@@ -15,10 +15,10 @@ from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.limits import share_at_limits
+from sysid.loops.controller import AXES
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
-from sysid.loops.settings import AXES
 from sysid.loops.unseen import unseen_mode
 from sysid.records.periodogram import welch
 

@@ -12,12 +12,11 @@ from core.summary import Summarised
 from logparse import GivenLogs, logs_of
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
-from sysid.loops.autopilot import read_settings
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.filters import Complexes, Floats, low_pass_alpha
 from sysid.loops.margins import margins_of
 from sysid.loops.plant import Plant, plant_of
-from sysid.loops.settings import LoopSettings
+from sysid.loops.settings import read_settings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
 
 #: Part of the draws that an interval holds.

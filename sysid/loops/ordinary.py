@@ -7,11 +7,10 @@ import numpy as np
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.structures import low_pass
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import DENSITY, DRAWS, SEED, Plant
-from sysid.loops.settings import LoopSettings
 
 #: Standard deviation of ln G per factor e of frequency beyond the coherent band: lags and modes that do not show below.
 _BEYOND = 0.15

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError
 
 #: Significant digits of a proposed value.
 DIGITS = 4

@@ -12,14 +12,13 @@ from core.parameter import Parameter
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction
-from sysid.loops.autopilot import read_settings
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import AXES, LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
 from sysid.loops.loop import MARGINS, RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
 from sysid.loops.safety import Aim
 from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
-from sysid.loops.settings import AXES
+from sysid.loops.settings import read_settings
 
 #: Parameters that change by themselves.
 _BY_THEMSELVES = (

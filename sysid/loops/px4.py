@@ -16,10 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog
-from sysid.loops.controller import AngleController, PidTerms, RateController
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, PidTerms, RateController
 from sysid.loops.filters import Complexes, DigitalFilter, Floats, first_order
-from sysid.loops.settings import GyroPath, LoopSettings
 
 #: Versions whose rate controller is this one.
 OLDEST, NEWEST = (1, 11), (1, 17)

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from sysid.loops.controller import LoopSettings
 from sysid.loops.evidence import RANGES
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
-from sysid.loops.settings import LoopSettings
 from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.

@@ -1,31 +1,29 @@
-"""Gains and filters of one axis' loop as a log's parameters give them, and the same with other values."""
+"""Gains and filters of one axis' loop as the parameters of a log give them, whichever autopilot wrote it."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 
 import numpy as np
 
 from logparse import FlightLog
-from sysid.loops.controller import AngleController, RateController
-from sysid.loops.errors import LoopError
-from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, harmonic_notches, second_order
-
-#: Axes and how ArduPilot's parameters spell them.
-AXES: Mapping[str, str] = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
+from sysid.loops import px4
+from sysid.loops.controller import (
+    AXES,
+    NEEDED,
+    OPTIONAL,
+    AngleController,
+    GyroPath,
+    LoopError,
+    LoopSettings,
+    RateController,
+)
+from sysid.loops.filters import DigitalFilter, harmonic_notches
 
 #: Firmware whose rate controller is the one in `controller`.
 OLDEST, NEWEST = (4, 0), (4, 7)
-
-#: Terms without which a controller is not known; the others are zero where the firmware has no such parameter.
-_NEEDED = ("P", "I", "D", "FLTT", "FLTE", "FLTD", "IMAX")
-_OPTIONAL = ("FF", "D_FF", "SMAX", "PDMX")
-
-#: Terms in which the feedback is affine.
-_GAINS = ("P", "I", "D", "FF", "D_FF")
 
 #: Gyro rate [Hz] of boards that log none (most run their filters at this rate).
 _GYRO_RATE = 1000.0
@@ -34,80 +32,25 @@ _GYRO_RATE = 1000.0
 _FIXED, _THROTTLE = 0, 1
 
 
-@dataclass(frozen=True, slots=True)
-class GyroPath:
-    """Filters between the gyro and the controller: low-pass (INS_GYRO_FILTER, Hz) and notches, at the gyro's rate."""
+def read_settings(log: FlightLog, axis: str) -> LoopSettings:
+    """Read an axis' loop from the parameters of a log.
 
-    low_pass: float
-    rate: float
-    notches: tuple[DigitalFilter, ...] = ()
+    Raises
+    ------
+    LoopError
+        For an unknown axis or firmware, or where parameters are missing.
+    """
+    if axis not in AXES:
+        raise LoopError(f"there is no rate loop {axis!r}; the axes are {', '.join(AXES)}")
+    return px4.read_px4(log, axis) if log.vehicle.firmware == "PX4" else read_copter(log, axis)
 
-    def response(self, hz: Floats) -> Complexes:
-        """Compute filtered per true rate."""
-        return second_order(self.rate, self.low_pass).response(hz) * cascade(self.notches, hz)
 
-
-@dataclass(frozen=True, slots=True)
-class LoopSettings:
-    """Everything of one axis' loop that is in the autopilot: rate controller, angle controller, gyro filters."""
-
-    axis: str
-    controller: RateController
-    angle: AngleController
-    gyro: GyroPath
-    remarks: tuple[str, ...] = field(default=())
-
-    def feedback(self, hz: Floats) -> Complexes:
-        """Compute mixer output per measured rate, sign reversed: rate loop and, through the attitude, angle loop.
-
-        The attitude is the integral of the true rate, not of the filtered one.
-        """
-        attitude = -self.angle.rate_response(hz) * self.angle.delay_response(hz) / self.gyro.response(hz)
-        return np.asarray(self.controller.error_response(hz) + self.controller.target_response(hz) * attitude)
-
-    def feedbacks(self, candidates: Sequence[Mapping[str, float]], hz: Floats) -> Complexes:
-        """Compute the feedback with each of many changes (see `changed`), shape (K, n): affine in the gains."""
-        result = np.empty((len(candidates), len(hz)), np.complex128)
-        alike: dict[tuple[tuple[str, float], ...], list[int]] = {}
-        for k, each in enumerate(candidates):
-            alike.setdefault(tuple(item for item in each.items() if item[0] not in _GAINS), []).append(k)
-        for filters, rows in alike.items():
-            gains = [name for name in _GAINS if name in candidates[rows[0]]]
-            bare = self.changed(**dict(filters), **dict.fromkeys(gains, 0.0))
-            without = bare.feedback(hz)
-            per_unit = [bare.changed(**{name: 1.0}).feedback(hz) - without for name in gains]
-            values = np.array([[candidates[k][name] for name in gains] for k in rows])
-            result[rows] = without + (values @ np.array(per_unit) if gains else 0.0)
-        return result
-
-    def changed(self, **values: float) -> LoopSettings:
-        """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.
-
-        Raises
-        ------
-        LoopError
-            For an unknown name or a value that is negative or not finite.
-        """
-        for name, value in values.items():
-            if not math.isfinite(value) or value < 0.0:
-                raise LoopError(f"{name} = {value} is no value of a gain or filter")
-        terms = {name: value for name, value in values.items() if name in (*_NEEDED, *_OPTIONAL)}
-        unknown = set(values) - set(terms) - {"angle_P", "gyro_filter"}
-        if unknown:
-            known = ", ".join((*_NEEDED, *_OPTIONAL, "angle_P", "gyro_filter"))
-            raise LoopError(f"there is no {', '.join(sorted(unknown))}; known are {known}")
-        return replace(
-            self,
-            controller=replace(self.controller, **terms),
-            angle=replace(self.angle, P=values.get("angle_P", self.angle.P)),
-            gyro=replace(self.gyro, low_pass=values.get("gyro_filter", self.gyro.low_pass)),
-        )
-
-    def parameters(self) -> dict[str, float]:
-        """Return values by the autopilot's parameter names."""
-        letters = AXES[self.axis]
-        result = {f"ATC_RAT_{letters}_{name}": getattr(self.controller, name) for name in (*_NEEDED, *_OPTIONAL)}
-        return result | {f"ATC_ANG_{letters}_P": self.angle.P, "INS_GYRO_FILTER": self.gyro.low_pass}
+def check_firmware(log: FlightLog) -> None:
+    """Raise where the loops of a log's firmware are not known."""
+    if log.vehicle.firmware == "PX4":
+        px4.check_version(log)
+    else:
+        firmware_version(log)
 
 
 def firmware_version(log: FlightLog) -> tuple[int, int]:
@@ -132,7 +75,7 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     firmware_version(log)
     parameters = log.parameters_flown
     letters = AXES[axis]
-    wanted = [f"ATC_RAT_{letters}_{name}" for name in _NEEDED]
+    wanted = [f"ATC_RAT_{letters}_{name}" for name in NEEDED]
     wanted += [f"ATC_ANG_{letters}_P", "INS_GYRO_FILTER", "SCHED_LOOP_RATE"]
     missing = [name for name in wanted if name not in parameters]
     if missing:
@@ -147,7 +90,7 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     odd = [f"ATC_RAT_{letters}_{n}" for n in ("NTF", "NEF") if parameters.get(f"ATC_RAT_{letters}_{n}", 0.0) > 0.0]
     if odd:
         raise LoopError(f"{log.path.name}: notches within the controller ({', '.join(odd)}) are not modelled")
-    terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*_NEEDED, *_OPTIONAL)}
+    terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*NEEDED, *OPTIONAL)}
     gyro, remarks = _gyro_path(log)
     angle = AngleController(
         P=parameters[f"ATC_ANG_{letters}_P"],

@@ -15,7 +15,7 @@ from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.rate_signals import RateSignals, rate_signals
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import LoopError
 from sysid.loops.filters import Floats
 
 #: Times [s] by which the logged chirp may trail its entry into the mixer; one step of loops of 50 to 400 Hz at most.

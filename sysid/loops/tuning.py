@@ -17,8 +17,7 @@ import numpy as np
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction, gyro_seen
-from sysid.loops.autopilot import read_settings
-from sysid.loops.errors import LoopError
+from sysid.loops.controller import AXES, LoopError
 from sysid.loops.evidence import motors_limited, oscillation, sagged, saturation, unfit_log, unsupported, weak_band
 from sysid.loops.loop import rate_loop
 from sysid.loops.margins import margins_of
@@ -26,7 +25,7 @@ from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
 from sysid.loops.search import AxisTuning, flown_margins, tune_axis
-from sysid.loops.settings import AXES
+from sysid.loops.settings import read_settings
 from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
 
 #: Factors of the gyro's filter that are tried.

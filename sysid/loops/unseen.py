@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.frequency.records import AxisRecord, Logged
+from sysid.loops.controller import LoopSettings
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.settings import LoopSettings
 from sysid.records.periodogram import hann
 
 #: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.

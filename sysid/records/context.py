@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Tables
+from logparse.canonical.series import euler_angles
 from sysid.records.arrays import Floats
 from sysid.records.resampling import NewClock
 
@@ -66,15 +67,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
     `t` (N,) is uniform, s; columns are those that this module says.
     """
     states = trajectory.states
-    w, x, y, z = (states[f"q_{axis}"].to_numpy(np.float64) for axis in "wxyz")
-    angles = pd.DataFrame(
-        {
-            "roll": np.unwrap(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))),
-            "pitch": np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
-            "yaw": np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))),
-        },
-        index=states.index,
-    )
+    angles = pd.DataFrame(angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64)), index=states.index)
     rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
     source = pd.concat([angles, states[rest], trajectory.sigma[["phi_n", "phi_e", "phi_d"]]], axis=1)
     columns = dict(zip(source.columns, resample_frame(source, t).T, strict=True))
@@ -98,6 +91,12 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
             if np.isfinite(values).all():
                 columns[f"rotor_speed_{name[1:]}"] = values
     return pd.DataFrame(columns, index=pd.Index(t, name="t"), copy=False)
+
+
+def angles_of(quaternions: Floats) -> dict[str, Floats]:
+    """Return roll, pitch and yaw [rad], roll and yaw unwrapped, of body-to-NED quaternions, shape (N, 4)."""
+    roll, pitch, yaw = euler_angles(*quaternions.T)
+    return {"roll": np.unwrap(roll), "pitch": pitch, "yaw": np.unwrap(yaw)}
 
 
 def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:

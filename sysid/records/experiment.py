@@ -16,10 +16,10 @@ from core.summary import Summarised, listed
 from logparse import Finding, RotoridError, Vehicle
 from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
 from sysid.records.arrays import Floats as Floats
+from sysid.records.context import angles_of
 from sysid.records.flight_record import record_flight
 from sysid.records.resampling import FASTER
 from sysid.records.resampling import resample as resample_columns
-from sysid.records.table_record import table_signals
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -263,16 +263,25 @@ class Experiment(Summarised):
     @classmethod
     def from_motion(cls, motion: foreign_motion.MotionTable) -> Experiment:
         """Make a record of a table that is read already; see `from_table`."""
-        signals = table_signals(motion)
+        motors = tuple(f"m{motor.number}" for motor in motion.vehicle.motors)
+        unknown = np.full(len(motion.t), np.nan)
+        context = {
+            **angles_of(motion.quaternion),
+            **{f"w_{axis}": motion.rates[:, k] for k, axis in enumerate("xyz")},
+            **{f"v_{axis}": motion.velocity[:, k] for k, axis in enumerate("ned")},
+            **{f"q_{part}": motion.quaternion[:, k] for k, part in enumerate("wxyz")},
+            "voltage": unknown if motion.voltage is None else motion.voltage,
+            "density": unknown,
+        }
         return cls.from_arrays(
             motion.t,
-            signals.u,
-            signals.y,
+            np.column_stack([motion.motors, motion.inputs]),
+            (motion.position - motion.position[0]) * np.array([1.0, 1.0, -1.0]),
             name=motion.name,
-            input_names=signals.input_names,
+            input_names=(*motors, *motion.input_names),
             output_names=("x", "y", "z"),
-            units=signals.units,
-            context=signals.context,
+            units={**dict.fromkeys(motors, motion.motor_unit), **dict.fromkeys("xyz", "m")},
+            context=pd.DataFrame(context, index=pd.Index(motion.t, name="t")),
             vehicle=motion.vehicle,
             findings=motion.findings,
         )

@@ -37,6 +37,7 @@ import pymap3d
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
+from sysid.records.context import angles_of
 from sysid.records.mixer import project, voltage_at
 
 if TYPE_CHECKING:
@@ -206,8 +207,7 @@ def _turned(inputs: Inputs, trajectory: Trajectory, frame: str) -> Inputs:
 
 def yaw_of(states: pd.DataFrame) -> Floats:
     """Heading of a trajectory's states, rad, unwrapped."""
-    w, x, y, z = (states[f"q_{axis}"].to_numpy(np.float64) for axis in "wxyz")
-    return np.asarray(np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+    return angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64))["yaw"]
 
 
 def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:

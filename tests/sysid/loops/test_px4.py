@@ -7,10 +7,9 @@ import pytest
 
 from logparse import read_log
 from sysid.loops import LoopError, design, read_settings, tune
-from sysid.loops.controller import AngleController
+from sysid.loops.controller import AngleController, GyroPath
 from sysid.loops.filters import second_order
 from sysid.loops.px4 import Px4RateController, Px4Settings
-from sysid.loops.settings import GyroPath
 
 REAL = Path(__file__).parents[4] / "shared" / "logs" / "real"
 CONTROLLER = Px4RateController(P=0.15, I=0.2, D=0.003, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
