@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.cubic_spline import cubic_spline
 from sysid.frequency.response import Floats
@@ -21,23 +22,20 @@ _HOLE = 2.5
 _FEWEST = 8
 
 
-def pieces_of(t: Floats) -> Floats:
+def _pieces(t: Floats) -> NDArray[np.intp]:
     """Return the number of the stretch without holes that each sample is of, shape (N,)."""
-    if len(t) < 2:
-        return np.zeros(len(t))
-    step = np.diff(t)
-    return np.concatenate([[0.0], np.cumsum(step > _HOLE * np.median(step))]).astype(np.float64)
+    step = np.diff(t, prepend=t[:1])
+    return np.cumsum(step > _HOLE * np.median(step))
 
 
-def below(t: Floats, values: Floats, at: Floats, step: float, pieces: Floats | None = None) -> Floats:
+def below(t: Floats, values: Floats, at: Floats, step: float) -> Floats:
     """Return signals at the times of rows `step` [s] apart, with what is above half of their rate taken away.
 
     The filter has no phase, and a gain of one below 0.44 of the rate. Signals that are no faster pass by cubic splines.
 
-    `t` (N,); `values` (N, k); `at` (M,); `pieces` (N,): number of the stretch without holes that each sample is of.
-    Returns (M, k): NaN in holes, and at ends that the filter does not reach.
+    `t` (N,); `values` (N, k); `at` (M,). Returns (M, k): NaN in holes, and at ends that the filter does not reach.
     """
-    pieces = pieces_of(t) if pieces is None else pieces
+    pieces = _pieces(t)
     result = np.full((len(at), values.shape[1]), np.nan)
     for piece in np.unique(pieces):
         rows = pieces == piece

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -17,13 +16,13 @@ from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.chirp_records import chirp_record
 from sysid.frequency.composite import merge, roughness
-from sysid.frequency.excitation import Chirp, Within, find_chirps, overlapped
+from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
-from sysid.frequency.response import OVER_FREQUENCY, Complex, Floats, FrequencyResponse
-from sysid.frequency.sources import BURSTS, LogSignals, filtered, sources_of
+from sysid.frequency.response import OVER_FREQUENCY, Floats, FrequencyResponse
+from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.spectra import (
     RecordWindows,
     Regression,
@@ -33,7 +32,6 @@ from sysid.frequency.spectra import (
     window_lengths,
     windows_of,
 )
-from sysid.frequency.structures import low_pass
 from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
 
@@ -123,7 +121,7 @@ def response(
     records = records_of(sources, which, findings)
     logs = [each.log for each, _ in sources if isinstance(each, LogSignals)]
     source = records[0].source
-    filters = {filtered(log, source) for log in logs}
+    filters = {log.parameters_flown.get("INS_GYRO_FILTER") for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
     if len(filters) > 1 and which.attitude:
         findings.append(
@@ -137,12 +135,6 @@ def response(
     findings += limits_of(records, logs)
     upto = np.inf if like is None else coherent_up_to(like.responses[0])
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like, upto=upto)
-    if source.endswith(BURSTS):
-        with suppress(FrequencyError):  # what is slower than bursts last, from gyros that are slow
-            slower = records_of(sources, which, [], bursts=False)
-            if slower[0].source.split(" to ")[0] == source.split(" to ")[0]:  # rotor speeds are past a lag
-                corner = filtered(logs[0], slower[0].source)
-                frf = _joined(response_of_records(slower, which, gyro_filter_hz=corner), frf)
     ordinary = any(record.band == ORDINARY_BAND for record in records)
     rounded = _ROUNDED_BY_STICKS if ordinary else _ROUNDED
     rounded = rounded if any(log.tables.has("motors") for log in logs) else 0.0
@@ -162,9 +154,7 @@ def response(
 Source = tuple[LogSignals | Experiment, Within | None]
 
 
-def records_of(
-    sources: Sequence[Source], axis: Axis, findings: list[Finding], *, bursts: bool = True
-) -> list[AxisRecord]:
+def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -> list[AxisRecord]:
     """Cut the records of an axis: its chirps where there are any, else ordinary flying.
 
     FrequencyError when there is none; the message says why not, log by log.
@@ -179,10 +169,10 @@ def records_of(
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, findings, reasons, part, bursts=bursts)
+            found = _chirped(source, axis, findings, reasons, part)
             chirped += found
             if not found:
-                ordinary.append(ordinary_record(source, axis, part, bursts=bursts))
+                ordinary.append(ordinary_record(source, axis, part))
         except FrequencyError as error:
             reasons.append(str(error))
     records = _of_one_source(chirped or ordinary, findings)
@@ -228,28 +218,26 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     return [record for record in records if record.source == kept]
 
 
-def ordinary_record(source: LogSignals, axis: Axis, within: Within | None, *, bursts: bool = True) -> AxisRecord:
+def ordinary_record(source: LogSignals, axis: Axis, within: Within | None) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
     FrequencyError without the signals.
     """
     if not axis.attitude and "RATE" not in source.log.messages:
         return throttle_record(source.log, within)
-    return flight_record(source.log, source.of(axis, bursts=bursts), axis, within)
+    return flight_record(source.log, source.of(axis), axis, within)
 
 
 def _chirped(
-    source: LogSignals, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None, *, bursts: bool
+    source: LogSignals, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None
 ) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
     log = source.log
     every = find_chirps(log, within)
     chirps = [chirp for chirp in every if chirp.axis == axis.name]
-    if why := overlapped(log, axis.name, every):
-        reasons.append(why)
     if not chirps:
         return []
-    signals = source.of(axis, bursts=bursts)
+    signals = source.of(axis)
     records = []
     for chirp in chirps:
         if not chirp.worthwhile:
@@ -269,28 +257,9 @@ def _chirped(
     return records
 
 
-def _joined(slow: FrequencyResponse, fast: FrequencyResponse) -> FrequencyResponse:
-    """Join the response to slow gyros, up to where bursts know it better, and that to bursts from there on."""
-    of_slow = np.interp(fast.hz, slow.hz, np.where(slow.usable, slow.sigma, np.inf), np.inf, np.inf)
-    better = fast.usable & (fast.sigma < of_slow)
-    if not better.any():
-        return fast
-    at = float(fast.hz[better][0])
-    below, above = slow.between(0.0, np.nextafter(at, 0.0)), fast.between(at, np.inf)
-    columns = _rows_of(below, above)
-    if slow.gyro_filter_hz != fast.gyro_filter_hz:  # to what the fast one was measured through
-        columns["response"][: len(below.hz)] *= _through(below.hz, slow, fast)
-        columns["direct"][: len(below.hz)] *= _through(below.hz, slow, fast)
-    return replace(fast, **columns, records=slow.records + fast.records, source=f"{fast.source}, {slow.source}")
-
-
 def _rows_of(below: FrequencyResponse, above: FrequencyResponse) -> dict[str, Any]:
     """Return the values over frequency of two responses, one above the other."""
     return {name: np.concatenate([getattr(below, name), getattr(above, name)]) for name in OVER_FREQUENCY}
-
-
-def _through(hz: Floats, slow: FrequencyResponse, fast: FrequencyResponse) -> Complex:
-    return np.asarray(low_pass(hz, fast.gyro_filter_hz) / low_pass(hz, slow.gyro_filter_hz))
 
 
 def _aborted(log: FlightLog, axis: Axis, chirp: Chirp) -> Finding:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -90,7 +89,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
         # After its last cycle a run only waits.
         last = first + int(np.flatnonzero(moving)[-1]) + 1
         lasted = float(t[last - 1] - t[first])
-        plan = [length for begin, length, _ in planned if begin <= t[first] + 1.0]
+        plan = [length for begin, length in planned if begin <= t[first] + 1.0]
         complete = not plan or lasted >= _COMPLETE * plan[-1]
         swept = frequency[first:last][moving[: last - first]]
         swept = swept[np.isfinite(swept)]
@@ -102,32 +101,9 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
     return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
 
 
-def overlapped(log: FlightLog, axis: str, found: Sequence[Chirp]) -> str:
-    """Return that the chirp of an axis ran at the time of another's, whose rows stand in SIDD; empty where not."""
-    for begin, length, name in _announced(log):
-        if name != axis:
-            continue
-        own = [chirp for chirp in found if chirp.axis == axis and begin - 1.0 < chirp.start < begin + length]
-        lost = own[0].stop if own else begin
-        for other in found:
-            cut = not own or not own[0].complete
-            if cut and other.axis != axis and (other.start < lost + 1.0 <= other.stop) and other.stop > begin:
-                return (
-                    f"{log.path.name}: the chirp on the {axis} axis at {begin:.1f} s ran at the time of that on the "
-                    f"{other.axis} axis at {other.start:.1f} s, whose rows stand in SIDD; fly one after the other"
-                )
-    return ""
-
-
-def _announced(log: FlightLog) -> list[tuple[float, float, str]]:
-    """Return the time and the planned length, s, of each run that SIDS announces, and the axis that it excites."""
-    if "SIDS" not in log.messages:
+def _announced(log: FlightLog) -> list[tuple[float, float]]:
+    """Return the time and the planned length, s, of each run that SIDS announces."""
+    if "SIDS" not in log.messages or "TR" not in log.messages["SIDS"]:
         return []
-    frame = log.messages["SIDS"]
-    if not {"TR", "TFout", "Ax"} <= set(frame.columns):
-        return []
-    lengths, axes = frame["TR"].to_numpy(np.float64), frame["Ax"].to_numpy(np.float64)
-    return [
-        (float(t), float(length), SID_AXES.get(int(axis), ("", False))[0])
-        for t, length, axis in zip(frame.index, lengths, np.nan_to_num(axes), strict=True)
-    ]
+    lengths = log.messages["SIDS"]["TR"]
+    return list(zip(lengths.index.astype(float), lengths.to_numpy(np.float64), strict=True))

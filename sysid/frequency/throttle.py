@@ -1,8 +1,8 @@
 """Vertical axis of logs without RATE: throttle output to what the accelerometer feels, the stick as instrument.
 
 Throttle is logged ten times a second whatever LOG_BITMASK says, and no GPS is needed. What is felt along the thrust is
-thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself. Rotor
-speeds of ESCs, or motor outputs, stand for the throttle where they come faster.
+thrust per mass less drag, whatever the lean; thrust that leans is compensated in the throttle output itself. Motor
+outputs stand for the throttle where they come faster.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sysid.frequency.flight_records import flight_span
 from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats
-from sysid.frequency.sources import FASTER, driving, step_of
+from sysid.frequency.sources import FASTER, motor_patterns, step_of
 
 #: Least throttle output [1] of a motor that turns.
 _TURNING = 0.02
@@ -72,16 +72,15 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
 
 def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
     """Return what lifted the craft, and what it is where it is not the throttle output."""
-    throttle = throttle_output(log.messages, log.vehicle)
+    throttle, motors = throttle_output(log.messages, log.vehicle), motor_patterns(log)
     found = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
-    found += [(outputs["out_thrust"].dropna(), f"{source} to accelerometer") for source, outputs in driving(log)]
+    found += [] if motors is None else [(motors["out_thrust"].dropna(), "motor outputs to accelerometer")]
     found = [each for each in found if len(each[0]) >= _FEWEST]
     if not found:
-        raise FrequencyError(f"{log.path.name}: no {_FEWEST} rows of throttle (CTUN), motor outputs or rotor speeds")
+        raise FrequencyError(f"{log.path.name}: no {_FEWEST} rows of throttle (CTUN) or motor outputs")
     felt = step_of(imu)
     steps = [max(step_of(each[0]), felt) for each in found]
-    fastest = int(np.argmin(steps))
-    return found[fastest] if steps[fastest] * FASTER <= steps[0] else found[0]
+    return found[-1] if steps[-1] * FASTER <= steps[0] else found[0]
 
 
 def _averaged(times: Floats, values: Floats, at: Floats, width: float) -> Floats:

@@ -101,14 +101,6 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
     assert pitched.fit.parameters["gain"].value == pytest.approx(pitch.gain, rel=0.03)
 
 
-def test_chirps_that_began_together_are_named(tmp_path: Path) -> None:
-    """SIDD has room for one: what it has is of pitch, and roll is told why it has none."""
-    runs = {"roll": run_axis(PLANT, GAINS, CHIRP, 1), "pitch": run_axis(PLANT, GAINS, replace(CHIRP, sid_axis=11), 2)}
-    roll, pitch = survey(logged(tmp_path, runs), ["roll", "pitch"]).axes
-    assert "the chirp on the roll axis at 10.0 s ran at the time of that on the pitch axis" in roll.reason
-    assert pitch.determined
-
-
 def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Path) -> None:
     shaken = replace(CHIRP, duration=60.0, chirp=(0.5, 40.0, 0.05), chirp_seconds=4.9, chirp_start=50.0, stick=0.2)
     run = run_axis(PLANT, GAINS, shaken, 3)

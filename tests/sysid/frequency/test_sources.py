@@ -1,6 +1,5 @@
 """Responses from what motors got and gyros felt, where the log has no message of the rate controller."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,42 +43,6 @@ def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, e
     assert gain.value == pytest.approx(150.0, rel=0.1)
 
 
-def test_rotor_speeds_lift_where_they_come_faster_than_the_throttle(tmp_path: Path) -> None:
-    lifts = AxisPlant(gain=28.0, integrates=False, filter_hz=40.0)
-    sticks = Excitation(duration=90.0, stick=1.5, gust=0.2, noise=0.02)
-    run = run_axis(lifts, LoopGains.crossing_at(lifts, 2.5), sticks, 3)
-    motors = {"imu": 100.0, "esc": 50.0, "rcou": 10.0}
-    frf = frequency.response(logged(tmp_path, {"vertical": run}, filter_hz=40.0, motors=motors), "vertical")
-    assert frf.source == "rotor speeds to accelerometer"
-    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(lifts.gain, rel=0.05)
-    assert frf.step == pytest.approx(0.02)
-
-
-def test_rotor_speeds_are_past_the_motors_lag(tmp_path: Path) -> None:
-    log = flown(tmp_path, STICKS, {"rcou": 10.0, "imu": 100.0, "esc": 100.0, "lag": PLANT.lag})
-    frf = frequency.response(log, "roll")
-    assert frf.source == "rotor speeds to gyros"
-    wrong = error(frf, replace(PLANT, lag=0.0), 0.7, 8.0)
-    assert np.percentile(np.abs(wrong.real), 95) * 8.686 < 1.0
-    assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
-
-
-def test_bursts_of_the_batch_sampler_are_gyros_too_above_what_slow_gyros_show(tmp_path: Path) -> None:
-    log = flown(tmp_path, CHIRP, {"rcou": 100.0, "imu": 10.0, "pause": 0.4}, INS_LOG_BAT_OPT=2.0)
-    frf = frequency.response(log, "roll")
-    assert frf.source == "motor outputs to gyro bursts, motor outputs to gyros"
-    wrong = error(frf, PLANT, 0.7, 15.0)
-    assert np.percentile(np.abs(wrong.real), 95) * 8.686 < 1.0
-    assert np.degrees(np.percentile(np.abs(wrong.imag), 95)) < 5.0
-
-
-def test_the_attitude_stands_for_gyros_where_none_are_logged(tmp_path: Path) -> None:
-    frf = frequency.response(flown(tmp_path, STICKS, {"rcou": 25.0}), "roll")
-    assert frf.source == "motor outputs to attitude"
-    assert frf.gyro_filter_hz is None
-    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(150.0, rel=0.15)
-
-
 def test_nothing_folds_and_what_is_below_passes() -> None:
     t, at = np.arange(4000) * 0.0025, np.arange(20, 80) * 0.1
     signals = np.column_stack([np.sin(2.0 * np.pi * 3.0 * t), np.sin(2.0 * np.pi * 8.7 * t)])
@@ -95,4 +58,4 @@ def test_motors_with_one_whole_reading_are_no_pair() -> None:
     one = pd.DataFrame({"out_roll": [0.1]}, index=[1.0])
     gyros = pd.DataFrame({"w_x": np.zeros(200)}, index=0.01 * np.arange(200))
     with pytest.raises(FrequencyError):
-        on_one_clock(one, gyros, np.zeros(200))
+        on_one_clock(one, gyros)
