@@ -107,22 +107,6 @@ def test_heading_without_magnetometer_or_autopilot_comes_from_movement(heading):
     assert np.degrees(compare(result, settled(flight)).yaw) < 1.0
 
 
-def test_a_receiver_that_gives_no_velocity(flight):
-    gps = flight.tables.gps.assign(v_n=np.nan, v_e=np.nan, v_d=np.nan)
-    result = estimate(replace(flight.tables, gps=gps))
-    assert result.findings == ()
-    assert "gps_velocity" not in result.diagnostics["innovations"]
-    assert compare(result, settled(flight)).horizontal_velocity < 0.1
-    assert 0.3 < nees(result, settled(flight))["velocity"] < 2.0
-
-
-@pytest.mark.parametrize("seed", [61, 62])
-def test_without_a_compass_sigmas_stay_honest(seed):
-    flight = fly(seed, duration=300.0)
-    result = estimate(replace(flight.tables, mag=None), rate=10.0)
-    assert 0.4 < nees(result, settled(flight))["attitude"] < 1.6
-
-
 def test_without_gps_the_sigma_says_that_position_drifts(flight):
     result = estimate(replace(flight.tables, gps=None))
     assert [f.id for f in result.findings] == ["not-logged"]

@@ -69,24 +69,6 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
     assert ("sensor-refused" in [f.id for f in spiked.findings]) == (share > 0.05)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_spikes_are_told_from_climbs(seed):
-    """Bursts in 10 % of the readings are found to the last, in dives at 10 m/s and holes of the GPS too."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 300.0, 0.7)
-    height = pd.Series(50.0 + 50.0 * np.sin(t / 5.0), index=t)
-    alt, hit = height + 20.0 + rng.normal(0.0, 0.15, len(t)), np.zeros(len(t), bool)
-    while hit.sum() < 0.1 * len(t):
-        begin = int(rng.integers(len(t)))
-        part = slice(begin, begin + int(rng.integers(2, 6)))
-        alt.iloc[part] = height.iloc[part] + 20.0 + rng.choice([-1.0, 1.0]) * rng.uniform(50.0, 300.0)
-        hit[part] = True
-    reference = height + rng.normal(0.0, 1.0, len(t))
-    np.testing.assert_array_equal(steady_heights(alt, reference), ~hit)
-    hole = reference[(t < 100.0) | (t > 104.0)]
-    np.testing.assert_array_equal(steady_heights(alt, hole)[(t < 100.0) | (t > 104.0)], ~hit[(t < 100.0) | (t > 104.0)])
-
-
 @pytest.mark.parametrize("climb_known", [True, False])
 def test_bursts_of_some_metres_are_told_from_hops_by_their_edges(climb_known):
     """Readings off by 2 to 10 m for some seconds, some bursts over others, moved the speed by 4 to 19 sigmas."""

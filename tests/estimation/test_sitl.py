@@ -4,43 +4,22 @@ Position truth there is relative to where the simulator started, the estimates t
 the two is not judged. Only airborne time counts.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.estimation import MEASURES
+from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
 from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
-from estimation.attitude import matrix_from_quat, quat_from_euler
+from estimation.attitude import matrix_from_quat
 from logparse import read_log
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
-MEASURES = {
-    "horizontal position": ("p_n", "p_e"),
-    "vertical position": ("p_d",),
-    "horizontal velocity": ("v_n", "v_e"),
-    "vertical velocity": ("v_d",),
-    "tilt": ("phi_n", "phi_e"),
-    "yaw": ("phi_d",),
-}
 
 needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
-
-
-def airborne_truth(log):
-    """Truth from a second after take-off to a second before landing, of the longest flight."""
-    flight = log.flight
-    return log.tables.truth.loc[flight.start + 1.0 : flight.stop - 1.0]
-
-
-def rms(error, columns):
-    """Root of the mean square over rows that are known; constant offsets of position are taken out."""
-    table = error[list(columns)]
-    if columns[0].startswith("p_"):
-        table = table - table.median()
-    return float(np.sqrt(np.nanmean((table.to_numpy() ** 2).sum(axis=1))))
 
 
 @pytest.fixture(scope="module")
@@ -49,18 +28,13 @@ def judged(sitl):
     squares = {"smoother": [], "filter": [], "EKF3": []}
     for path in sorted(LOGS.glob("*.BIN")):
         log, trajectory = sitl(path.stem)
-        truth = airborne_truth(log)
-        ekf = log.tables.ekf
-        quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy().T)
-        columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
         results = {
             "smoother": trajectory,
             "filter": estimate(log.tables, smooth=False),
-            "EKF3": replace(trajectory, states=ekf.assign(**columns).dropna()),
+            "EKF3": autopilots(log, trajectory),
         }
         for name, result in results.items():
-            error = errors(result, truth)
-            squares[name].append({measure: rms(error, columns) ** 2 for measure, columns in MEASURES.items()})
+            squares[name].append(squares_of(errors_from(result, airborne_truth(log)), MEASURES))
     return {name: np.sqrt(pd.DataFrame(rows).mean()) for name, rows in squares.items()}
 
 
@@ -70,7 +44,7 @@ def test_smoother_beats_the_autopilots_filter(judged):
     """Pooled over all logs: better everywhere, and at most 0.6 times its error in velocity and attitude."""
     ratio = judged["smoother"] / judged["EKF3"]
     assert (ratio < 1.0).all(), ratio
-    assert (ratio[["horizontal velocity", "vertical velocity", "tilt", "yaw"]] < 0.6).all(), ratio
+    assert (ratio.drop(["horizontal position, m", "vertical position, m"]) < 0.6).all(), ratio
 
 
 @needs_logs
@@ -90,7 +64,7 @@ def test_telemetry_is_near_the_truth_of_the_matching_log(name):
     truth = airborne_truth(read_log(LOGS / f"{name}.BIN"))
     trajectory = estimate(read_log(LOGS / f"{name}.tlog").tables)
     assert trajectory.method == "low-rate"
-    assert rms(errors(trajectory, truth), ("p_n", "p_e", "p_d")) < 0.12
+    assert np.sqrt(squares_of(errors_from(trajectory, truth), {"place": ("p_n", "p_e", "p_d")})["place"]) < 0.12
     states = trajectory.states
     R = matrix_from_quat(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy())
     acceleration = np.einsum("nij,nj->ni", R, states[["f_x", "f_y", "f_z"]].to_numpy())

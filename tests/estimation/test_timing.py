@@ -53,16 +53,6 @@ def test_noise_density_is_that_of_the_noise(cutoff, rate):
     np.testing.assert_allclose(np.median(found, axis=0), density, rtol=0.2)
 
 
-def test_a_hole_is_bridged_as_unseen_movement():
-    t = np.delete(np.arange(0.0, 20.0, 0.02), slice(500, 525))
-    still = np.zeros((len(t), 3))
-    signal = InertialSignal.of(imu_table(t, still, still), {}, (1e-4, 1e-3))
-    _, _, variance = signal.increments(np.array([5.0, 5.5, 10.0, 10.5]))
-    assert variance[0, 0] == pytest.approx(0.5 * 1e-4**2)
-    # Half a second unseen at 0.5 rad/s: a quarter of a radian.
-    assert np.sqrt(variance[2, 0]) == pytest.approx(0.25, rel=0.1)
-
-
 def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_noise():
     """Steps of the rate every five seconds, through the autopilot's filter: the noise between them stays what it is."""
     rng = np.random.default_rng(3)

@@ -68,25 +68,6 @@ def test_flights_of_the_paper_arrive(flight):
     assert np.linalg.norm(path[["v_x", "v_y", "v_z"]], axis=1).max() < 1.05 * flight.speed
 
 
-def test_base_step_of_the_paper_is_fine_enough():
-    """Euler's error falls with the step: half of it at half the step, and is below a millimetre at 1e-4 s."""
-
-    def height(dt):
-        path = propagate(
-            CRAFT,
-            CRAFT.state(np.full(4, 310.0), position=(0.0, 0.0, -10.0)),
-            lambda t, x: np.full(4, 330.0),
-            1.0,
-            dt=dt,
-            method="euler",
-        )
-        return path["p_d"].iloc[-1]
-
-    coarse, base, fine = (height(dt) for dt in (2e-4, 1e-4, 5e-5))
-    assert (coarse - base) / (base - fine) == pytest.approx(2.0, abs=0.05)
-    assert abs(base - fine) < 1e-3
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -57,16 +57,6 @@ def test_regeneration_is_bit_identical(tmp_path):
         assert path.read_bytes() == (FOLDER / path.name).read_bytes(), path.name
 
 
-def test_every_file_is_named_and_all_are_small():
-    readme = (FOLDER / "README.md").read_text()
-    for path in FOLDER.iterdir():
-        if path.name != "README.md":
-            assert path.stem in (*FLIGHTS, DAMAGED)
-            assert f"`{path.stem}`" in readme
-    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 25_000_000
-    assert "simulated, not flown" in readme
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_pymavlink_counts_the_rows_that_rate_and_duration_ask_for(name, logs, truths):
     log = logs[name]

@@ -71,29 +71,6 @@ def test_an_apartness_is_believed_as_far_as_the_training_records_were_apart(fitt
     assert fitted.offset_trust["x"] < 0.05
 
 
-def test_predictions_carry_on_what_the_reference_does_not_explain():
-    """Wind pushes the craft about slowly, by 0.3 m: half a second ahead most of it is known, in a free run nothing."""
-
-    def blown(seed):
-        record = flown(seed)
-        gusts = np.random.default_rng(seed + 100).standard_normal(record.y.shape)
-        wander = lfilter([1.0], [1.0, -1.98, 0.981], gusts, axis=0)
-        return Experiment.from_arrays(
-            record.t,
-            record.u,
-            record.y + 0.3 * wander / wander.std(axis=0),
-            name=record.name,
-            input_names=record.input_names,
-            output_names=record.output_names,
-        )
-
-    model = fit_closed_loop([blown(11), blown(12)], time_limit=PATIENCE)
-    other = blown(13)
-    free, ahead = (np.std((y - other.y)[50:]) for y in (model.simulate(other), model.predict(other, 0.5)))
-    assert 0.2 < free < 0.4
-    assert ahead < 0.4 * free
-
-
 def test_uncertainty_is_that_of_the_error_in_other_coordinates():
     """A change of B or A moves ``(A + s^2 B) / A`` as the covariance says: one coefficient at a time."""
     num, den = np.array([2.0, 3.0]), np.array([1.0, 4.0, 5.0, 6.0, 7.0])

@@ -8,7 +8,7 @@ from scipy.io import loadmat
 
 from core.serialization import as_json, from_json
 from sysid import TransferFunctionModel, fit_transfer_functions
-from sysid.transfer_functions.export import ExportError, coefficients, to_control, write_mat
+from sysid.transfer_functions.export import ExportError, to_control, write_mat
 from sysid.transfer_functions.model_record import TransferFunctionsRecord
 from tests.sysid.simulated import simulated_record
 
@@ -64,18 +64,3 @@ def test_without_python_control_the_message_says_what_to_install(model, monkeypa
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ExportError, match=r"pip install 'rotorid\[control\]'"):
         to_control(model)
-
-
-def test_every_coefficient_has_a_row_with_its_deviation(model):
-    table = coefficients(model)
-    assert len(table) == 4 * (2 + 4)
-    one = table[(table["output"] == "y1") & (table["input"] == "u2")]
-    function = model.transfer_functions["y1"]["u2"]
-    assert one["value"].tolist() == [*function.num, *function.den]
-    assert one["power"].tolist() == [1, 0, 3, 2, 1, 0]
-    leading = one[(one["part"] == "den") & (one["power"] == 3)].iloc[0]
-    assert leading["value"] == 1.0
-    assert leading[["std", "relative", "determined"]].isna().all()
-    rest = one.drop(leading.name)
-    assert rest["std"].tolist() == pytest.approx(function.standard_deviation.tolist())
-    assert rest["determined"].astype(bool).tolist() == function.determined.tolist()

@@ -125,14 +125,6 @@ def test_inputs_that_explain_nothing_are_said_to(seed):
         assert any(f.id == "output-unexplained" and "no input is seen to act" in f.reason for f in model.findings)
 
 
-def test_a_constant_output_gives_a_model_without_effect():
-    record = simulated_record(11, samples=200)
-    level = Experiment.from_arrays(record.t, record.u, np.full(200, 4.0))
-    model = fit_transfer_functions([level], 2, 1)
-    assert any(f.id == "output-unexplained" and "is constant" in f.reason for f in model.findings)
-    np.testing.assert_allclose(model.simulate(level), 4.0, atol=1e-6)
-
-
 def test_a_time_limit_is_kept_and_said():
     record = simulated_record(12)
     model = fit_transfer_functions([record], 5, 3, time_limit=0.01)
