@@ -37,7 +37,6 @@ def run() -> Iterator[Row]:
         yield from _made(scratch, sticks=False)
         yield from _made(scratch, sticks=True)
         yield from _histories(scratch)
-        yield from _bias(scratch)
         yield from _speed(scratch)
         if LOGS.is_dir():
             yield from _real()
@@ -196,23 +195,6 @@ def _histories(scratch: Path) -> Iterator[Row]:
         alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
     share = f"{alarms} of {craft}"
     yield row(f"craft of {flights} flights, unchanged, whose gain or delay is said to drift or jump", share, goal="5 %")
-
-
-def _bias(scratch: Path) -> Iterator[Row]:
-    """Show the bias of plain regression in a closed loop, and that of the instrument."""
-    plant = AxisPlant(gain=300.0, lag=0.03)
-    excitation = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=4.0, noise=0.005)
-    logs = []
-    for seed in range(4):
-        path = scratch / f"bias{seed}.BIN"
-        run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, seed)
-        write_rate_log(path, {"roll": run}, rate=100.0)
-        logs.append(logparse.read_log(path))
-    frf = frequency.response(logs, "roll")
-    low = (frf.hz > 0.7) & (frf.hz < 2.0)
-    truth = plant.response(frf.hz)
-    ours, plain = (8.686 * float(np.mean(np.log(np.abs(g / truth))[low])) for g in (frf.response, frf.direct))
-    yield row("bias of gain in gusts, 0.7-2 Hz (dB): instrument, regression", ours, peer=plain, goal="0")
 
 
 def _speed(scratch: Path) -> Iterator[Row]:
