@@ -27,7 +27,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from core.serialization import plain, recorded, restored
 from logparse import Finding, Severity
@@ -39,11 +38,10 @@ from sysid.records.experiment import (
     require_alike,
     require_signals,
 )
-from sysid.transfer_functions._kernels import recur_few
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
 from sysid.transfer_functions.model_record import ClosedLoopRecord, FitRecord
 from sysid.transfer_functions.pem import fit_transfer_functions
-from sysid.transfer_functions.response import INITIAL_SECONDS
+from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
 from sysid.transfer_functions.search import Progress
 from sysid.transfer_functions.transfer_function import FitReport, FunctionsModel, TransferFunction
 
@@ -286,29 +284,14 @@ def complementary(error: TransferFunction) -> TransferFunction:
 
 def _respond(function: TransferFunction, reference: Floats, dt: float) -> Floats:
     """Answer of a closed loop that has rested at its first reference, or moved with it at its first speed."""
+    # In the long run G - 1 does not answer to a steady motion, so a start in step with the target is one at rest with
+    # the first speed taken off.
+    steady = reference[0] + (reference[1] - reference[0]) / dt * np.arange(len(reference)) * dt
+    system = discretise(function.den[:0:-1][None], dt, "foh")
+    states = system.forced((reference - steady)[:, None], [0])[:, :, 0]
     n = len(function.den) - 1
-    # Controller canonical form of G - 1, whose numerator is of lower degree. In the long run it does not answer to a
-    # steady motion, so a start in step with the target is a start at rest with the first speed taken off.
-    a = np.vstack([-function.den[1:], np.eye(n - 1, n)])
-    c = (function.num - function.den)[None, 1:]
-    t = np.arange(len(reference)) * dt
-    steady = reference[0] + (reference[1] - reference[0]) / dt * t
-    # States, input and its slope over one step, for an input that runs straight between samples.
-    generator = np.zeros((n + 2, n + 2))
-    generator[:n, :n], generator[0, n], generator[n, n + 1] = a * dt, dt, 1.0
-    step = expm(generator)
-    ramp = step[:n, n + 1]
-    inputs = np.ascontiguousarray((reference - steady)[:, None])
-    states = recur_few(
-        np.ascontiguousarray(step[None, :n, :n].transpose(0, 2, 1)),
-        np.empty((1, 0, n)),
-        np.ascontiguousarray((step[:n, n] - ramp)[None]),
-        np.ascontiguousarray(ramp[None]),
-        np.zeros((1, n)),
-        inputs,
-        np.empty((len(t), 0, 1)),
-    )
-    return np.asarray(reference + states[:, :, 0] @ c[0])
+    error = (function.num - function.den)[:0:-1] / system.unit[0] ** (n - np.arange(n))
+    return np.asarray(reference + states @ error)
 
 
 def _scored(record: Experiment) -> int:

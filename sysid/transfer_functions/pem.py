@@ -21,11 +21,16 @@ from sysid.records.experiment import Experiment, Floats, ModelOrderError, requir
 from sysid.transfer_functions._kernels import compile_kernels
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
 from sysid.transfer_functions.fit_findings import few_samples, remarks
-from sysid.transfer_functions.problem import Cut, Problem, denominators_of_orders, resolvable_band
-from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
+from sysid.transfer_functions.problem import Problem, denominators_of_orders, resolvable_band
+from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
 from sysid.transfer_functions.separable import initial_states, reduced_information, squared_residual
-from sysid.transfer_functions.transfer_function import FitReport, TransferFunction, TransferFunctionModel
+from sysid.transfer_functions.transfer_function import (
+    FitReport,
+    TransferFunction,
+    TransferFunctionModel,
+    run_freely,
+)
 from sysid.transfer_functions.uncertainty import parameter_covariance
 
 __all__ = ["Progress", "fit_transfer_functions"]
@@ -265,11 +270,13 @@ def _fit_output(
     longest = max(record.duration for record in records)
     if not active:
         return _without_inputs(records, column, y, scale, longest, task)
-    cut = Cut(column, task.active, excitation.scale[active], scale)
     most, alike = max(task.counts), len(set(task.counts)) == 1
     common = Problem(
-        inputs=tuple(cut.inputs(record) for record in records),
-        outputs=tuple(cut.output(record) for record in records),
+        inputs=tuple(
+            np.ascontiguousarray((record.u - record.input_trim)[:, active] / excitation.scale[active])
+            for record in records
+        ),
+        outputs=tuple(values / scale for values in y),
         group=(0,) * len(active),
         order=max(task.orders),
         numerators=most,
@@ -284,29 +291,20 @@ def _fit_output(
         longest_delay=task.longest_delay,
     )
     rng = np.random.default_rng([task.seed, column])
-    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, task.seed, excitation.independent)
+    plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, excitation.independent)
     found = search(common, plan, rng, deadline, stage)
     report = _report(found, y, scale, task, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
     # The energy of initial responses that the fit assumed, which a free run assumes again.
     initial_energy = max(report.rmse, 1e-9) ** 2 / found.problem.initial
-    residuals = []
-    for record, values in zip(records, y, strict=True):
-        simulated = free_run(
-            [functions[name].num for name in record.input_names],
-            [functions[name].den for name in record.input_names],
-            record.u - record.input_trim,
-            values,
-            0.0,
-            record.dt,
-            task.hold,
-            shared=task.structure == "common",
-            sigma=max(report.rmse, 1e-9),
-            initial_energy=initial_energy,
-            delays=[functions[name].delay for name in record.input_names],
-        )
-        residuals.append((values - simulated)[round(INITIAL_SECONDS / record.dt) :])
+    shared = task.structure == "common"
+    residuals = [
+        (record.y[:, column] - run_freely(functions, record, column, task.hold, shared, report.rmse, initial_energy))[
+            round(INITIAL_SECONDS / record.dt) :
+        ]
+        for record in records
+    ]
     return _OutputFit(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),

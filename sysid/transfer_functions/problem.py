@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.records.experiment import Experiment, Floats
+from sysid.records.experiment import Floats
 from sysid.transfer_functions._kernels import multiply_out
 
 #: Damping ratios that a fit may use. Below, a mode loses nothing in any flight; fits to flights come down to 0.0003
@@ -169,21 +169,3 @@ def _used(numerators: int, counts: tuple[int, ...]) -> Floats:
     used = (np.arange(numerators)[:, None] < np.array(counts)).astype(np.float64)
     used.setflags(write=False)
     return used
-
-
-@dataclass(frozen=True, slots=True)
-class Cut:
-    """Which columns of a record a problem is about, and the units in which it has them."""
-
-    column: int  #: Of the outputs.
-    active: tuple[int, ...]  #: Columns of the inputs.
-    input_scale: Floats  #: shape (m,)
-    output_scale: float
-
-    def inputs(self, record: Experiment) -> Floats:
-        """Return inputs about their trim, scaled."""
-        return np.ascontiguousarray((record.u - record.input_trim)[:, list(self.active)] / self.input_scale)
-
-    def output(self, record: Experiment) -> Floats:
-        """Return the output about its trim, scaled."""
-        return np.asarray((record.y[:, self.column] - record.output_trim[self.column]) / self.output_scale)

@@ -78,7 +78,6 @@ class Plan:
     orders: tuple[int, ...]  #: shape (m,): Poles of each input's denominator, integrators included.
     ridge: float | None  #: Regularisation; None chooses it.
     starts: int  #: Sets of poles to start from where SRIVC alone does not tell.
-    seed: int
     independent: int  #: How many independent signals the inputs are.
 
 

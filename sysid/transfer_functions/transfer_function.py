@@ -186,6 +186,34 @@ def zeros(function: TransferFunction) -> tuple[Root, ...]:
     return roots_of(function.num, None if covariance is None else covariance[:n, :n])
 
 
+def run_freely(
+    row: Mapping[str, TransferFunction],
+    record: Experiment,
+    column: int,
+    hold: str,
+    shared: bool,
+    rmse: float,
+    initial_energy: float,
+    initial: Floats | None = None,
+) -> Floats:
+    """Simulate one output of a record with the functions from its inputs; see `response.free_run`."""
+    functions = [row[name] for name in record.input_names]
+    return free_run(
+        [function.num for function in functions],
+        [function.den for function in functions],
+        record.u - record.input_trim,
+        record.y[:, column],
+        record.output_trim[column],
+        record.dt,
+        hold,
+        shared=shared,
+        sigma=max(rmse, 1e-9),
+        initial_energy=initial_energy,
+        initial=initial,
+        delays=[function.delay for function in functions],
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitReport:
     """How the fit of one output went."""
@@ -308,21 +336,10 @@ class TransferFunctionModel(FunctionsModel):
         require_signals(experiment, self.input_names, self.output_names)
         result = np.empty_like(experiment.y)
         for column, output in enumerate(self.output_names):
-            row = self.transfer_functions[output]
-            result[:, column] = free_run(
-                [row[name].num for name in self.input_names],
-                [row[name].den for name in self.input_names],
-                experiment.u - experiment.input_trim,
-                experiment.y[:, column],
-                experiment.output_trim[column],
-                experiment.dt,
-                self.hold,
-                shared=self.structure == "common",
-                sigma=max(self.reports[output].rmse, 1e-9),
-                initial_energy=self.initial_energy[output],
-                initial=self.initial_states.get(experiment.name, {}).get(output),
-                delays=[row[name].delay for name in self.input_names],
-            )
+            row, rmse, energy = self.transfer_functions[output], self.reports[output].rmse, self.initial_energy[output]
+            initial = self.initial_states.get(experiment.name, {}).get(output)
+            shared = self.structure == "common"
+            result[:, column] = run_freely(row, experiment, column, self.hold, shared, rmse, energy, initial)
         return result
 
     def from_rest(self, name: str) -> TransferFunctionModel:
