@@ -8,8 +8,9 @@ import numpy as np
 from benchmarks._measure import SITL, Row, cpu, row
 from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
 from estimation import estimate
+from estimation._kernels import ForwardPass
 from estimation.alignment import align
-from estimation.filter import ForwardPass, Problem, assemble
+from estimation.filter import Problem, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe
 from estimation.place import LocalFrame, World, world_field
@@ -62,10 +63,10 @@ def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
         F[3:6, 12:15] = F[6:9, 9:12] = -C
         updates = []
         o = problem.observations
-        for group in range(problem.node_group[node], problem.node_group[node + 1]):
+        for group in range(problem.steps.node_group[node], problem.steps.node_group[node + 1]):
             for m in range(o.start[group], o.start[group + 1]):
                 H = np.zeros((1, SIZE))
-                np.add.at(H[0], result.index[m], result.value[m])
+                np.add.at(H[0], result.column[m], result.value[m])
                 updates.append((np.array([[result.innovation[m]]]), o.variance[m], H))
         steps.append((F, np.diag(T * problem.noise.random_walks() + 1e-9), updates))
     start = time.process_time()

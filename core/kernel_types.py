@@ -1,7 +1,7 @@
 """Types of the arguments of compiled functions: what a reader may pass, and what they are compiled for.
 
 An alias names the number of dimensions as well, by an empty array beside the type. A function all of whose arguments
-have such types (or are numbers) can be compiled before it is called.
+have such types (or are numbers, or named tuples of such) can be compiled before it is called.
 """
 
 from collections.abc import Callable
@@ -46,6 +46,8 @@ def examples(function: Callable[..., Any]) -> tuple[Any, ...]:
 def _example(hint: Any) -> Any:
     if hint in (int, float, bool):
         return hint()
+    if hasattr(hint, "_fields"):
+        return hint(*map(_example, get_type_hints(hint, include_extras=True).values()))
     try:
         return get_args(hint)[1]
     except IndexError:

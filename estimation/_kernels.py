@@ -15,6 +15,8 @@ which it works on single numbers. Loops over their rows end at a number that it 
 written out they take longer to compile and to run. Those over columns end at `N`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from core.compiled import inner, njit
@@ -46,6 +48,90 @@ BOUND = 3.0
 DOUBTED_TILT = 0.03
 
 _FLAGS = {"reassoc", "contract", "nsz"}
+
+
+class Steps(NamedTuple):
+    """How a piece of a segment is laid out."""
+
+    #: shapes (k,), (k, 3), (k, 3), (k, 2): IMU increments of the sub-steps and the variance they add to attitude and
+    #: velocity.
+    sub_dt: Vector
+    sub_angle: Matrix
+    sub_velocity: Matrix
+    sub_noise: Matrix
+    #: shape (n + 1,): Node i is reached by sub-steps ``node_sub[i]:node_sub[i + 1]`` and has measurement groups
+    #: ``node_group[i]:node_group[i + 1]``.
+    node_sub: Int64s
+    node_group: Int64s
+    node_out: Int64s  #: shape (n,): Row of the output, -1 for nodes that nobody asked for.
+
+
+class Readings(NamedTuple):
+    """Groups of scalar measurements; see `observations.Observations`."""
+
+    kind: Int64s
+    start: Int64s
+    axis: Int64s
+    z: Vector
+    variance: Vector
+    admitted: Flags
+
+
+class Model(NamedTuple):
+    """What the filter believes of the sensors, and of the world about them."""
+
+    walk: Vector
+    wander_time: Vector
+    wander_variance: Vector
+    gravity: float
+    earth_rate: Vector
+    scale: Vector
+    jitter: Vector
+    gate: float
+    patience: float  #: A sensor beyond the gate for so long [s] is believed and the state is not ...
+    together: float  #: ... and so are two sensors after this.
+    moves: bool  #: Whether the craft can learn its heading.
+    hard: bool  #: Whether what is beyond the gate is refused, for who cannot look back over the whole log.
+
+
+class ForwardPass(NamedTuple):
+    """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back."""
+
+    x: Matrix  #: shape (m, 29): Filtered nominal states at the outputs.
+    rows: Stack  #: shape (m, 9, 28): Rows of their covariances that belong to position, velocity and attitude.
+    sensor_rows: Stack  #: shape (ceil(m / 8), 19, 28): The other rows, of every eighth output.
+    #: shape (s,): Of each scalar measurement; inverse variance 0 where it was refused.
+    innovation: Vector
+    inverse_variance: Vector
+    variance: Vector  #: shape (s,): Of each innovation by the filter's own account, however it was weighted.
+    #: shapes (n,), (n, 3), (n, 3, 3): T, S and C of the transition to each node.
+    transition_time: Vector
+    transition_velocity: Matrix
+    transition_rotation: Stack
+    #: shapes (s, 28), (s, 7), (s, 7): Kalman gain of each scalar measurement and its row of H.
+    gain: Matrix
+    column: Int64Rows
+    value: Matrix
+    #: shapes (29,), (28, 28): State and covariance after the last measurement; to begin with, the start.
+    last_state: Vector
+    last_covariance: Matrix
+    log_likelihood: float = 0.0
+
+
+class Estimates(NamedTuple):
+    """What a segment gives at its outputs."""
+
+    x: Matrix  #: shape (m, 29): Nominal states at the outputs.
+    covariance: Blocks  #: shape (m, 3, 3, 3): Covariances of position, of velocity and of attitude errors.
+    slow_variance: Matrix  #: shape (ceil(m / 8), 19), or (m, 19) of `smooth`: Variance of each sensor error.
+    #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
+    #: Jong & Penzer 1998); NaN where nothing was smoothed.
+    deletion: Vector
+    nodes: Vector  #: shape (n,): Times of the filter's nodes, s.
+    #: shape (n, 2): Step of attitude and of velocity at each node that all measurements together ask for beyond the
+    #: noise of the IMU: squared and over its variance, and its size, rad and m/s.
+    shock: Matrix
+    shock_size: Matrix
 
 
 @inner(nogil=True)
@@ -456,60 +542,19 @@ def _write_row(x: Array, P: Array, out: int, out_x: Array, out_P: Array, slow_P:
 
 
 @njit(cache=True, nogil=True)
-def forward(
-    x: Vector,
-    covariance: Matrix,
-    sub_dt: Vector,
-    sub_angle: Matrix,
-    sub_velocity: Matrix,
-    sub_noise: Matrix,
-    node_sub: Int64s,
-    node_group: Int64s,
-    node_out: Int64s,
-    group_kind: Int64s,
-    group_start: Int64s,
-    scalar_axis: Int64s,
-    scalar_z: Vector,
-    scalar_var: Vector,
-    walk: Vector,
-    wander_time: Vector,
-    wander_variance: Vector,
-    gravity: float,
-    earth_rate: Vector,
-    scale: Vector,
-    jitter: Vector,
-    gate: float,
-    hard: bool,
-    patience: float,
-    together: float,
-    admitted: Flags,
-    moves: bool,
-    memory: Vector,
-    keep: bool,
-    node_T: Vector,
-    node_S: Matrix,
-    node_C: Stack,
-    scalar_nu: Vector,
-    scalar_inv: Vector,
-    scalar_S: Vector,
-    scalar_K: Matrix,
-    scalar_index: Int64Rows,
-    scalar_value: Matrix,
-    out_x: Matrix,
-    out_P: Stack,
-    slow_P: Stack,
-) -> float:
-    """Run the filter over all nodes; x (29,) and covariance (28, 28) are the start and are left at the end.
+def forward(steps: Steps, readings: Readings, model: Model, memory: Vector, kept: ForwardPass, keep: bool) -> float:
+    """Run the filter over all nodes; return the log-likelihood without the constant, of what is refused too.
 
-    Parameters are the arrays that `filter.Problem` documents. ``sub_noise[k]`` holds the variance that the attitude and
-    velocity errors gain in sub-step k. ``moves`` tells whether the craft can learn its heading. ``memory`` (28,) is
-    what else the filter knows at the start, and is left at the end, so that a long segment can be filtered in pieces.
-    ``keep`` tells whether the history for the smoother is written. ``admitted`` (g,) tells which groups may be fused;
-    ``hard`` refuses those beyond the gate as well, for who cannot look back over the whole log.
-
-    A sensor beyond the gate for ``patience`` seconds is believed and the state is not; two sensors are after
-    ``together`` seconds.
+    State and covariance of `kept` are the start and are left at the end. ``memory`` (28,) is what else the filter knows
+    at the start, and is left at the end, so that a long segment can be filtered in pieces. ``keep`` tells whether the
+    history for the smoother is written.
     """
+    sub_dt, sub_angle, sub_velocity, sub_noise, node_sub, node_group, node_out = steps
+    group_kind, group_start, scalar_axis, scalar_z, scalar_var, admitted = readings
+    walk, wander_time, wander_variance, gravity, earth_rate, scale = model[:6]
+    jitter, gate, patience, together, moves, hard = model[6:]
+    out_x, out_P, slow_P, scalar_nu, scalar_inv, scalar_S = kept[:6]
+    node_T, node_S, node_C, scalar_K, scalar_index, scalar_value, x, covariance = kept[6:14]
     P = np.empty((N, N))
     _copy(covariance, P)
     R = np.empty((3, 3))
@@ -730,43 +775,24 @@ def _smooth_three(
 
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
 def backward(
-    node_T: Vector,
-    node_S: Matrix,
-    node_C: Stack,
-    node_group: Int64s,
-    node_out: Int64s,
-    group_start: Int64s,
-    scalar_var: Vector,
-    scalar_nu: Vector,
-    scalar_inv: Vector,
-    scalar_S: Vector,
-    scalar_K: Matrix,
-    scalar_index: Int64Rows,
-    scalar_value: Matrix,
+    steps: Steps,
+    readings: Readings,
+    kept: ForwardPass,
     wander_time: Vector,
     lam: Vector,
     adjoint: Matrix,
-    out_x: Matrix,
-    out_P: Stack,
-    slow_P: Stack,
-    out_covariance: Blocks,
-    slow_variance: Matrix,
-    deletion: Vector,
-    shock: Matrix,
-    shock_size: Matrix,
+    found: Estimates,
 ) -> None:
-    """Smooth what `forward` kept: ``out_x`` in place, covariances of p, v, phi (n, 3, 3, 3), slow variances (m, 19).
-
-    ``deletion`` (s,) becomes how far each scalar lies from what all the others say, squared and over its variance;
-    the variance of the sensor's class counts in it. ``shock`` (n, 2) becomes the largest step of attitude and of
-    velocity at each node that the measurements ask for beyond the noise of the IMU, squared and over its variance, and
-    ``shock_size`` (n, 2)
-    how large such a step would be.
+    """Fill the smoothed estimates of what `forward` kept, whose filtered states they hold.
 
     ``lam`` (28,) and ``adjoint`` (28, 28) are lam and Lam behind the last node, zero at the end of a segment, and are
-    left as those before the first node. Sensor errors in ``out_x`` are smoothed only in rows that are multiples of
-    `SLOW_EVERY`.
+    left as those before the first node. Sensor errors are smoothed only in rows that are multiples of `SLOW_EVERY`.
     """
+    node_group, node_out = steps.node_group, steps.node_out
+    group_start, scalar_var = readings.start, readings.variance
+    _, out_P, slow_P, scalar_nu, scalar_inv, scalar_S = kept[:6]
+    node_T, node_S, node_C, scalar_K, scalar_index, scalar_value = kept[6:12]
+    out_x, out_covariance, slow_variance, deletion, _, shock, shock_size = found
     Lam = np.empty((N, N))
     _copy(adjoint, Lam)
     states = lam.size

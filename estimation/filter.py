@@ -1,10 +1,11 @@
 """The strapdown error-state Kalman filter over one segment of a log."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimation import _kernels
+from estimation._kernels import ForwardPass, Steps
 from estimation.observations import Observations
 from estimation.place import World
 from estimation.shocks import Shocks
@@ -27,17 +28,7 @@ class Problem:
     """One segment as the kernels read it."""
 
     t: np.ndarray  #: shape (n,): Times of the nodes, s.
-    #: shapes (k,), (k, 3), (k, 3), (k, 2): IMU increments of the sub-steps and the variance they add to attitude and
-    #: velocity.
-    sub_dt: np.ndarray
-    sub_angle: np.ndarray
-    sub_velocity: np.ndarray
-    sub_noise: np.ndarray
-    #: shape (n + 1,): Node i is reached by sub-steps ``node_sub[i]:node_sub[i + 1]`` and has measurement groups
-    #: ``node_group[i]:node_group[i + 1]``.
-    node_sub: np.ndarray
-    node_group: np.ndarray
-    node_out: np.ndarray  #: shape (n,): Row of the output, -1 for nodes that nobody asked for.
+    steps: Steps
     observations: Observations
     world: World
     noise: SensorNoise
@@ -53,32 +44,7 @@ class Problem:
     @property
     def outputs(self) -> int:
         """Number of rows asked for."""
-        return int(self.node_out.max(initial=-1)) + 1
-
-
-@dataclass(frozen=True, slots=True)
-class ForwardPass:
-    """What the filter leaves: its estimates, innovations and, when kept, the history that the smoother walks back."""
-
-    x: np.ndarray  #: shape (m, 29): Filtered nominal states at the outputs.
-    rows: np.ndarray  #: shape (m, 9, 28): Rows of their covariances that belong to position, velocity and attitude.
-    sensor_rows: np.ndarray  #: shape (ceil(m / 8), 19, 28): The other rows, of every eighth output.
-    #: shape (s,): Of each scalar measurement; inverse variance 0 where it was refused.
-    innovation: np.ndarray
-    inverse_variance: np.ndarray
-    variance: np.ndarray  #: shape (s,): Of each innovation by the filter's own account, however it was weighted.
-    log_likelihood: float
-    #: shapes (n,), (n, 3), (n, 3, 3): T, S and C of the transition to each node (see `_kernels`).
-    transition_time: np.ndarray
-    transition_velocity: np.ndarray
-    transition_rotation: np.ndarray
-    #: shapes (s, 28), (s, 7), (s, 7): Kalman gain of each scalar measurement and its row of H.
-    gain: np.ndarray
-    index: np.ndarray
-    value: np.ndarray
-    #: shapes (29,), (28, 28): State and covariance after the last measurement.
-    last_state: np.ndarray
-    last_covariance: np.ndarray
+        return int(self.steps.node_out.max(initial=-1)) + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,13 +104,15 @@ def assemble(
     node_out[np.searchsorted(nodes, asked)] = np.arange(len(asked))
     return Problem(
         t=nodes * TICK,
-        sub_dt=np.diff(t),
-        sub_angle=np.ascontiguousarray(angle),
-        sub_velocity=np.ascontiguousarray(velocity),
-        sub_noise=variance,
-        node_sub=node_sub.astype(np.int64),
-        node_group=np.concatenate([[0], np.searchsorted(measured, nodes, side="right")]).astype(np.int64),
-        node_out=node_out,
+        steps=Steps(
+            np.diff(t),
+            np.ascontiguousarray(angle),
+            np.ascontiguousarray(velocity),
+            variance,
+            node_sub.astype(np.int64),
+            np.concatenate([[0], np.searchsorted(measured, nodes, side="right")]).astype(np.int64),
+            node_out,
+        ),
         observations=observations,
         world=world,
         noise=noise,
@@ -183,7 +151,7 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
     o = problem.observations
     nodes, scalars, rows = len(problem.t), len(o.z), problem.outputs
     kept_nodes, kept_scalars = (nodes, scalars) if keep else (0, 0)
-    x, P = problem.x.copy(), problem.P.copy()
+    prior = np.diag(problem.P) if problem.prior is None else problem.prior
     result = ForwardPass(
         x=np.empty((rows, SIZE + 1)),
         rows=np.empty((rows, _kernels.SLOW, SIZE)),
@@ -191,63 +159,35 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
         innovation=np.empty(scalars),
         inverse_variance=np.zeros(scalars),
         variance=np.empty(scalars),
-        log_likelihood=0.0,
         transition_time=np.empty(kept_nodes),
         transition_velocity=np.empty((kept_nodes, 3)),
         transition_rotation=np.empty((kept_nodes, 3, 3)),
         gain=np.empty((kept_scalars, SIZE)),
-        index=np.zeros((kept_scalars, _kernels.ENTRIES), np.int64),
+        column=np.zeros((kept_scalars, _kernels.ENTRIES), np.int64),
         value=np.zeros((kept_scalars, _kernels.ENTRIES)),
-        last_state=x,
-        last_covariance=P,
+        last_state=problem.x.copy(),
+        last_covariance=problem.P.copy(),
     )
-    prior = np.diag(problem.P) if problem.prior is None else problem.prior
-    likelihood = _kernels.forward(
-        x,
-        P,
-        problem.sub_dt,
-        problem.sub_angle,
-        problem.sub_velocity,
-        problem.sub_noise,
-        problem.node_sub,
-        problem.node_group,
-        problem.node_out,
-        o.kind,
-        o.start,
-        o.axis,
-        o.z,
-        o.variance,
+    noise = problem.noise
+    model = _kernels.Model(
         # A sensor that is not there has no error to wander.
-        problem.noise.random_walks() * (prior > 0.0),
-        problem.noise.wander_times(),
-        np.ascontiguousarray(prior[WANDERING]),
-        problem.world.gravity,
-        problem.world.earth_rate,
-        problem.white_scale,
-        problem.noise.jitter(),
-        problem.noise.gate,
-        hard,
-        PATIENCE,
-        TOGETHER,
-        o.admitted,
-        problem.moves,
-        new_memory(x) if memory is None else memory,
-        keep,
-        result.transition_time,
-        result.transition_velocity,
-        result.transition_rotation,
-        result.innovation,
-        result.inverse_variance,
-        result.variance,
-        result.gain,
-        result.index,
-        result.value,
-        result.x,
-        result.rows,
-        result.sensor_rows,
+        walk=noise.random_walks() * (prior > 0.0),
+        wander_time=noise.wander_times(),
+        wander_variance=np.ascontiguousarray(prior[WANDERING]),
+        gravity=problem.world.gravity,
+        earth_rate=problem.world.earth_rate,
+        scale=problem.white_scale,
+        jitter=noise.jitter(),
+        gate=noise.gate,
+        patience=PATIENCE,
+        together=TOGETHER,
+        moves=problem.moves,
+        hard=hard,
     )
-    symmetrise(P)
-    return replace(result, log_likelihood=float(likelihood))
+    memory = new_memory(problem.x) if memory is None else memory
+    likelihood = _kernels.forward(problem.steps, o.readings, model, memory, result, keep)
+    symmetrise(result.last_covariance)
+    return result._replace(log_likelihood=float(likelihood))
 
 
 def symmetrise(matrix: np.ndarray) -> None:

@@ -133,6 +133,11 @@ class Observations:
         )
 
     @property
+    def readings(self) -> _kernels.Readings:
+        """What the compiled filter reads of them."""
+        return _kernels.Readings(self.kind, self.start, self.axis, self.z, self.variance, self.admitted)
+
+    @property
     def scalar_kind(self) -> np.ndarray:
         """Kind of each scalar, shape (m,)."""
         return np.repeat(self.kind, np.diff(self.start))

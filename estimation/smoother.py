@@ -1,11 +1,10 @@
 """The fixed-interval smoother over one segment of a log."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 from estimation import _kernels
-from estimation.filter import ForwardPass, Problem, symmetrise
+from estimation._kernels import Estimates, ForwardPass
+from estimation.filter import Problem, symmetrise
 from estimation.observations import Observations
 from estimation.shocks import NARROWING
 from estimation.states import SIZE
@@ -35,23 +34,6 @@ FILLED = 1024
 Adjoint = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True, slots=True)
-class Estimates:
-    """What a segment gives at its outputs."""
-
-    x: np.ndarray  #: shape (m, 29): Nominal states at the outputs.
-    covariance: np.ndarray  #: shape (m, 3, 3, 3): Covariances of position, of velocity and of attitude errors.
-    slow_variance: np.ndarray  #: shape (ceil(m / 8), 19), or (m, 19) of `smooth`: Variance of each sensor error.
-    #: shape (s,): How far each scalar measurement lies from what all the others say, squared and over its variance (de
-    #: Jong & Penzer 1998); NaN where nothing was smoothed.
-    deletion: np.ndarray
-    nodes: np.ndarray  #: shape (n,): Times of the filter's nodes, s.
-    #: shape (n, 2): Step of attitude and of velocity at each node that all measurements together ask for beyond the
-    #: noise of the IMU: squared and over its variance, and its size, rad and m/s.
-    shock: np.ndarray
-    shock_size: np.ndarray
-
-
 def new_adjoint() -> Adjoint:
     """Return the adjoint at the end of a segment, which nothing follows."""
     return np.zeros(SIZE), np.zeros((SIZE, SIZE))
@@ -64,44 +46,25 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
     """
     found = smooth_piece(problem, result, new_adjoint())
     fill_in(found.x)
-    return replace(found, slow_variance=between_rows(found.slow_variance, len(found.x)))
+    return found._replace(slow_variance=between_rows(found.slow_variance, len(found.x)))
 
 
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
     """Walk back over a piece of a segment; sensor errors are those of every eighth row (see `fill_in`)."""
     rows = problem.outputs
-    x = result.x.copy()
-    covariance = np.empty((rows, 3, 3, 3))
-    variance = np.empty(result.sensor_rows.shape[:2])
-    deletion = np.empty(len(result.innovation))
-    shock, shock_size = np.empty((len(problem.t), 2)), np.empty((len(problem.t), 2))
-    _kernels.backward(
-        result.transition_time,
-        result.transition_velocity,
-        result.transition_rotation,
-        problem.node_group,
-        problem.node_out,
-        problem.observations.start,
-        problem.observations.variance,
-        result.innovation,
-        result.inverse_variance,
-        result.variance,
-        result.gain,
-        result.index,
-        result.value,
-        problem.noise.wander_times(),
-        *adjoint,
-        x,
-        result.rows,
-        result.sensor_rows,
-        covariance,
-        variance,
-        deletion,
-        shock,
-        shock_size,
+    found = Estimates(
+        x=result.x.copy(),
+        covariance=np.empty((rows, 3, 3, 3)),
+        slow_variance=np.empty(result.sensor_rows.shape[:2]),
+        deletion=np.empty(len(result.innovation)),
+        nodes=problem.t,
+        shock=np.empty((len(problem.t), 2)),
+        shock_size=np.empty((len(problem.t), 2)),
     )
+    readings, times = problem.observations.readings, problem.noise.wander_times()
+    _kernels.backward(problem.steps, readings, result, times, *adjoint, found)
     symmetrise(adjoint[1])
-    return Estimates(x, covariance, variance, deletion, problem.t, shock, shock_size)
+    return found
 
 
 def fill_in(x: np.ndarray) -> None:

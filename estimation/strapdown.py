@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from estimation import _kernels
+from estimation._kernels import Estimates
 from estimation.alignment import Alignment, carried_over, with_priors
 from estimation.compass import Turn, compass_turn, turned_compass
 from estimation.consistency import innovation_statistics
@@ -19,7 +20,7 @@ from estimation.outages import excess, outages, widen
 from estimation.place import World
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, Surroundings, find_segments
 from estimation.shocks import Shocks
-from estimation.smoother import PASSES, Estimates, admit, between_rows, fill_in, filtered, new_adjoint, smooth_piece
+from estimation.smoother import PASSES, admit, between_rows, fill_in, filtered, new_adjoint, smooth_piece
 from estimation.states import SENSOR_ERROR_COLUMNS, SIZE, SensorNoise
 from estimation.timing import TICK, TURNING, InertialSignal, imu_delays, sample_rate, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
@@ -184,7 +185,7 @@ def estimate_strapdown(
     states = _states(rows, index, there)
     # The states are as large as the log again, and nobody needs the estimates that they were made of.
     rows = [
-        replace(e, estimates=replace(e.estimates, x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
+        replace(e, estimates=e.estimates._replace(x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
     ]
     sigma = _sigma(rows, index, there)
     doubts += impossible_biases(states)
@@ -355,7 +356,7 @@ class _Plan:
             _place(piece, found, number)
             pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
         deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
-        return known, replace(found, deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+        return known, found._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
 
     def surprises(self, observations: Observations, x: np.ndarray) -> np.ndarray:
         """Return how far each reading lies from what those before it foretell, squared and over its variance, (s,)."""

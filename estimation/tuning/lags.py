@@ -26,7 +26,7 @@ class Passes:
     def likelihood(self, problem: Problem) -> float:
         """Return the log-likelihood of a problem of this segment."""
         o, content = problem.observations, blake2b(digest_size=16)
-        for part in (problem.t, problem.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
+        for part in (problem.t, problem.steps.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
             content.update(part.tobytes())
         key = problem.noise, content.digest()
         if key not in self._known:

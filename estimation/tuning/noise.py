@@ -94,7 +94,7 @@ def scale_imu(problem: Problem, column: int, passes: Passes) -> tuple[float, Pro
     def at(factor: float) -> Problem:
         factors = np.ones(2)
         factors[column] = factor
-        return replace(problem, sub_noise=problem.sub_noise * factors)
+        return replace(problem, steps=problem.steps._replace(sub_noise=problem.steps.sub_noise * factors))
 
     likelihoods, likeliest = climb(at, IMU_SCALES, 1.0, passes)
     return max(likelihoods, key=likelihoods.__getitem__), likeliest

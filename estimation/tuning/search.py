@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation import _kernels
+from estimation._kernels import ForwardPass
 from estimation.alignment import Alignment, with_priors
 from estimation.attitude import error_rotation, turned_by
-from estimation.filter import COARSE, LOUDEST, ForwardPass, Problem, assemble, matched_scale, run
+from estimation.filter import COARSE, LOUDEST, Problem, assemble, matched_scale, run
 from estimation.observations import Observations
 from estimation.place import World
 from estimation.shocks import believed

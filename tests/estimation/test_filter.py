@@ -57,10 +57,10 @@ def transition(result, node):
 
 
 def process_noise(problem, T, node):
-    subs = slice(problem.node_sub[node], problem.node_sub[node + 1])
+    subs = slice(problem.steps.node_sub[node], problem.steps.node_sub[node + 1])
     q = T * NOISE.random_walks() * (np.diag(problem.P) > 0.0)
-    q[6:9] += problem.sub_noise[subs, 0].sum()
-    q[3:6] += problem.sub_noise[subs, 1].sum()
+    q[6:9] += problem.steps.sub_noise[subs, 0].sum()
+    q[3:6] += problem.steps.sub_noise[subs, 1].sum()
     gone = 1.0 - np.exp(-2.0 * T / NOISE.wander_times())
     q[19:24] += gone * np.diag(problem.P)[19:24]
     return np.diag(q)
@@ -79,12 +79,12 @@ def oracle(problem):
         Q = process_noise(problem, result.transition_time[node], node)
         kf.x = np.zeros((SIZE, 1))
         kf.predict(F=F, Q=Q)
-        for group in range(problem.node_group[node], problem.node_group[node + 1]):
+        for group in range(problem.steps.node_group[node], problem.steps.node_group[node + 1]):
             for m in range(o.start[group], o.start[group + 1]):
                 if result.inverse_variance[m] == 0.0:
                     continue
                 H = np.zeros((1, SIZE))
-                np.add.at(H[0], result.index[m], result.value[m])
+                np.add.at(H[0], result.column[m], result.value[m])
                 S = float((H @ kf.P @ H.T)[0, 0]) + o.variance[m]
                 # Huber's bound, the one thing that filterpy does not have.
                 S = max(S, result.innovation[m] ** 2 / 9.0)
@@ -102,7 +102,7 @@ def oracle(problem):
 
 def test_forward_covariance_is_filterpys(problem, oracle):
     result, P, *_ = oracle
-    for node, row in enumerate(problem.node_out):
+    for node, row in enumerate(problem.steps.node_out):
         if row >= 0:
             scale = np.sqrt(np.outer(np.diag(P[node])[:9], np.diag(P[node])))
             assert np.abs((result.rows[row] - P[node][:9]) / scale).max() < 1e-6
@@ -118,7 +118,7 @@ def test_smoother_is_rauch_tung_striebel(problem, oracle):
     for node in range(len(P) - 1, -1, -1):
         if node < len(P) - 1:
             correction = gains[node] @ (correction + injected[node + 1])
-        row = problem.node_out[node]
+        row = problem.steps.node_out[node]
         if row < 0:
             continue
         sd = np.sqrt(np.diag(P_smoothed[node]))
