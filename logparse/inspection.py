@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.findings import Finding
+from core.summary import Summarised, listed
 from logparse import completeness
 from logparse.craft.frames import Vehicle
 from logparse.flights import Flight
@@ -49,8 +50,8 @@ class MessageSummary:
     rate: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inspection:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Inspection(Summarised):
     """What `inspect` finds in one boot of a log."""
 
     file: str  #: Name of the file.
@@ -65,6 +66,16 @@ class Inspection:
     messages: tuple[MessageSummary, ...]  #: All messages, most frequent first.
     findings: tuple[Finding, ...]  #: Of reading, of the tables, and of `completeness.check`, worst first.
     happened: tuple[str, ...] = ()  #: In each flight, a sentence; of those who have looked.
+
+    def summary(self) -> dict[str, str]:
+        """Return the few facts by which a reader knows this log."""
+        told = {f"flight {number}": sentence for number, sentence in enumerate(self.happened, start=1)}
+        tables = listed([table.name for table in self.tables])
+        return {
+            "log": f"{self.file}, {self.format}, {self.duration:.0f} s",
+            **dict(list(told.items())[:4]),
+            "tables": tables,
+        }
 
 
 def inspect(log: "FlightLog") -> Inspection:

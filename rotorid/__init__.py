@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
     from rotorid import fit, plot
     from rotorid.analysis import Craft, Fleet, analyze, compare
-    from rotorid.flight_log import FlightLog, load
+    from rotorid.flight_log import FlightLog, inspect, load
     from rotorid.simulated_flight import simulate
     from rotorid.validation import Comparison, validate
     from sysid import frequency, loops
@@ -41,6 +41,7 @@ __all__ = [
     "compare",
     "fit",
     "frequency",
+    "inspect",
     "load",
     "loops",
     "plot",

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import estimation
 import logparse
+from logparse import inspection
+from logparse.inspection import Inspection
+from pipeline.flight.account import tell_each
 from sysid.records.experiment import Experiment
 
 
@@ -47,6 +50,29 @@ class FlightLog(logparse.FlightLog):
         name = self.path.name
         cut = Experiment.from_flight(self, self.trajectory, rate, inputs, outputs, frame, name=name)
         return replace(cut, log=self)
+
+
+def inspect(path: str | Path) -> Inspection:
+    """Return what happened in a log and what is in it: craft, flights, tables with their rates and gaps, findings.
+
+    Parameters
+    ----------
+    path : path-like
+        A log of any format.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    LogError
+        As `load` raises it.
+    """
+    log = logparse.read_log(path)
+    flights = logparse.read_flights(path) if len(log.flights) > 1 or len(log.boots) > 1 else (log,)
+    happened = tuple(account.headline for _, account in tell_each(flights))
+    return replace(inspection.inspect(log), happened=happened)
 
 
 def load(path: str | Path, boot: int | None = None) -> FlightLog:

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from pipeline.config import AnalysisConfig
-from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, fail
-from rotorid.cli.options import setting
-from rotorid.cli.output import console, prepare
+from rotorid.cli.options import folder_of, setting
+from rotorid.cli.output import INTERRUPTED, NOT_POSSIBLE, OK, SOME_FAILED, console, fail, prepare
 from rotorid.workers import PRELOAD
 
 if TYPE_CHECKING:
@@ -98,8 +97,8 @@ def analyze(
 
     Example: rotorid analyze flights --out report --training 'march*'
 
-    Exit status: 0 all fine, 1 some logs failed (each is named with its reason) or none gave a thrust or a model, 2
-    wrong usage.
+    Exit status: 0 read and answered, 1 some logs failed (each is named with its reason), 2 wrong usage, 3 none gave a
+    thrust or a model.
     """
     config = AnalysisConfig(
         rate=rate,
@@ -115,7 +114,7 @@ def analyze(
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
-    out = out or _folder_of(paths[0])
+    out = out or str(folder_of(paths[0]))
     if columns is not None:
         _tables(paths, columns, out, config, as_json)
         return
@@ -138,7 +137,9 @@ def analyze(
     if scheduler is not None:
         workers = _cluster(scheduler, jobs, paths, out)
     elif not single:
-        workers = _processes(jobs, sizes)
+        from pipeline.execution.executors import processes
+
+        workers = processes(jobs, sizes, PRELOAD)
     try:
         _several_logs(found, out, config, workers, redo, as_json, plots, begun)
     except KeyboardInterrupt:
@@ -194,14 +195,6 @@ def _refuse_tables(paths: Sequence[str]) -> None:
         except LogError as error:
             hint = "Is it a table of motion? Say which column is what with --columns (docs/tables.md)"
             raise ConfigError(f"{error}. {hint}") from None
-
-
-def _folder_of(path: str) -> str:
-    """Return where results of a log or folder go when nobody says."""
-    from pipeline.names import is_url
-
-    named = Path(path) if is_url(path) else Path(path).resolve()
-    return str(Path("out") / (named.name if named.is_dir() else named.stem))
 
 
 def _existing(paths: Sequence[str]) -> Sequence[str]:
@@ -293,13 +286,6 @@ def _announce_all(logs: "Sequence[FlightLog]") -> None:
         console().print(f"Flight {number}: {account.headline}", markup=False, soft_wrap=True)
 
 
-def _processes(jobs: int | None, sizes: Sequence[int]) -> "AbstractContextManager[Executor]":
-    """Return worker processes of this computer."""
-    from pipeline.execution.executors import processes
-
-    return processes(jobs, sizes, PRELOAD)
-
-
 @contextmanager
 def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
     """Return the workers of a cluster, when they have shown that they can do this work."""
@@ -379,7 +365,7 @@ def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[LogFailure]"
     _list_failures(failures)
     modelless = terminal.no_model(numbers)
     if modelless:
-        fail(modelless, SOME_FAILED)
+        fail(modelless, SOME_FAILED if failures else NOT_POSSIBLE)
     raise typer.Exit(SOME_FAILED if failures else OK)
 
 

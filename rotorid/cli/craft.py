@@ -1,4 +1,4 @@
-"""``rotorid craft``: physical parameters of a craft by every method, and files for simulators."""
+"""``rotorid craft``, ``bench`` and ``bifilar``: physical parameters from flights, thrust stands and pendulums."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rotorid.cli.output import console, prepare
+from rotorid.cli.options import folder_of
+from rotorid.cli.output import NOT_POSSIBLE, console, prepare
+from rotorid.cli.values import not_negative
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from core.table import Table
+    from sysid.bench.stand import BenchReport
+
 
 #: Samples per second: rotation needs more than the transfer functions' ten.
 RATE = 50.0
@@ -37,9 +41,11 @@ def craft(
         ),
     ] = None,
     out: Annotated[
-        Path,
-        typer.Option(help="Folder for craft.html, parameters.csv, craft.json and .mat, and sitl_frame.json."),
-    ] = Path("craft"),
+        Path | None,
+        typer.Option(
+            help="Folder for craft.html, parameters.csv, craft.json and .mat, and sitl_frame.json. Default: out/NAME."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write the table as JSON to stdout.")] = False,
 ) -> None:
     """Identify thrust, inertia, torque and drag by every method side by side, and write the craft for simulators.
@@ -59,6 +65,7 @@ def craft(
 
     if bench and mass is None:
         raise ConfigError("a thrust stand gives newtons and flight gives thrust over mass: give --mass with --bench")
+    out = out or folder_of(logs[0])
     prepare(out)
     records = []
     with shown() as progress:
@@ -85,7 +92,7 @@ def craft(
         typer.echo(f"({number}) {note}")
     for finding in findings:
         typer.echo(finding.reason)
-    for file in (out / "craft.html", out / "parameters.csv", *files):
+    for file in (*files, out / "parameters.csv", out / "craft.html"):
         typer.echo(file)
 
 
@@ -109,3 +116,149 @@ def _overview(found: pd.DataFrame) -> tuple[Table, list[str]]:
             number = f"({notes.index(note) + 1})" if note else ""
             rows.append(Row(f"  {row['method']}", [uncertain(row["value"], row["sigma"]), unit, si, number]))
     return Table(label="parameter, by method", heads=["value", "unit", "in SI", "note"], rows=rows), notes
+
+
+def bench(
+    tables: Annotated[
+        list[Path],
+        typer.Argument(
+            exists=True,
+            dir_okay=False,
+            help="CSV with units in its headers: PWM, voltage, thrust, torque, RPM, current. One with a motor column, "
+            "or one for each motor in order.",
+        ),
+    ],
+    weight: Annotated[
+        float | None, typer.Option(callback=not_negative, help="Weight of the craft, N (mass times 9.81).")
+    ] = None,
+    voltage: Annotated[
+        float | None, typer.Option(callback=not_negative, help="Battery voltage to answer for, V.")
+    ] = None,
+    motors: Annotated[
+        int | None, typer.Option(min=1, help="Motors that share the weight. Default: those tested, or 4 for one table.")
+    ] = None,
+    density: Annotated[
+        float | None,
+        typer.Option(callback=not_negative, help="Air at the stand, kg/m^3. Default: what the table says, or 1.225."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for bench.html, bench.json and coefficients.csv. Default: out/NAME.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write bench.json to stdout instead of the table.")] = False,
+) -> None:
+    """Fit thrust and torque coefficients to a thrust-stand test and find the PWM that carries a weight.
+
+    Example: rotorid bench motor1.csv motor2.csv --weight 42.1 --voltage 15.2
+    """
+    from core.serialization import as_json as strict_json
+    from reports.pages.bench import bench_page
+    from sysid.bench.levels import NoTrim
+    from sysid.bench.stand import analyse_bench
+    from sysid.bench.table import read_bench
+
+    if weight == 0.0:
+        raise typer.BadParameter("0 N is no weight of a craft: mass times 9.81", param_hint="--weight")
+    out = out or folder_of(tables[0])
+    prepare(out)
+    found = analyse_bench(read_bench(tables), density)
+    numbers = found.report(weight, voltage, motors)
+    text = strict_json(numbers)
+    page = bench_page(found, weight, voltage, motors)
+    (out / "bench.html").write_text(page, encoding="utf-8")
+    (out / "bench.json").write_text(text, encoding="utf-8")
+    found.coefficient_table().to_csv(out / "coefficients.csv")
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        console().print(_summary(numbers), markup=False)
+        typer.echo(out / "bench.html")
+    if any(isinstance(row, NoTrim) for row in numbers.trim):
+        # The table was used; what was asked of it, the trim, could not be had.
+        raise typer.Exit(NOT_POSSIBLE)
+
+
+def _summary(numbers: BenchReport) -> str:
+    from core.quantity import uncertain
+    from sysid.bench.levels import NoTrim
+
+    lines = []
+    for row in numbers.coefficients:
+        volts = "" if row.voltage is None else f" at {row.voltage:.4g} V"
+        parts = [
+            f"{symbol} = {uncertain(each.value, max(each.sigma or 0.0, 1e-3 * each.value), each.unit)}"
+            if each.value is not None
+            else f"{symbol} not determined ({each.reason})"
+            for symbol, each in (("k", row.thrust), ("b", row.torque))
+        ]
+        lines.append(f"{row.motor}{volts}: {', '.join(parts)}")
+    for hover in numbers.trim:
+        volts = "" if hover.voltage is None else f" at {hover.voltage:.4g} V"
+        lines.append(
+            hover.reason
+            if isinstance(hover, NoTrim)
+            else f"{hover.motor}{volts} carries {hover.thrust:.2f} N at {hover.pwm:.0f} us"
+        )
+    lines += [f"{finding.severity}: {finding.reason}" for finding in numbers.findings]
+    return "\n".join(lines)
+
+
+def bifilar(
+    times: Annotated[
+        list[float],
+        typer.Argument(
+            callback=not_negative,
+            help="Time of so many swings in each repetition, s, read to 0.01 s; two times or more.",
+        ),
+    ],
+    mass: Annotated[float, typer.Option(callback=not_negative, help="Mass of the craft, kg.")],
+    length: Annotated[float, typer.Option(callback=not_negative, help="Length of the threads, m.")],
+    distance: Annotated[float, typer.Option(callback=not_negative, help="Distance from the axis to each thread, m.")],
+    swings: Annotated[int, typer.Option(min=1, help="Swings in each time.")] = 10,
+    mass_sigma: Annotated[
+        float, typer.Option(callback=not_negative, help="Standard uncertainty of the mass, kg.")
+    ] = 0.005,
+    length_sigma: Annotated[float, typer.Option(callback=not_negative, help="Of the length, m.")] = 0.002,
+    distance_sigma: Annotated[float, typer.Option(callback=not_negative, help="Of the distance, m.")] = 0.001,
+    pendulum: Annotated[
+        list[float] | None,
+        typer.Option(
+            callback=not_negative,
+            help="Time of as many swings as a simple pendulum on the same threads, s: checks the length.",
+        ),
+    ] = None,
+    axis: Annotated[str, typer.Option(help="Name of the axis, for the answer.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Write the numbers as JSON to stdout.")] = False,
+) -> None:
+    """Compute a moment of inertia, its spread and its uncertainty from timed swings.
+
+    Example: rotorid bifilar 21.32 21.29 21.35 --mass 1.24 --length 1.5 --distance 0.21 --axis xx
+    """
+    from msgspec.structs import replace
+
+    from core.quantity import number, uncertain
+    from core.serialization import as_json as strict_json
+    from sysid.bench.pendulum import Threads, check_thread
+    from sysid.bench.pendulum import bifilar as weigh
+
+    threads = Threads(length, distance, length_sigma, distance_sigma)
+    result = weigh(times, mass, threads, oscillations=swings, mass_sigma=mass_sigma, axis=axis)
+    check = check_thread(pendulum, length, oscillations=swings) if pendulum else None
+    if as_json:
+        typer.echo(strict_json(replace(result, thread_check=check)), nl=False)
+        return
+    name = f"I{axis}" if axis else "I"
+    if result.determined:
+        typer.echo(f"{name} = {uncertain(result.inertia, result.sigma, 'kg m^2')}")
+    else:
+        typer.echo(
+            f"{name} is not determined: about {number(result.inertia, 1)} kg m^2 with a standard uncertainty of "
+            f"{number(result.sigma, 1)} kg m^2"
+        )
+    typer.echo(f"{result.repetitions} repetitions: mean period {result.period:.4f} s")
+    typer.echo(f"standard deviation of the inertias of the single repetitions: {result.std:.3g} kg m^2")
+    shares = ", ".join(f"{part} {100.0 * share:.2f} %" for part, share in result.parts.items())
+    typer.echo(f"uncertainty from {shares}")
+    if check:
+        typer.echo(f"simple pendulum: g = {check.gravity:.3f} m/s^2, so that the threads are {check.length:.3f} m long")
+    for finding in (*result.findings, *(check.findings if check else ())):
+        typer.echo(f"{finding.severity}: {finding.reason}")

@@ -1,13 +1,13 @@
 """The command line: ``rotorid analyze | report | inspect | plot | export | frequency | tune | prove | serve ...``.
 
-Each command is a file in `rotorid.cli`; heavy packages are imported inside the commands, so that help and usage
+Commands stand in files by what they are for; heavy packages are imported inside the commands, so that help and usage
 errors come at once.
 """
 
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -16,29 +16,14 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from pipeline.execution.memory import collect_seldom
 from rotorid.cli.analyze import analyze
-from rotorid.cli.as_given import AsGiven
-from rotorid.cli.backup import backup, restore
-from rotorid.cli.bench import bench
-from rotorid.cli.bifilar import bifilar
-from rotorid.cli.compare import compare
-from rotorid.cli.craft import craft
-from rotorid.cli.design import design
-from rotorid.cli.exits import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail
-from rotorid.cli.export import export
-from rotorid.cli.frequency import frequency
-from rotorid.cli.inspect import inspect
-from rotorid.cli.mcp import mcp
-from rotorid.cli.output import guard_terminal
-from rotorid.cli.plot import plot
-from rotorid.cli.prove import prove
-from rotorid.cli.report import report
-from rotorid.cli.schema import schema
-from rotorid.cli.serve import serve
+from rotorid.cli.craft import bench, bifilar, craft
+from rotorid.cli.look import export, inspect, plot
+from rotorid.cli.output import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail, guard_terminal
+from rotorid.cli.reporting import compare, report, schema
+from rotorid.cli.serve import backup, mcp, restore, serve, tokens, worker
 from rotorid.cli.simulate import simulate
-from rotorid.cli.token import tokens
-from rotorid.cli.tune import tune
-from rotorid.cli.wording import in_words
-from rotorid.cli.worker import worker
+from rotorid.cli.tune import design, frequency, prove, tune
+from rotorid.cli.values import AsGiven, in_words
 
 
 class Group(TyperGroup):
@@ -64,6 +49,18 @@ class Group(TyperGroup):
             raise
 
 
+class Commands(Group):
+    """All commands, listed by what they are for."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a list for each purpose."""
+        ours = {command.__name__: purpose for purpose, own in _COMMANDS.items() for command in own}
+        for purpose in _COMMANDS:
+            names = [name for name in self.list_commands(ctx) if ours.get(name, "Serve") == purpose]
+            with formatter.section(purpose):
+                formatter.write_dl([(name, self.commands[name].get_short_help_str(80)) for name in names])
+
+
 class Command(TyperCommand):
     """A command that imports Pydantic only for options whose values must be converted."""
 
@@ -76,7 +73,7 @@ class Command(TyperCommand):
 
 app = typer.Typer(
     name="rotorid",
-    cls=Group,
+    cls=Commands,
     help="From Pixhawk/ArduPilot flight logs to models of the craft, with a report that says what they are worth.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -87,31 +84,43 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# In the order in which people use them, which is the order of the help; each with what it does in so few words that a
-# narrow terminal shows them all.
-for _command, _summary in (
-    (analyze, "Logs to trajectories, models and a report."),
-    (report, "Show a report made before, or open its page."),
-    (compare, "What changed between two reports."),
-    (inspect, "Show what is in a log and what to log better."),
-    (plot, "Plot any fields of a log over time."),
-    (export, "Write messages and tables as files for other programs."),
-    (frequency, "Frequency responses and rate dynamics, from chirps or flying."),
-    (craft, "Physical parameters of a craft by every method."),
-    (bench, "Thrust and torque coefficients from a thrust stand."),
-    (bifilar, "Moment of inertia from a bifilar pendulum."),
-    (tune, "Gains that the flights support, or why none."),
-    (design, "What to fly next, as files for the autopilot."),
-    (prove, "Predicted against measured after a change of gains."),
-    (simulate, "Fly a case of the papers, or run models.json."),
-    (schema, "JSON Schema of report.json or models.json."),
-    (serve, "Start the web service."),
-    (backup, "Write a whole service into one file."),
-    (restore, "Bring such a file back."),
-    (worker, "Analyse for a service on another computer."),
-    (mcp, "Answer an assistant's questions about flights."),
-):
-    app.command(cls=Command, short_help=_summary)(_command)
+#: Commands in the order in which people use them, by what they are for; each with what it does in so few words that a
+#: narrow terminal shows them all.
+_COMMANDS: dict[str, dict[Callable[..., object], str]] = {
+    "Analyse": {
+        analyze: "Logs to trajectories, models and a report.",
+        report: "Show a report made before, or open its page.",
+        compare: "What changed between two reports.",
+    },
+    "Look": {
+        inspect: "Show what happened in a log and what is in it.",
+        plot: "Plot any fields of a log over time.",
+        export: "Write messages and tables as files for other programs.",
+    },
+    "Tune": {
+        tune: "Gains that the flights support, or why none.",
+        prove: "Predicted against measured after a change of gains.",
+        design: "What to fly next, as files for the autopilot.",
+        frequency: "Frequency responses and rate dynamics.",
+    },
+    "Know a craft": {
+        craft: "Physical parameters of a craft by every method.",
+        bench: "Thrust and torque coefficients from a thrust stand.",
+        bifilar: "Moment of inertia from a bifilar pendulum.",
+        simulate: "Fly a case of the papers, or run models.json.",
+    },
+    "Serve": {
+        serve: "Start the web service.",
+        worker: "Analyse for a service on another computer.",
+        backup: "Write a whole service into one file.",
+        restore: "Bring such a file back.",
+        mcp: "Answer an assistant's questions about flights.",
+        schema: "JSON Schema of report.json or models.json.",
+    },
+}
+for _commands in _COMMANDS.values():
+    for _command, _summary in _commands.items():
+        app.command(cls=Command, short_help=_summary)(_command)
 app.add_typer(tokens, cls=Group, short_help="Make, list and revoke the service's tokens.")
 
 

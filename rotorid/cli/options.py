@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline.config import SETTINGS
+from pipeline.names import is_url
 
 if TYPE_CHECKING:
     from logparse import FlightLog
@@ -30,6 +32,27 @@ def setting(name: str, *flags: str) -> Any:
     return typer.Option(*flags, help=SETTINGS[name].help)
 
 
+def folder_of(path: str | Path) -> Path:
+    """Return where results of a log or folder go when nobody says: out/NAME."""
+    named = Path(path) if is_url(str(path)) else Path(path).resolve()
+    return Path("out") / (named.name if named.is_dir() else named.stem)
+
+
+def stretch(start: float | None, end: float | None) -> tuple[float | None, float | None]:
+    """Check a stretch of time on the log's clock; None where the log's own end is meant."""
+    for option, value in (("--start", start), ("--end", end)):
+        if value is not None and not math.isfinite(value):
+            raise typer.BadParameter(f"{option} {value:g} is no time")
+    if start is not None and end is not None and end < start:
+        raise typer.BadParameter(f"--end {end:g} is before --start {start:g}")
+    return start, end
+
+
+#: A stretch of time; shared by the commands that show or write one.
+Start = Annotated[float | None, typer.Option(help="Leave out what was before, s on the log's clock.")]
+End = Annotated[float | None, typer.Option(help="Leave out what was after, s on the log's clock.")]
+
+
 def power_up(boot: int | None) -> int | None:
     """Index of a power-up that the user counts from 1."""
     return None if boot is None else boot - 1
@@ -44,13 +67,7 @@ def parted(name: Path) -> tuple[Path, int | None]:
 
 
 def existing_log(given: Path | list[Path] | None) -> Path | list[Path] | None:
-    """Check that logs on the command line are files, with or without the number of a flight.
-
-    Raises
-    ------
-    BadParameter
-        For one that is not.
-    """
+    """Check that logs on the command line are files, with or without the number of a flight."""
     for name in given if isinstance(given, list) else [given] if given is not None else []:
         file, _ = parted(name)
         if not file.is_file():
@@ -59,13 +76,7 @@ def existing_log(given: Path | list[Path] | None) -> Path | list[Path] | None:
 
 
 def open_power_ups(name: Path) -> tuple[FlightLog, ...]:
-    """Read all power-ups of a log from the command line, or one of its flights, as `open_log` does.
-
-    Raises
-    ------
-    LogError
-        As `open_log` raises it.
-    """
+    """Read all power-ups of a log from the command line, or one of its flights, as `open_log` does."""
     from logparse import read_power_ups
 
     file, number = parted(name)
@@ -76,11 +87,6 @@ def open_log(name: Path, boot: int | None = None) -> FlightLog:
     """Read a log from the command line, or one of its flights: FLIGHT.bin#2 is the second of all its power-ups.
 
     Without a number the longest flight counts; that there are others is said on the standard error.
-
-    Raises
-    ------
-    LogError
-        For an unreadable file, or one with fewer flights.
     """
     from logparse import LogError, read_flights, read_log
 

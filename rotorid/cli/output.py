@@ -1,9 +1,9 @@
-"""Where commands write: the terminal and the folder given with ``--out``."""
+"""Where commands write: the terminal and the folder given with ``--out``; and how they end."""
 
 import re
 import sys
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 #: Control characters but for tab and lines; what sets a colour is one where Rich may have written it.
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+
+
 _CONTROL_OR_COLOUR = re.compile(r"\x1b\[[0-9;]*m|" + _CONTROL.pattern)
 
 
@@ -71,3 +73,19 @@ def show_page(page: Path) -> None:
 
     if not webbrowser.open(page.resolve().as_uri()):
         sys.stderr.write(f"rotorid: no browser found; open {page} yourself\n")
+
+
+#: Read and answered; something failed; used in a wrong way; read, but nothing could be identified or proposed.
+OK, SOME_FAILED, WRONG_USAGE, NOT_POSSIBLE = 0, 1, 2, 3
+
+
+#: Ctrl-C, as shells have it.
+INTERRUPTED = 130
+
+
+def fail(message: str, status: int) -> NoReturn:
+    """Report on stderr what is wrong, and end."""
+    from pipeline.names import printable  # the pipeline takes a second to load, which only a failure has to spend
+
+    sys.stderr.write(f"rotorid: {printable(message)}\n")
+    sys.exit(status)

@@ -1,12 +1,12 @@
-"""``rotorid simulate``: fly a simulated craft."""
+"""``rotorid simulate``: fly a simulated craft, or run stored models."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from rotorid.cli.exits import SOME_FAILED, fail
-from rotorid.cli.output import prepare
+from rotorid.cli.options import folder_of
+from rotorid.cli.output import SOME_FAILED, fail, prepare
 
 if TYPE_CHECKING:
     from simulation import Outcome
@@ -19,7 +19,9 @@ def simulate(
             help="Case to fly, such as motion-wind, or a group of them, such as elhesasy; or a models.json to run."
         ),
     ] = "list",
-    out: Annotated[Path, typer.Option(help="Folder for what is written; made when missing.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for what is written; made when missing. Default: out/NAME, of the case.")
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -62,9 +64,8 @@ def simulate(
 
     Example: rotorid simulate out/models.json --inputs other.bin --model motors --out replayed
     """
+    out = out or folder_of(case)
     if case.lower().endswith(".json") and Path(case).is_file():
-        from rotorid.cli.replay import run_models
-
         run_models(Path(case), inputs, model, out, trim)
         return
     import simulation
@@ -121,7 +122,7 @@ def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:
     )
     if whole:
         typer.echo(files[0].read_text(encoding="utf-8"))
-    for file in (page, *files):
+    for file in (*files, page):
         typer.echo(file)
 
 
@@ -147,3 +148,26 @@ def _shown(value: object) -> str:
         return ",".join(map(_shown, value))
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return f"'{text}'" if " " in text else text
+
+
+def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path, trim: str | None = None) -> None:
+    """Run stored models with the inputs of a log or a CSV table; write a page and a table of each prediction."""
+    from pipeline.errors import ConfigError
+    from pipeline.execution.progress import shown
+    from pipeline.flight.replay import Trim, replay
+    from pipeline.results.failure import present
+    from reports import write_replay
+
+    if inputs is None:
+        raise ConfigError(f"{models} holds models; say what to run them with: --inputs LOG or --inputs TABLE.csv")
+    prepare(out)
+    with shown() as progress:
+        result = replay(models, inputs, wanted, progress, Trim(trim) if trim else None)
+    for each in result.results:
+        if each.missing:
+            typer.echo(f"{each.title}: {each.missing}", err=True)
+    for each in result.results:
+        for verdict in () if (judged := present(each.validation)) is None else judged.verdicts:
+            typer.echo(f"{each.title}: {verdict}")
+    for file in write_replay(result, out):
+        typer.echo(file)

@@ -42,7 +42,7 @@ def test_bench_writes_page_and_numbers(stand, tmp_path):
 
 def test_bench_says_what_a_motor_cannot_lift(stand, tmp_path):
     done = RUN.invoke(app, ["bench", str(stand), "--weight", "900", "--out", str(tmp_path / "o"), "--json"])
-    assert done.exit_code == 1
+    assert done.exit_code == 3
     reasons = [row["reason"] for row in json.loads(done.stdout)["trim"]]
     assert "its share of the weight is 225.00 N" in reasons[0]
 

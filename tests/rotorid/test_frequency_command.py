@@ -44,9 +44,9 @@ def test_json_alone_on_stdout(chirped, tmp_path):
     assert json.loads(done.stdout)["axes"][0]["axis"] == "roll"
 
 
-def test_an_axis_that_nobody_moved_is_a_sentence_and_status_1(chirped, tmp_path):
+def test_an_axis_that_nobody_moved_is_a_sentence_and_status_3(chirped, tmp_path):
     done = CliRunner().invoke(app, ["frequency", str(chirped), "--axis", "pitch", "--out", str(tmp_path / "out")])
-    assert done.exit_code == 1
+    assert done.exit_code == 3
     assert "pitch" in done.output.lower()
     assert "Traceback" not in done.output
 

@@ -84,6 +84,13 @@ def test_the_example_of_the_readme_runs_as_printed(tmp_path, monkeypatch):
     exec(compile(example, "README.md", "exec"), {})
 
 
+def test_a_log_is_inspected(log):
+    seen = ro.inspect(LOG)
+    assert len(seen.happened) == len(log.flights) == 1
+    assert seen.happened[0] in repr(seen)
+    assert len(repr(seen).splitlines()) < MOST_LINES
+
+
 def test_results_show_themselves_in_a_few_lines(log, halves, body):
     found = (log, log.trajectory, halves[0], body, ro.validate(body, halves[1]))
     for result in found:

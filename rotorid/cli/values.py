@@ -1,19 +1,18 @@
-"""Values of the command line that are already what a command asks for.
+"""Values of the command line: converted only where they must be, and what is wrong with them in plain words."""
 
-Typer converts every value by Pydantic, strings to strings and defaults to themselves; to import that takes as long as
-to read a log.
-"""
-
+import math
 import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
+import typer
 from typer._coercion import RuntimeParam, build_runtime_param
 
 #: What may be asked of a path beyond that it is there, a file or a folder, and readable.
 _MORE = ("resolve_path", "writable", "allow_dash")
+
 
 #: A number as nearly everyone writes it.
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?([eE][+-]?\d{1,3})?", re.ASCII)
@@ -47,3 +46,42 @@ class AsGiven(RuntimeParam):
             if fits and (not path.exists() or os.access(path, os.R_OK)):
                 return path
         return build_runtime_param(self.descriptor)._coerce_value(value, param, ctx)
+
+
+def in_words(error: Exception) -> str:
+    """Return what is wrong with a value that does not fit its option; empty where the library's own words will do."""
+    found: Any = getattr(error.__cause__, "errors", None)
+    if found is None:
+        return ""
+    detail = found()[0]
+    value, limits = str(detail.get("input", "")), detail.get("ctx", {})
+    match detail["type"]:
+        case "float_parsing" | "float_type" | "int_parsing" | "int_type" | "int_from_float":
+            whole = "a whole number" if detail["type"].startswith("int") else "a number"
+            unit = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", value)
+            if unit:
+                number = unit[1].replace(",", ".")
+                return f"{value!r} is not {whole}: leave {unit[2].strip()!r} out ({number}); the help names the unit."
+            if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
+                return f"{value!r} is not {whole}: write it with a point ({value.replace(',', '.').strip()})."
+            return f"{value!r} is not {whole}."
+        case "greater_than_equal":
+            return f"{value} is too small: choose {limits['ge']:g} or more."
+        case "less_than_equal":
+            return f"{value} is too large: choose {limits['le']:g} or less."
+        case "finite_number":
+            return f"{value} is not a number that can be measured."
+    return ""
+
+
+Quantity = float | list[float] | None
+
+
+def not_negative(value: Quantity) -> Quantity:
+    """Check an option or argument, or each of several; for ``callback=``."""
+    for each in value if isinstance(value, list) else [] if value is None else [value]:
+        if not math.isfinite(each):
+            raise typer.BadParameter(f"{each} is not a number that can be measured")
+        if each < 0.0:
+            raise typer.BadParameter(f"{each:g} is below 0")
+    return value

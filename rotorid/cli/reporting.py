@@ -1,11 +1,38 @@
-"""``rotorid compare``: two reports against each other."""
+"""``rotorid report``, ``compare`` and ``schema``: reports made before, shown, compared and described."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rotorid.cli.output import prepare
+from rotorid.cli.output import console, prepare, show_page
+
+
+def report(
+    out: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="Folder given to analyze as --out.")],
+    open_page: Annotated[bool, typer.Option("--open", help="Show the page in the browser.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write report.json to stdout instead of the table.")] = False,
+) -> None:
+    """Show the summary of a report made before, and its page.
+
+    Example: rotorid report out/flight --open
+    """
+    from pipeline.errors import ConfigError
+    from reports.numbers.reading import read_report
+    from reports.terminal import summary as terminal
+
+    page = out / "report.html"
+    if as_json:  # as it is, by whatever version
+        typer.echo((out / "report.json").read_text("utf-8"), nl=False)
+    else:
+        stdout = console()
+        stdout.print(terminal.overview(read_report(out), stdout.width))
+        stdout.print(f"\nReport: {page}", markup=False, soft_wrap=True)
+    if open_page:
+        if not page.is_file():
+            raise ConfigError(f"{out} holds no report.html; analyze the logs again")
+        show_page(page)
 
 
 def compare(
@@ -32,7 +59,6 @@ def compare(
     from reports.numbers.comparison import compare_reports
     from reports.numbers.reading import read_report
     from reports.pages.comparison import comparison_markdown, comparison_overview, comparison_page
-    from rotorid.cli.output import console
 
     older, newer = read_report(before), read_report(after)
     if out is not None:
@@ -55,4 +81,30 @@ def _name(path: Path) -> str:
     """Call a report as its user does: by its folder."""
     return (
         (path if path.is_dir() else path.parent).resolve().name if path.name in ("", ".", "report.json") else path.name
+    )
+
+
+class Subject(StrEnum):
+    """What can be described."""
+
+    REPORT = "report"
+    MODELS = "models"
+    FINDINGS = "findings"
+
+
+def schema(
+    subject: Annotated[Subject, typer.Argument(help="report.json, models.json, or the catalogue of findings.")] = (
+        Subject.REPORT
+    ),
+) -> None:
+    """Write to stdout the JSON Schema (2020-12) of a file that `rotorid analyze` writes, or docs/findings.md.
+
+    Example: rotorid schema models > models.schema.json
+    """
+    from core.catalogue import read_catalogue
+    from core.serialization import as_json
+    from reports.numbers.schema import schema as schema_of
+
+    typer.echo(
+        read_catalogue().as_markdown() if subject == Subject.FINDINGS else as_json(schema_of(subject.value)), nl=False
     )
