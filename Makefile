@@ -4,6 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 SEED   := $(or $(SEED),$(shell date +%s))
 READY  := $(VENV)/.ready
+TOOLS  := $(VENV)/.tools
+# Installs, and says which package is being fetched: that takes a minute or two.
+INSTALL = .ci/install $(BIN)/python
 # One worker more than there are cores: tests of services and schedulers wait a good part of their time.
 JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 # One BLAS thread: our matrices are small and threads only hurt them.
@@ -12,21 +15,29 @@ export OPENBLAS_NUM_THREADS := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup analyze check test lint bench fuzz docs serve lock clean
+.PHONY: help setup tools analyze check test lint bench fuzz docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 setup: $(READY)  ## make .venv and install rotorid with its pinned dependencies
 
+tools: $(TOOLS)  ## install what tests and lint need as well
+
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("rotorid needs Python >= 3.11; set PYTHON=python3.11 or newer" if sys.version_info < (3, 11) else 0)'
-	@echo "Setting up $(VENV) (first time: a minute or two) ..."
+	@echo "1 of 3: making $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	@echo "Compiling the numerical loops (once, half a minute) ..."
+	@echo "2 of 3: installing rotorid and what it needs (a minute or two) ..."
+	@$(INSTALL) .
+	@echo "3 of 3: compiling the numerical loops (once, half a minute) ..."
 	@{ $(BIN)/rotorid analyze sample_logs/octa01_zurich_calm.bin --out $(VENV)/compiled && $(BIN)/rotorid inspect sample_logs/octa02_alain_breeze.tlog; } > $(VENV)/compiled.log 2>&1 || \
 		{ echo "That failed; each loop is compiled at its first use instead. Its last words, of $(VENV)/compiled.log:"; tail -n 5 $(VENV)/compiled.log; }
+	@touch $@
+
+$(TOOLS): $(READY)
+	@echo "Installing what tests and lint need (a minute) ..."
+	@$(INSTALL) '.[dev]'
 	@touch $@
 
 analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html and friends
@@ -36,24 +47,24 @@ check: lint  ## lint and the fast tests: what to run before a commit
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow and not lengthy"
 
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
-test: setup  ## run all tests in random order; SEED=n repeats an order
+test: tools  ## run all tests in random order; SEED=n repeats an order
 	@echo "Running all tests in random order, SEED=$(SEED) ..."
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED) --durations=20
 
-lint: setup  ## ruff, mypy --strict and the import direction
+lint: tools  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
-bench: setup  ## compare speed and accuracy with the peers, print one table and write docs/benchmarks.md
+bench: tools  ## compare speed and accuracy with the peers, print one table and write docs/benchmarks.md
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks --minutes 20 --write
 
-fuzz: setup  ## read 100,000 damaged logs of every format (COUNT=n for another number)
+fuzz: tools  ## read 100,000 damaged logs of every format (COUNT=n for another number)
 	@$(BIN)/python -m tests.fuzz $(or $(COUNT),100000)
 
-docs: setup  ## build the documentation into out/docs
+docs: tools  ## build the documentation into out/docs
 	@$(BIN)/python -m sphinx -b html -q -W --keep-going docs out/docs
 	@echo out/docs/index.html
 

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from typing import Any
 
-from sqlalchemy import delete, func, select, tuple_, update
+from sqlalchemy import delete, func, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from api.crafts.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert
@@ -68,6 +68,15 @@ class Crafts:
             rows = session.scalars(select(FlightRecord).where(FlightRecord.craft_id == craft_id))
             flights = [CraftFlight.model_validate(each) for each in rows]
         return sorted(flights, key=lambda each: (each.start or each.added, each.name), reverse=True)
+
+    def of_analysis(self, analysis_id: str) -> Sequence[tuple[str, str]]:
+        """List the craft whose flights an analysis has, or that it fits jointly: id and name."""
+        mine = FlightRecord.analysis_id == analysis_id
+        flown = select(FlightRecord.craft_id).where(mine)
+        joint = select(AnalysisRecord.craft_id).where(AnalysisRecord.id == analysis_id)
+        with self._database.read() as session:
+            chosen = select(CraftRecord).where(or_(CraftRecord.id.in_(flown), CraftRecord.id.in_(joint)))
+            return [(each.id, each.name or each.kind) for each in session.scalars(chosen)]
 
     def folder_of(self, flight_id: str, owner: str) -> str | None:
         """Return where a flight of no upload is in its folder; None where the owner has no such flight."""

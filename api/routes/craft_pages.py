@@ -3,10 +3,9 @@
 from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Annotated, Any
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Form, Query, Request, Response
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse
 
 from api.crafts.models import FILES, LeastTrust, latest
 from api.problems import Problem, ProblemError
@@ -15,7 +14,7 @@ from api.store.records import CraftRecord
 from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
 from api.web.middleware import REPORT_POLICY
-from api.web.page_templates import render
+from api.web.page_templates import lead_to, part_of, render
 
 router = APIRouter(include_in_schema=False)
 forms = APIRouter(include_in_schema=False, dependencies=from_our_forms)
@@ -34,8 +33,7 @@ def list_crafts_page(
 ) -> Response:
     """Show a part of the list of craft, and the newest alerts."""
     found = parts.crafts.list(owner, limit=_PAGE + 1, after=after, text=q.strip())
-    shown = found[:_PAGE]
-    older = urlencode({"after": shown[-1].id} | ({"q": q.strip()} if q.strip() else {})) if len(found) > _PAGE else ""
+    shown, older = part_of(found, _PAGE, q=q.strip())
     alerts = parts.crafts.alerts(owner, limit=5) if after is None and not q else []
     view = {"crafts": shown, "older": older, "after": after, "q": q.strip(), "alerts": alerts}
     return render(request, "crafts.html", view)
@@ -107,7 +105,7 @@ def name_craft(
 ) -> Response:
     """Name a craft."""
     parts.crafts.rename(craft_id, owner, name)
-    return _go(craft_id)
+    return lead_to(f"/crafts/{craft_id}")
 
 
 @forms.post("/crafts/{craft_id}/notes")
@@ -126,14 +124,14 @@ def add_note(
         detail = "Write the day as 2026-03-14, or with a time as 2026-03-14 09:30."
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from None
     parts.crafts.add_note(craft_id, owner, text, at, boundary=boundary)
-    return _go(craft_id)
+    return lead_to(f"/crafts/{craft_id}")
 
 
 @forms.post("/crafts/{craft_id}/notes/{note_id}/delete")
 def remove_note(craft_id: str, note_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Remove a note."""
     parts.crafts.remove_note(craft_id, note_id, owner)
-    return _go(craft_id)
+    return lead_to(f"/crafts/{craft_id}")
 
 
 @forms.post("/crafts/{craft_id}/merge")
@@ -142,7 +140,7 @@ def merge(
 ) -> Response:
     """Merge another craft into this one."""
     parts.crafts.merge(craft_id, other, owner)
-    return _go(craft_id)
+    return lead_to(f"/crafts/{craft_id}")
 
 
 @forms.post("/crafts/{craft_id}/move")
@@ -156,8 +154,4 @@ def move(
 ) -> Response:
     """Move flights to another craft, or to a new one."""
     parts.crafts.find(craft_id, owner)
-    return _go(parts.crafts.move(flights, to or None, owner, later=later))
-
-
-def _go(craft_id: str) -> Response:
-    return RedirectResponse(f"/crafts/{craft_id}", HTTPStatus.SEE_OTHER)
+    return lead_to(f"/crafts/{parts.crafts.move(flights, to or None, owner, later=later)}")

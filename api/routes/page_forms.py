@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
 from api.problems import ProblemError
@@ -15,7 +14,7 @@ from api.routes.analyses import check, in_words
 from api.store.resources import Analysis, AnalysisOrder, Configuration
 from api.web.dependencies import Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
-from api.web.page_templates import local_path, render
+from api.web.page_templates import lead_to, render
 from api.web.results import answer
 from core.serialization import restored
 
@@ -30,7 +29,7 @@ def cancel(
 ) -> Response:
     """Cancel an analysis."""
     parts.catalog.cancel(analysis_id, owner)
-    return _go(following or f"/analyses/{analysis_id}")
+    return lead_to(following or f"/analyses/{analysis_id}")
 
 
 @router.post("/analyses/{analysis_id}/delete")
@@ -46,7 +45,7 @@ def delete(
     parts.catalog.delete_analysis(analysis.id, owner)
     for log in analysis.logs if logs else []:
         parts.catalog.delete_log(log.id, owner)
-    return _go(following)
+    return lead_to(following)
 
 
 @router.post("/logs/{log_id}/delete")
@@ -55,7 +54,7 @@ def delete_log(
 ) -> Response:
     """Delete a log with all analyses of it."""
     parts.catalog.delete_log(log_id, owner)
-    return _go(following)
+    return lead_to(following)
 
 
 @router.post("/logs/{log_id}/analyse")
@@ -63,7 +62,7 @@ def analyse_log(log_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Analyse a log that is here already."""
     ordered = parts.catalog.order([parts.catalog.find_log(log_id, owner).id], {}, owner)
     parts.runner.wake()
-    return _go(f"/analyses/{ordered.id}")
+    return lead_to(f"/analyses/{ordered.id}")
 
 
 @router.post("/analyses/{analysis_id}/share")
@@ -117,7 +116,7 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
         return render(request, "again.html", view, HTTPStatus.UNPROCESSABLE_ENTITY)
     ordered = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
     parts.runner.wake()
-    return _go(f"/analyses/{ordered.id}")
+    return lead_to(f"/analyses/{ordered.id}")
 
 
 def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
@@ -141,8 +140,3 @@ class _Report:
     """Of report.json, what a form offers."""
 
     groups: tuple[_Joint, ...] = ()
-
-
-def _go(path: str) -> Response:
-    """Lead a browser on after what it posted."""
-    return RedirectResponse(local_path(path), HTTPStatus.SEE_OTHER)

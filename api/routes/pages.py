@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from api.access.identity import ReportKeys, bearer
@@ -23,7 +23,7 @@ from api.store.resources import Analysis, AnalysisOrder, Configuration, State
 from api.web.dependencies import After, Owner, Parts, PartsOf
 from api.web.form_tokens import from_our_forms
 from api.web.middleware import PLOT_POLICY, REPORT_POLICY
-from api.web.page_templates import render
+from api.web.page_templates import lead_to, part_of, render
 from api.web.results import answer, downloads, file_of, flight_pages, tables
 
 router = APIRouter(include_in_schema=False)
@@ -66,7 +66,7 @@ async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Respons
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from error
     analysis = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
     parts.runner.wake()
-    return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
+    return lead_to(f"/analyses/{analysis.id}")
 
 
 @router.post("/samples", dependencies=from_our_forms)
@@ -87,7 +87,7 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
 
     analysis = await run_in_threadpool(keep)
     parts.runner.wake()
-    return RedirectResponse(f"/analyses/{analysis.id}", HTTPStatus.SEE_OTHER)
+    return lead_to(f"/analyses/{analysis.id}")
 
 
 @router.head("/analyses")
@@ -97,8 +97,7 @@ def list_analyses_page(
 ) -> Response:
     """Show a part of the list of analyses."""
     view = _listed(parts, owner, _PAGE, state, after, q.strip())
-    rest = {name: value for name, value in (("state", state), ("q", q.strip())) if value}
-    view |= {"states": list(State), "chosen": state, "after": after, "q": q.strip(), "rest": urlencode(rest)}
+    view |= {"states": list(State), "chosen": state, "after": after, "q": q.strip()}
     return render(request, "analyses.html", view)
 
 
@@ -107,8 +106,7 @@ def list_analyses_page(
 def list_logs_page(request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Text = "") -> Response:
     """Show a part of the list of logs."""
     found = parts.catalog.list_logs(owner, limit=_PAGE + 1, after=after, name=q.strip())
-    shown = found[:_PAGE]
-    older = urlencode({"after": shown[-1].id} | ({"q": q.strip()} if q.strip() else {})) if len(found) > _PAGE else ""
+    shown, older = part_of(found, _PAGE, q=q.strip())
     return render(request, "logs.html", {"logs": shown, "older": older, "after": after, "q": q.strip()})
 
 
@@ -139,12 +137,8 @@ def _listed(
 ) -> dict[str, Any]:
     """Gather what the list of analyses shows: analyses, whether they change by themselves, and what comes after."""
     found = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after, text=text)
-    shown = found[:count]
-    return {
-        "analyses": shown,
-        "live": any(not analysis.state.ended for analysis in shown),
-        "older": shown[-1].id if len(found) > count else None,
-    }
+    shown, older = part_of(found, count, state=state, q=text)
+    return {"analyses": shown, "live": any(not analysis.state.ended for analysis in shown), "older": older}
 
 
 @router.head("/analyses/{analysis_id}")
@@ -156,7 +150,8 @@ def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner
     secret = bearer(request)
     if parts.settings.access is Access.TOKENS and secret is not None:
         frame = f"/reports/{ReportKeys(parts.database).make(secret, analysis.id)}"
-    return render(request, _TEMPLATES.get(analysis.state, "progress.html"), _shown(analysis, address, frame))
+    view = _shown(analysis, address, frame) | {"crafts": parts.crafts.of_analysis(analysis.id)}
+    return render(request, _TEMPLATES.get(analysis.state, "progress.html"), view)
 
 
 @router.head("/reports/{key}/{name:path}")

@@ -30,6 +30,7 @@
     if (answer.started && began === null) began = performance.now();
     bar.value = answer.progress;
     say(describe(answer));
+    document.getElementById("happened").textContent = answer.happened || "";
     tick();
   });
   events.addEventListener("end", () => {

@@ -92,6 +92,7 @@ class AnalysisRecord(Record):
     #: See `api.work.outcome.Outcome`.
     craft: Mapped[str | None] = mapped_column(String(200))
     flown: Mapped[str | None] = mapped_column(String(10))
+    happened: Mapped[str | None] = mapped_column(String(300))
     health: Mapped[str | None] = mapped_column(String(40))
     tone: Mapped[str | None] = mapped_column(String(10))
     #: The craft that it is a joint fit of; the logs are those of its flights then.

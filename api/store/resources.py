@@ -107,7 +107,10 @@ class Analysis(BaseModel):
     )
     craft: str | None = Field(default=None, description="What flew, as its logs describe it.")
     flown: str | None = Field(default=None, description="Day of its first flight.", examples=["2026-03-14"])
-    health: str | None = Field(default=None, description="What happened; of several flights in the worst.")
+    happened: str | None = Field(
+        default=None, description="What happened, in a sentence, of several flights in the worst; there before models."
+    )
+    health: str | None = Field(default=None, description="The same in a few words.")
     tone: str | None = Field(default=None, description="How good that is: good, care, bad or unknown.")
     craft_id: str | None = Field(default=None, description="The craft that it fits the flights of jointly.")
 

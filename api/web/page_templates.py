@@ -1,20 +1,22 @@
 """The service's HTML pages, rendered from `templates/` with everything escaped."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
 from fastapi import Request
-from fastapi.responses import Response
+from fastapi.responses import RedirectResponse, Response
 from fastapi.templating import Jinja2Templates
 from jinja2 import StrictUndefined
 
 from api.access.identity import COOKIE
 from api.settings import in_words
 from api.store.resources import Analysis, State
+from api.web.dependencies import Item
 from api.web.form_tokens import fill_in
 
 _FOLDER = Path(__file__).parents[1]
@@ -95,6 +97,18 @@ def render(
     signed_in = COOKIE in request.cookies
     page = _templates.TemplateResponse(request, template, {"signed_in": signed_in, **context}, status, headers)
     return fill_in(page, request)
+
+
+def part_of(found: Sequence[Item], count: int, **kept: str | None) -> tuple[Sequence[Item], str]:
+    """Return the part of a list that a page shows, and the query of the next part; empty at the end."""
+    shown = found[:count]
+    query = {"after": shown[-1].id} | {name: value for name, value in kept.items() if value} if shown else {}
+    return shown, urlencode(query) if len(found) > count else ""
+
+
+def lead_to(path: str) -> Response:
+    """Lead a browser on after what it posted, on this service only."""
+    return RedirectResponse(local_path(path), HTTPStatus.SEE_OTHER)
 
 
 def local_path(address: str) -> str:

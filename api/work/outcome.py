@@ -38,7 +38,8 @@ class Outcome:
 
     craft: str | None = None
     flown: str | None = None  #: Day of the first flight, ISO 8601.
-    health: str | None = None  #: What happened in a few words, of several flights in the worst.
+    happened: str | None = None  #: In a sentence, of several flights in the worst.
+    health: str | None = None  #: The same in a few words.
     tone: str | None = None
     trust: str | None = None  #: The most that is said of a model.
     flights: tuple[Flown, ...] = ()
@@ -66,6 +67,7 @@ def read_outcome(folder: Path) -> Outcome:
     return Outcome(
         craft=", ".join(crafts)[:200] or None,
         flown=days[0] if days else None,
+        happened=None if worst is None else worst.text[:300],
         health=None if worst is None else worst.word[:40],
         tone=None if worst is None else str(worst.tone),
         trust=str(best(models)) if models else None,

@@ -10,7 +10,7 @@ Every change may be asked for again when the connection broke before the answer 
 import logging
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
 from typing import Any, Self
@@ -49,7 +49,16 @@ _LOST = 20
 _PLAUSIBLE = 3
 
 
-_NOTHING = Outcome()
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """How far an analysis is."""
+
+    stage: str = ""
+    progress: float = 0.0
+    happened: str | None = None  #: In the flight, in a sentence; told before models are fitted.
+
+
+_BEGUN, _NOTHING = Reached(), Outcome()
 
 
 class Queue:
@@ -80,7 +89,7 @@ class Queue:
             if found is None:
                 return None
             found.state = State.RUNNING
-            found.stage, found.progress = "", 0.0
+            found.stage, found.progress, found.happened = "", 0.0, None
             found.lease, found.lease_until = new_id(), time + self._lease
             found.attempts += 1
             found.started = time
@@ -93,15 +102,14 @@ class Queue:
                 craft=found.craft_id,
             )
 
-    def prolong(self, claim: Claim, stage: str = "", progress: float = 0.0) -> bool:
+    def prolong(self, claim: Claim, reached: Reached = _BEGUN) -> bool:
         """Return a sign of life and say how far the work is; False when the lease is lost and the work for nothing."""
         with self._database.write() as session:
-            until = now(session) + self._lease
-            return _change(session, claim, lease_until=until, stage=stage, progress=progress)
+            return _change(session, claim, lease_until=now(session) + self._lease, **asdict(reached))
 
     def finish(self, claim: Claim, files: Mapping[str, int], outcome: Outcome = _NOTHING) -> bool:
         """End an analysis well, its flights to their craft; False, with nothing changed, when the lease is lost."""
-        line = {name: getattr(outcome, name) for name in ("craft", "flown", "health", "tone", "trust")}
+        line = {name: getattr(outcome, name) for name in ("craft", "flown", "happened", "health", "tone", "trust")}
         with self._database.write() as session:
             if _change(session, claim, **_end(session, State.DONE), files=dict(files), results=claim.lease, **line):
                 analysis = session.get_one(AnalysisRecord, claim.analysis, populate_existing=True)
@@ -222,7 +230,7 @@ class Heartbeat:
         self._queue = queue
         self._claim = claim
         self._interval = lease * _PROLONG
-        self._reached = ("", 0.0)
+        self._reached = _BEGUN
         self._news, self._lost, self._left = threading.Event(), threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
 
@@ -237,9 +245,9 @@ class Heartbeat:
         self._news.set()
         self._thread.join()
 
-    def reach(self, stage: str, progress: float) -> None:
+    def reach(self, reached: Reached) -> None:
         """Report how far the work is, and let others know soon."""
-        self._reached = (stage, progress)
+        self._reached = reached
         self._news.set()
 
     def check(self) -> None:
@@ -254,7 +262,7 @@ class Heartbeat:
             if self._left.is_set():
                 return
             try:
-                if not self._queue.prolong(self._claim, *self._reached):
+                if not self._queue.prolong(self._claim, self._reached):
                     self._lost.set()
                     return
             except SQLAlchemyError as error:

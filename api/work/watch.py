@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
@@ -29,7 +29,7 @@ from api.store.objects import Objects
 from api.store.records import AnalysisRecord, FlightRecord
 from api.work import worker
 from api.work.outcome import read_outcome
-from api.work.queue import Claim, Heartbeat, LostError, Queue
+from api.work.queue import Claim, Heartbeat, LostError, Queue, Reached
 from pipeline.names import folder_names
 
 _log = logging.getLogger("rotorid.api")
@@ -219,9 +219,9 @@ def _analyse(
                     _log.error("analysis %s met a bug:\n%s", claim.analysis, report.traceback)
                 ended: Problem | None = report.problem
                 return ended
-            if report.stage != last.stage or report.progress >= last.progress + 0.02:
+            if report != replace(last, progress=report.progress) or report.progress >= last.progress + 0.02:
                 last = report
-                heartbeat.reach(report.stage, report.progress)
+                heartbeat.reach(Reached(last.stage, last.progress, last.happened[:300] or None))
         return Problem.of(
             "analysis-too-slow",
             f"The analysis was ended after {limit:g} s, the most that this service allows. Analyse a shorter log, or "

@@ -9,10 +9,11 @@ import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import logparse
 import pipeline
@@ -29,6 +30,7 @@ from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
 from pipeline.execution.stages import overall
 from pipeline.results.entry import FlightEntry
+from pipeline.results.failure import present
 from pipeline.results.report import FleetReport
 from pipeline.storage.manifest import MANIFEST
 from pipeline.storage.store import ENTRY, LOCK, RESULT
@@ -58,7 +60,12 @@ _FLIGHT = "flight"
 #: Settings of joint fits that are the service's own.
 _OURS = ("flights",)
 
-Progress: TypeAlias = Callable[[str, float], None]
+
+class Progress(Protocol):
+    """Hears how far an analysis is and, once it is known, what happened in the flight."""
+
+    def __call__(self, stage: str, fraction: float, happened: str = "") -> None:
+        """Tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +94,11 @@ Analyze: TypeAlias = Callable[[Task, Progress], None]
 
 @dataclass(frozen=True, slots=True)
 class Advanced:
-    """The analysis has come to a stage."""
+    """The analysis has come to a stage, or has found out what happened in the flight."""
 
     stage: str
     progress: float
+    happened: str = ""  #: In a sentence.
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +152,8 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     ((_, name),) = task.logs
     advance = overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
-    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem)
+    told = partial(_tell_account, progress)
+    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=told)
     advance("report", 0.0)
     # The report names the file as its user does, not as it is kept here.
     reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
@@ -154,6 +163,13 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
         propose(log, task.folder)
     except Exception:  # must not cost the report
         _log.exception("the tables of %s cannot be written", name)
+
+
+def _tell_account(progress: Progress, result: "FlightResult") -> None:
+    """Tell what happened, before anything is identified."""
+    answer = present(result.answer)
+    if answer is not None:
+        progress("what happened", 0.0, answer.lines[0].text)
 
 
 def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
@@ -237,10 +253,10 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
 
     last = Advanced("", -1.0)
 
-    def progress(stage: str, fraction: float) -> None:
+    def progress(stage: str, fraction: float, happened: str = "") -> None:
         nonlocal last
-        if stage != last.stage or fraction >= last.progress + 0.01:
-            last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0))
+        if stage != last.stage or fraction >= last.progress + 0.01 or happened:
+            last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0), happened or last.happened)
             _tell(reports_to, last)
 
     limit_unpacked(limits.unpacked)

@@ -15,64 +15,15 @@ PHONE = {"width": 390, "height": 844}
 
 File: TypeAlias = tuple[str, bytes]
 
-#: What every page must be, checked by what the browser makes of it; gives a line for each thing that is not so.
+#: What axe does not ask for: one h1 and one main, the page's own order for the keyboard, scrolling by keyboard.
 _FAULTS = """() => {
-  const faults = [];
   const shown = (element) => element.checkVisibility({ checkVisibilityCSS: true });
-  const label = (element) => `<${element.tagName.toLowerCase()}${element.id && "#" + element.id}>`;
-  if (document.documentElement.lang !== "en") faults.push("the page does not say its language");
-  if (document.querySelectorAll("h1").length !== 1) faults.push("there is not one h1");
-  if (document.querySelectorAll("main").length !== 1) faults.push("there is not one main");
-  if (!document.title) faults.push("there is no title");
-  const ids = [...document.querySelectorAll("[id]")].map((element) => element.id);
-  for (const id of ids) if (ids.indexOf(id) !== ids.lastIndexOf(id)) faults.push(`the id ${id} is there twice`);
-  let level = 0;
-  for (const heading of document.querySelectorAll("h1, h2, h3, h4")) {
-    const now = Number(heading.tagName[1]);
-    if (shown(heading) && now > level + 1) faults.push(`${label(heading)} skips a level`);
-    if (shown(heading)) level = now;
+  const faults = ["h1", "main"].filter((tag) => document.querySelectorAll(tag).length !== 1);
+  for (const element of document.querySelectorAll("[tabindex]")) {
+    if (element.tabIndex > 0) faults.push(element.outerHTML);
   }
-  for (const attribute of ["aria-labelledby", "aria-describedby", "for"]) {
-    for (const element of document.querySelectorAll(`[${attribute}]`)) {
-      for (const id of element.getAttribute(attribute).split(" ")) {
-        if (!document.getElementById(id)) faults.push(`${label(element)}: ${attribute} names a missing ${id}`);
-      }
-    }
-  }
-  const controls = "a, button, summary, input, select, progress, iframe, nav, section";
-  for (const control of document.querySelectorAll(controls)) {
-    if (!shown(control) || control.type === "hidden") continue;
-    const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby") || control.title
-      || [...(control.labels ?? [])].some((each) => each.textContent.trim())
-      || (["A", "BUTTON", "SUMMARY"].includes(control.tagName) && control.textContent.trim());
-    if (!named) faults.push(`${label(control)} has no name`);
-    if (control.tabIndex > 0) faults.push(`${label(control)} changes the order of the keyboard`);
-  }
-  for (const scroller of document.querySelectorAll("pre")) {
-    if (shown(scroller) && scroller.tabIndex !== 0) faults.push(`${label(scroller)} cannot be scrolled by keyboard`);
-  }
-
-  // Contrast by WCAG 2.1: 4.5 for text, 3 for large or bold and fairly large text.
-  const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);
-  const light = (colour) => channels(colour).slice(0, 3)
-    .map((value) => value / 255)
-    .map((value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4))
-    .reduce((sum, value, index) => sum + value * [0.2126, 0.7152, 0.0722][index], 0);
-  const ground = (element) => {
-    for (let each = element; each; each = each.parentElement) {
-      const colour = getComputedStyle(each).backgroundColor;
-      if ((channels(colour)[3] ?? 1) > 0.99) return colour;
-    }
-    return "rgb(255, 255, 255)";
-  };
-  for (const element of document.body.querySelectorAll("*")) {
-    const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
-    if (!own || !shown(element) || element.closest("option, .unseen")) continue;
-    const style = getComputedStyle(element);
-    const [low, high] = [light(style.color), light(ground(element))].sort((a, b) => a - b);
-    const contrast = (high + 0.05) / (low + 0.05);
-    const large = parseFloat(style.fontSize) >= 24;
-    if (contrast < (large ? 3 : 4.5)) faults.push(`${label(element)} has a contrast of ${contrast.toFixed(1)}`);
+  for (const element of document.querySelectorAll("pre")) {
+    if (shown(element) && element.tabIndex !== 0) faults.push(element.outerHTML);
   }
   return faults;
 }"""

@@ -47,7 +47,7 @@ def analyze(task: Task, progress: Progress) -> None:
                 progress("transfer functions", step / 20)
                 time.sleep(0.1)
         case "until":
-            progress("transfer functions", 0.4)
+            progress("transfer functions", 0.4, "<b>motor 4 stopped</b>")
             signal_file = Path(log.read_text().split("|")[1])
             while not signal_file.exists():
                 time.sleep(0.05)

@@ -113,6 +113,8 @@ def test_an_analysis_can_be_followed(service: httpx.Client, tmp_path: Path) -> N
     wait_until(lambda: stage_of(service, address) == "transfer functions")
     before = service.get(address).json()
     assert (before["state"], before["progress"]) == ("running", 0.4)
+    assert before["happened"] == "<b>motor 4 stopped</b>"  # told before the models
+    assert "&lt;b&gt;motor 4 stopped" in service.get(before["links"]["page"]).text
     go_on.touch()
     wait_until(lambda: service.get(address).json()["state"] == "done")
     assert service.get(address).json()["progress"] == 1.0

@@ -118,6 +118,9 @@ def test_an_unhealthy_flight_is_an_alert(service: httpx.Client) -> None:
     fly(service, "crash.bin", flights.log(0, word="no"))
     craft = settled(service, only_craft(service)["id"])
     assert [each["kind"] for each in craft["recent"]] == ["flight-unhealthy"]
+    (analysis,) = service.get("/api/v1/analyses").json()["items"]
+    assert f'href="/crafts/{craft["id"]}"' in service.get(analysis["links"]["page"]).text
+    assert f'href="/analyses/{analysis["id"]}"' in service.get(craft["links"]["page"]).text
 
 
 def test_a_board_that_was_moved_is_split_and_merged_by_its_owner(service: httpx.Client) -> None:

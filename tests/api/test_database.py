@@ -20,7 +20,7 @@ from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
 from api.store.scratch import Incoming
-from api.work.queue import Claim, Queue
+from api.work.queue import Claim, Queue, Reached
 from tests.api import postgresql
 from tests.api.conftest import served
 from tests.api.programs import PATIENCE
@@ -170,7 +170,7 @@ def test_a_lost_lease_changes_nothing(database: Database, catalog: Catalog, keep
     assert quick is not None
     assert (quick.analysis, quick.lease != slow.lease) == (analysis, True)
     for change in (
-        lambda: queue.prolong(slow, "late", 0.9),
+        lambda: queue.prolong(slow, Reached("late", 0.9)),
         lambda: queue.finish(slow, {"late.txt": 1}),
         lambda: queue.fail(slow, PROBLEM),
         lambda: queue.give_back(slow),

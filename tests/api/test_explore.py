@@ -35,7 +35,12 @@ def log(service: httpx.Client) -> str:
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(b"# Shopping\n" * 50, "it is a text"), (bytes(70_000), "zeros"), (b"PK\x03\x04" + bytes(99), "zip archive")],
+    [
+        (b"# Shopping\n" * 50, "it is a text"),
+        (bytes(70_000), "zeros"),
+        (b"PK\x03\x04" + bytes(99), "zip archive"),
+        (b"\xff" * 100_000, ""),
+    ],
 )
 def test_junk_is_refused_when_it_is_uploaded(service: httpx.Client, content: bytes, says: str) -> None:
     before = len(service.get("/api/v1/logs").json()["items"])

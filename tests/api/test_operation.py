@@ -42,6 +42,8 @@ def test_every_setting_is_documented_and_nothing_else() -> None:
         ("ROTORID_STORAGE", "nowhere://bucket", "ROTORID_STORAGE names: Protocol not known: nowhere"),
         ("ROTORID_ACCESS", "sometimes", "ROTORID_ACCESS: "),
         ("ROTORID_UPLOAD_LIMIT", "many", "ROTORID_UPLOAD_LIMIT: "),
+        ("ROTORID_WORKERS", "-1", "ROTORID_WORKERS: "),
+        ("ROTORID_DATA", "/dev/null/data", "Set ROTORID_DATA to a folder"),
     ],
 )
 def test_a_wrong_setting_is_told_in_a_line(

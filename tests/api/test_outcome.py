@@ -17,7 +17,7 @@ def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") 
         "answer": {
             "lines": [
                 {"purpose": "Loops", "word": "slow", "tone": "bad"},
-                {"purpose": "Happened", "word": word, "tone": tone},
+                {"purpose": "Happened", "word": word, "tone": tone, "text": f"{word}."},
             ]
         },
     }
@@ -27,7 +27,7 @@ def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
     flights = [flight("yes", "good"), flight("no", "bad", "2026-01-02T00:00:00+00:00"), flight("mostly", "care", None)]
     (tmp_path / "report.json").write_text(as_json(made(FleetReport, flights=flights)))
     found = read_outcome(tmp_path)
-    assert found == Outcome(craft="ArduCopter octa plus", flown="2026-01-02", health="no", tone="bad")
+    assert found == Outcome(craft="ArduCopter octa plus", flown="2026-01-02", happened="no.", health="no", tone="bad")
 
 
 @pytest.mark.parametrize(

@@ -110,19 +110,11 @@ def test_the_tables_of_the_log_come_as_parquet(server: httpx.Client, answer: htt
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "content",
-    [
-        pytest.param(b"The quick brown fox\n" * 100, id="text"),
-        pytest.param(b"\xa3\x95\x80", id="three bytes"),
-        pytest.param(bytes(100_000), id="zeros"),
-        pytest.param(b"\xff" * 100_000, id="erased flash"),
-        pytest.param(SAMPLE.read_bytes()[:20_000], id="cut before the flight"),
-    ],
+    "content", [b"\xa3\x95\x80", SAMPLE.read_bytes()[:20_000]], ids=["head", "cut before the flight"]
 )
 def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, content: bytes) -> None:
     response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", content)})
-    assert response.status_code == 422
-    assert response.json()["type"] == "urn:rotorid:problem:unusable-log", response.text
+    assert (response.status_code, response.json()["type"]) == (422, "urn:rotorid:problem:unusable-log")
     assert "upload" not in response.json()["detail"]  # the name of the file in our storage
 
 
@@ -141,25 +133,3 @@ def test_a_log_with_flipped_bits_is_analysed_as_far_as_it_goes(server: httpx.Cli
 def test_the_server_itself_does_not_load_the_numerical_packages() -> None:
     code = "import api, sys; print([room for room in ('numpy', 'pandas', 'numba') if room in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT) == "[]\n"
-
-
-@pytest.mark.parametrize(
-    ("variable", "value", "says"),
-    [
-        ("ROTORID_WORKERS", "-1", "ROTORID_WORKERS: "),
-        ("ROTORID_DATA", "/dev/null/data", "Set ROTORID_DATA to a folder"),
-    ],
-)
-def test_a_wrong_setting_is_told_in_a_line(variable: str, value: str, says: str) -> None:
-    result = subprocess.run(
-        [sys.executable, "-c", "import api; api.serve()"],
-        env=os.environ | {variable: value},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert result.returncode == 1
-    assert says in result.stderr
-    assert "Traceback" not in result.stderr
