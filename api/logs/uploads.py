@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 
 from api.logs.catalog import Catalog, ConflictError, FullError, Kept
 from api.problems import ProblemError
-from api.settings import in_words
+from api.settings import Settings, in_words
 from api.store.scratch import Incoming, Upload
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
@@ -152,14 +152,12 @@ async def receive_logs(
     incoming: Incoming,
     catalog: Catalog,
     owner: str,
-    *,
-    limit: int,
-    stall: float,
-    logs_limit: int,
+    settings: Settings,
     recognise: Callable[[Path, str], object] | None = None,
     fields: dict[str, str] | None = None,
 ) -> list[Kept]:
-    """Store the logs of an upload: all, or none when something is wrong with one."""
+    """Store the logs of an upload: all, or none when something is wrong with one; `fields` gathers other fields."""
+    limit, stall, logs_limit = settings.upload_limit, settings.upload_stall, settings.logs_limit
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)

@@ -60,18 +60,7 @@ async def upload_log(
 async def take_upload(request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None) -> list[Kept]:
     """Keep the files that a request brings, which must begin like logs; `fields` gathers the other fields."""
     parts.rates.count_upload(request, owner)
-    settings = parts.settings
-    return await receive_logs(
-        request,
-        parts.incoming,
-        parts.catalog,
-        owner,
-        limit=settings.upload_limit,
-        stall=settings.upload_stall,
-        logs_limit=settings.logs_limit,
-        recognise=parts.recognise,
-        fields=fields,
-    )
+    return await receive_logs(request, parts.incoming, parts.catalog, owner, parts.settings, parts.recognise, fields)
 
 
 def _unfinished(analysis: Analysis) -> ProblemError:

@@ -82,20 +82,17 @@ class Configuration(BaseModel):
         return self.model_dump(exclude_none=True)
 
 
-class Analysis(BaseModel):
-    """One run of the pipeline on one or several logs."""
+class Progress(BaseModel):
+    """How far an analysis is."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True)
 
-    id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
-    logs: list[Log] = Field(min_length=1)
     configuration: dict[str, JsonValue] = Field(
         default={}, description="What was set when it was ordered.", examples=[{"poles": 4}]
     )
     state: State = State.QUEUED
     stage: str = Field(default="", description="What is being done now.", examples=["transfer functions"])
     progress: float = Field(default=0.0, ge=0.0, le=1.0, description="Part of the work that is done.")
-    attempts: int = Field(default=0, description="How often it was begun; more than once when a worker died.")
     created: datetime = Field(default_factory=lambda: datetime.now(UTC), examples=["2026-03-14T09:26:54Z"])
     started: datetime | None = None
     ended: datetime | None = None
@@ -105,6 +102,28 @@ class Analysis(BaseModel):
         description="Files of its results by name, with their size in bytes.",
         examples=[{"report.html": 2416301, "rmse.csv": 1893}],
     )
+
+
+class Results(BaseModel):
+    """What an analysis found, as far as it is asked for."""
+
+    findings: list[dict[str, JsonValue]] | None = Field(
+        default=None, description="What was noticed in the logs and the fits, with advice (`include=findings`)."
+    )
+    report: dict[str, JsonValue] | None = Field(
+        default=None, description="Contents of report.json: all that was found (`include=report`)."
+    )
+    models: dict[str, JsonValue] | None = Field(
+        default=None, description="Contents of models.json: the fitted models (`include=models`)."
+    )
+
+
+class Analysis(Progress):
+    """One run of the pipeline on one or several logs."""
+
+    id: str = Field(examples=["0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"])
+    logs: list[Log] = Field(min_length=1)
+    attempts: int = Field(default=0, description="How often it was begun; more than once when a worker died.")
     craft: str | None = Field(default=None, description="What flew, as its logs describe it.")
     flown: str | None = Field(default=None, description="Day of its first flight.", examples=["2026-03-14"])
     happened: str | None = Field(
@@ -136,7 +155,7 @@ class AnalysisSummary(Analysis):
     )
 
 
-class AnalysisAnswer(AnalysisSummary):
+class AnalysisAnswer(AnalysisSummary, Results):
     """An analysis with its results, once it is done."""
 
     answers: dict[str, list[dict[str, JsonValue]]] | None = Field(
@@ -148,15 +167,6 @@ class AnalysisAnswer(AnalysisSummary):
     coefficients: dict[str, dict[str, JsonValue]] | None = Field(
         default=None,
         description="By flight or craft and model the coefficients of its transfer functions, by output and input.",
-    )
-    findings: list[dict[str, JsonValue]] | None = Field(
-        default=None, description="What was noticed in the logs and the fits, with advice (`include=findings`)."
-    )
-    report: dict[str, JsonValue] | None = Field(
-        default=None, description="Contents of report.json: all that was found (`include=report`)."
-    )
-    models: dict[str, JsonValue] | None = Field(
-        default=None, description="Contents of models.json: the fitted models (`include=models`)."
     )
 
 
@@ -175,23 +185,11 @@ class SharedLog(BaseModel):
     size: int = Field(description="Bytes.", examples=[2756608])
 
 
-class SharedAnalysis(BaseModel):
+class SharedAnalysis(Progress, Results):
     """An analysis as whoever has a link sees it."""
 
     logs: list[SharedLog]
-    configuration: dict[str, JsonValue] = Field(default={}, examples=[{"poles": 4}])
-    state: State
-    stage: str = Field(examples=["transfer functions"])
-    progress: float
-    created: datetime = Field(examples=["2026-03-14T09:26:54Z"])
-    started: datetime | None = None
-    ended: datetime | None = None
-    problem: Problem | None = None
-    files: dict[str, int] = Field(examples=[{"report.html": 2416301}])
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/shared/SECRET"}])
-    findings: list[dict[str, JsonValue]] | None = None
-    report: dict[str, JsonValue] | None = None
-    models: dict[str, JsonValue] | None = None
 
 
 _LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max_length=64)]

@@ -109,9 +109,7 @@ def test_the_tables_of_the_log_come_as_parquet(server: httpx.Client, answer: htt
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "content", [b"\xa3\x95\x80", SAMPLE.read_bytes()[:20_000]], ids=["head", "cut before the flight"]
-)
+@pytest.mark.parametrize("content", [b"\xa3\x95\x80", SAMPLE.read_bytes()[:20_000]], ids=["head", "cut"])
 def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, content: bytes) -> None:
     response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", content)})
     assert (response.status_code, response.json()["type"]) == (422, "urn:rotorid:problem:unusable-log")
