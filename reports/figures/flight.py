@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,6 +40,7 @@ _HEIGHTS = {"barometer": "@baro", "autopilot": "@own", "GPS": "@gps"}
 #: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
 _TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
 
+Floats = NDArray[np.float64]
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 
 
@@ -50,33 +52,40 @@ def flight_figures(result: FlightResult) -> list[Figure]:
 
 def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
-    plot = Plot({"title": {"text": "north (m)"}, "zeroline": False, "scaleanchor": "x", "scaleratio": 1}, x="east (m)")
     gps = _gps_offsets(result)
-    if not isinstance(result.trajectory, Failure):
-        if not result.position_known:
+    if isinstance(result.trajectory, Failure):
+        if gps is None:
             return None
-        states = _within(result.trajectory.states, present(result.flight))
-        if states.empty:
-            return None
-        north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
-        if gps is not None:
-            plot.add(dots(gps[1], gps[0], "GPS", "@gps"))
-        hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-        plot.add(line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float)))
-        plot.add(_heights(states))
-        happened = _happened(result, states)
-        if happened is not None:
-            plot.add(happened)
-    elif gps is not None:
         north, east = gps
-        plot.add(line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float)))
-    else:
+        way = line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float))
+        return _map([way], east, north, _wind_arrow(result))
+    states = _within(result.trajectory.states, present(result.flight))
+    if states.empty or not result.position_known:
         return None
+    happened = _happened(result, states)
+    over = [] if happened is None else [happened]
+    return track_figure(states, [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")], over, _wind_arrow(result))
+
+
+def track_figure(
+    states: pd.DataFrame, below: Sequence[Trace] = (), over: Sequence[Trace] = (), notes: Sequence[Drawn] = ()
+) -> Figure:
+    """Draw the track of a trajectory's states between what is drawn below and over it."""
+    north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
+    hover = "%{x:.1f} m east<br>%{y:.1f} m north"
+    way = line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float))
+    return _map([*below, way, _heights(states), *over], east, north, notes)
+
+
+def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[Drawn]) -> Figure:
+    plot = Plot({"title": {"text": "north (m)"}, "zeroline": False, "scaleanchor": "x", "scaleratio": 1}, x="east (m)")
+    for trace in traces:
+        plot.add(trace)
     for at, label, symbol in ((0, "start", "circle-open"), (-1, "end", "square")):
         plot.add(marks(east[[at]], north[[at]], label, "@ink", symbol=symbol, size=10), hoverinfo="name")
     plot.axes["xaxis"] |= {"range": padded(plot.data, "x"), "zeroline": False}
     plot.axes["yaxis"] |= {"range": padded(plot.data, "y")}
-    plot.notes += _wind_arrow(result)
+    plot.notes += notes
     caption = "The flight from above, both axes to the same scale; colour is height above the start."
     return plot.figure("track", caption, 430)
 

@@ -2,41 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
-from core.table import Table
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
-from pipeline.results.verdict import Verdict
-from reports.figures.figure import Figure
 from reports.figures.models import compare
 from reports.numbers.flight import model_report, overall
 from reports.pages import html
 from reports.views import summary
 from reports.views import tables as views
-from reports.views.models import Judgement, judgements
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayPage:
-    """What replay.html shows."""
-
-    name: str
-    facts: str
-    verdict: Verdict | None
-    verdicts: Sequence[views.ShownVerdict]
-    sentences: Sequence[str]
-    missing: Sequence[tuple[str, str]]
-    rmse: Table | None
-    horizons: Table | None
-    ahead: Figure | None
-    judgements: Sequence[Judgement]
-    files: str
+from reports.views.models import judgements
 
 
 def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
@@ -88,18 +66,15 @@ def _page(replay: Replay) -> str:
     return html.render(
         "replay.html",
         [compare(record, ran, measured=replay.measured)],
-        ReplayPage(
-            name=replay.name,
-            facts=f"models of {replay.owner} ({printable(str(replay.models))}), "
-            f"inputs of {printable(replay.inputs.name)}",
-            verdict=overall(models) if replay.measured else None,
-            verdicts=views.verdicts(models) if replay.measured else [],
-            sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
-            missing=missing,
-            rmse=views.flight_rmse([], models),
-            horizons=views.horizons(models),
-            ahead=None,
-            judgements=judgements(models),
-            files=", ".join(f"simulation_{result.key}.csv" for result in ran),
-        ),
+        name=replay.name,
+        facts=f"models of {replay.owner} ({printable(str(replay.models))}), inputs of {printable(replay.inputs.name)}",
+        verdict=overall(models) if replay.measured else None,
+        verdicts=views.verdicts(models) if replay.measured else [],
+        sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
+        missing=missing,
+        rmse=views.flight_rmse([], models),
+        horizons=views.horizons(models),
+        ahead=None,
+        judgements=judgements(models),
+        files=", ".join(f"simulation_{result.key}.csv" for result in ran),
     )

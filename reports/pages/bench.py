@@ -4,34 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+
+import numpy as np
 
 from core.quantity import number, uncertain
 from core.table import Row, Table
-from logparse import Finding
-from reports.figures.figure import Figure, Trace, layout_of
+from reports.figures.figure import DASHES, Figure, Plot, curve, dots
 from reports.pages.html import render
 from sysid.bench.stand import Bench
 from sysid.bench.table import BenchError
 
-#: Colours of motors, the same in every plot of the page, and their line styles beyond the first four.
+#: Colours of motors, the same in every plot of the page.
 _COLORS = ("@own", "@joint", "@mixer", "@body")
-_DASHES = ("solid", "dash", "dot", "dashdot")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchPage:
-    """What bench.html shows."""
-
-    title: str
-    facts: str
-    sentences: Sequence[str]
-    trims: Table | None
-    coefficients: Table
-    curve: str
-    findings: Sequence[Finding]
-    bench_figures: Sequence[Figure]
 
 
 def bench_page(
@@ -57,7 +41,9 @@ def bench_page(
     ]
     drawn = [figure for figure in figures if figure is not None]
     trims, sentences = _trims(bench, weight, voltage, motors)
-    page = BenchPage(
+    return render(
+        "bench.html",
+        drawn,
         title=f"Thrust stand: {bench.table.name}",
         facts=_facts(bench),
         sentences=sentences,
@@ -67,7 +53,6 @@ def bench_page(
         findings=bench.findings,
         bench_figures=drawn,
     )
-    return render("bench.html", drawn, page)
 
 
 def _facts(bench: Bench) -> str:
@@ -151,88 +136,45 @@ def _curve(bench: Bench, voltage: float | None) -> str:
 
 def _style(bench: Bench, motor: str) -> tuple[str, str]:
     at = bench.motors.index(motor)
-    return _COLORS[at % len(_COLORS)], _DASHES[at // len(_COLORS) % len(_DASHES)]
-
-
-def _dots(x: list[float], y: list[float], name: str, color: str) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": x,
-        "y": y,
-        "name": name,
-        "marker": {"color": color, "size": 5, "opacity": 0.6},
-        "showlegend": False,
-    }
-
-
-def _line(x: list[float], y: list[float], name: str, style: tuple[str, str]) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": x,
-        "y": y,
-        "name": name,
-        "line": {"color": style[0], "dash": style[1], "width": 2},
-    }
+    return _COLORS[at % len(_COLORS)], DASHES[at // len(_COLORS) % len(DASHES)]
 
 
 def _over_pwm(bench: Bench, voltage: float | None) -> Figure:
-    data: list[Trace] = []
+    plot = Plot("thrust (N)", x="PWM (µs)")
     for motor in bench.motors:
-        style = _style(bench, motor)
+        color, dash = _style(bench, motor)
         rows = bench.table.rows[bench.table.rows["motor"] == motor]
-        curve = bench.at_voltage(motor, voltage)
-        data.append(_dots(_plain(rows["pwm"], 1), _plain(rows["thrust"], 4), motor, style[0]))
-        data.append(_line(_plain(curve.index, 1), _plain(curve["thrust"], 4), motor, style))
+        over = bench.at_voltage(motor, voltage)
+        plot.add(dots(rows["pwm"], rows["thrust"], motor, color), legend=False)
+        plot.add(curve(over.index, over["thrust"], motor, color, dash=dash))
     at = "all voltages together" if voltage is None else f"{voltage:.4g} V"
-    layout = layout_of(xaxis={"title": {"text": "PWM (µs)"}}, yaxis={"title": {"text": "thrust (N)"}})
-    caption = f"Measured thrust (dots) and the curve that trim is read from ({at})."
-    return Figure("pwm", caption, data, layout, 340, False)
+    return plot.figure("pwm", f"Measured thrust (dots) and the curve that trim is read from ({at}).", 340)
 
 
 def _over_speed(bench: Bench, voltage: float | None, name: str, title: str, symbol: str) -> Figure | None:
-    data: list[Trace] = []
+    plot = Plot(title, x="rotor speed (rad/s)")
     for motor in bench.motors:
         found = bench.coefficients(motor, voltage)
         coefficient = found.thrust if symbol == "k" else found.torque
         if coefficient.value is None:
             continue
-        style = _style(bench, motor)
-        curve = bench.at_voltage(motor, voltage)
-        top = float(curve["speed"].max())
-        grid = [top * k / 40.0 for k in range(41)]
-        data.append(_dots(_plain(curve["speed"], 1), _plain(curve[name], 5), motor, style[0]))
-        data.append(
-            _line([round(w, 1) for w in grid], [round(coefficient.value * w * w, 5) for w in grid], motor, style)
-        )
-    if not data:
-        return None
-    layout = layout_of(xaxis={"title": {"text": "rotor speed (rad/s)"}}, yaxis={"title": {"text": title}})
+        color, dash = _style(bench, motor)
+        over = bench.at_voltage(motor, voltage)
+        grid = np.linspace(0.0, float(over["speed"].max()), 41)
+        plot.add(dots(over["speed"], over[name], motor, color), legend=False)
+        plot.add(curve(grid, coefficient.value * grid**2, motor, color, dash=dash))
     caption = f"{title.split(' (')[0].capitalize()} over rotor speed: measured (dots) and {symbol} ω² (line)."
-    return Figure(f"speed-{symbol}", caption, data, layout, 320, False)
+    return plot.figure(f"speed-{symbol}", caption, 320) if plot.data else None
 
 
 def _over_voltage(bench: Bench) -> Figure | None:
     if len(bench.voltages) < 2:
         return None
-    data: list[Trace] = []
+    plot = Plot("k (10⁻⁶ N s²)", x="battery voltage (V)")
     for motor in bench.motors:
         found = [bench.coefficients(motor, volts).thrust.value for volts in bench.voltages]
-        if all(value is not None for value in found):
-            values = [round(1e6 * value, 3) for value in found if value is not None]
-            data.append(
-                _line([round(v, 2) for v in bench.voltages], values, motor, _style(bench, motor))
-                | {"mode": "lines+markers"}
-            )
-    if not data:
-        return None
-    layout = layout_of(
-        xaxis={"title": {"text": "battery voltage (V)"}},
-        yaxis={"title": {"text": "k (10⁻⁶ N s²)"}},
-    )
-    return Figure("voltage", "How the thrust coefficient follows the battery.", data, layout, 300, False)
-
-
-def _plain(values: Any, decimals: int) -> list[float]:
-    return [round(float(value), decimals) for value in values]
+        values = [1e6 * value for value in found if value is not None]
+        if len(values) == len(found):
+            color, dash = _style(bench, motor)
+            plot.add(curve(bench.voltages, values, motor, color, dash=dash), mode="lines+markers")
+    return plot.figure("voltage", "How the thrust coefficient follows the battery.", 300) if plot.data else None

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from core.quantity import counted, number, uncertain
 from core.table import Row, Table, escaped
-from reports.figures.figure import Figure, layout_of
+from reports.figures.figure import Figure, Plot, digits, marks
 from reports.numbers.comparison import Comparison, Facts, Pair, change
 from reports.pages.html import render
 from reports.views import summary
@@ -143,15 +143,6 @@ class ShownPair:
     tables: Sequence[tuple[str, Table]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ComparisonPage:
-    """What comparison.html shows."""
-
-    title: str
-    pairs: Sequence[ShownPair]
-    unpaired: str
-
-
 def comparison_page(numbers: Comparison) -> str:
     """Render the page."""
     pairs = [
@@ -160,8 +151,8 @@ def comparison_page(numbers: Comparison) -> str:
         )
         for place, pair in enumerate(numbers.pairs)
     ]
-    page = ComparisonPage(title=_title(numbers), pairs=pairs, unpaired=unpaired(numbers))
-    return render("comparison.html", [pair.figure for pair in pairs if pair.figure is not None], page)
+    figures = [pair.figure for pair in pairs if pair.figure is not None]
+    return render("comparison.html", figures, title=_title(numbers), pairs=pairs, unpaired=unpaired(numbers))
 
 
 def _title(numbers: Comparison) -> str:
@@ -177,28 +168,16 @@ def _intervals(pair: Pair, name: str) -> Figure | None:
     ]
     if not rows:
         return None
-    trace = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [round(percent, 3) for _, percent, _ in rows],
-        "y": [row.parameter for row, *_ in rows],
-        "error_x": {
-            "type": "data",
-            "array": [round(reach, 3) for *_, reach in rows],
-            "color": "@ink",
-            "thickness": 1.5,
-        },
-        "marker": {"color": ["@joint" if row.significant else "@ink" for row, *_ in rows], "size": 9},
-        "hovertemplate": "%{y}: %{x:.3g} %<extra></extra>",
-    }
-    layout = layout_of(
-        xaxis={"title": {"text": "difference, after − before (%)"}, "zeroline": True, "zerolinecolor": "@quiet"},
-        yaxis={"automargin": True},
-        margin={"l": 20, "r": 14, "t": 14, "b": 44},
-        showlegend=False,
-    )
+    axis = {"title": {"text": "difference, after − before (%)"}, "zeroline": True, "zerolinecolor": "@quiet"}
+    plot = Plot({"automargin": True}, x=axis, showlegend=False)
+    x, names = [percent for _, percent, _ in rows], [row.parameter for row, *_ in rows]
+    drawn = marks(x, range(len(rows)), "", "@ink", size=9, hover="%{y}: %{x:.3g} %<extra></extra>")
+    error = {"type": "data", "array": digits([reach for *_, reach in rows]), "color": "@ink", "thickness": 1.5}
+    colors = {"color": ["@joint" if row.significant else "@ink" for row, *_ in rows], "size": 9}
+    plot.add(drawn | {"y": names, "error_x": error, "marker": colors})
     caption = "Difference of each parameter with its 95 % interval: one that crosses zero may be chance."
-    return Figure(name, caption, [trace], layout, 110 + 34 * len(rows), time=False)
+    room = {"l": 20, "r": 14, "t": 14, "b": 44}
+    return plot.figure(name, caption, 110 + 34 * len(rows), margin=room)
 
 
 def comparison_markdown(numbers: Comparison) -> str:

@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from core.quantity import counted, per_degree, uncertain, with_unit
 from core.table import Row, Table
-from logparse import Finding
 from pipeline.results.craft_review import CraftReview, Note
-from reports.figures.figure import Figure
 from reports.figures.fleet import drift_figures
 from reports.pages import html
 from reports.pages.comparison import chance
 from reports.views import summary
 from reports.views.drift import drift_sentences, drift_table
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CraftPage:
-    """What craft.html shows."""
-
-    title: str
-    facts: str  #: How many flights, and which of them are pooled.
-    findings: Sequence[Finding]
-    sentences: Sequence[str]
-    remarks: Sequence[str]
-    notes: Sequence[tuple[str, str, str]]  #: Day, what was done, and what it parts.
-    since: Table | None
-    since_title: str
-    courses: Sequence[Figure]
-    drift: Table | None
-    folded: Sequence[Figure]
 
 
 def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:
@@ -48,7 +28,9 @@ def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> st
     whole = review.whole or review.drift
     courses, folded = drift_figures(whole, "craft-", notes)
     boundary = review.boundary
-    page = CraftPage(
+    return html.render(
+        "craft.html",
+        [*courses, *folded],
         title=name,
         facts=_facts(review),
         findings=() if review.drift is None else review.drift.findings,
@@ -67,7 +49,6 @@ def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> st
         drift=drift_table(review.drift),
         folded=folded,
     )
-    return html.render("craft.html", [*courses, *folded], page)
 
 
 def _facts(review: CraftReview) -> str:

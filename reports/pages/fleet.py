@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from core.table import Table
 from logparse import Finding
 from pipeline.results.advice import Advice
-from pipeline.results.answer import AnswerLine
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.figure import Figure
 from reports.figures.fleet import (
@@ -26,19 +24,16 @@ from reports.views import tables as views
 from reports.views.coverage import coverage_table, outside
 from reports.views.craft import (
     Choice,
-    CraftSection,
     average_table,
     validation_table,
     vehicle_facts,
 )
 from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
-from reports.views.fleet import FlightRow, ShownFinding
 from reports.views.fleet_answer import Insight, fleet_answer, insight
 from reports.views.model_uses import MOST_ADVICE, holding
 from reports.views.models import identified, judgements, thrust_coefficients
 from reports.views.parameters import coherence, parameters
-from reports.views.summary import ShownAnswer
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 60
@@ -68,34 +63,6 @@ class ShownCraft:
     advice: Sequence[Advice]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FleetPage:
-    """What fleet.html shows."""
-
-    title: str
-    facts: str
-    headline: AnswerLine  #: The best insight.
-    answer: Sequence[ShownAnswer]  #: The lines below it.
-    first_figures: Sequence[Figure]
-    crafts: Sequence[ShownCraft]
-    health: Table | None
-    flights: Sequence[FlightRow]
-    unfolded: bool  #: Whether the table of flights is short enough to stand open.
-    serious: Sequence[ShownFinding]
-    notes: Sequence[ShownFinding]
-    failures: Sequence[tuple[str, str]]
-    left_out: Sequence[str]
-    unused: Sequence[tuple[str, str]]
-    config: Sequence[tuple[str, str]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CraftPage:
-    """What craft_models.html shows: everything about the models of a craft."""
-
-    craft: CraftSection
-
-
 def craft_file(place: int) -> str:
     """Return the file of the page of a craft, counted from 1, beside the page on all flights."""
     return f"craft{place}.html"
@@ -103,8 +70,52 @@ def craft_file(place: int) -> str:
 
 def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_file: str) -> str:
     """Render the page with everything about the models of a craft."""
-    section, figures = _section(craft, place, fleet_views.links(numbers.flights))
-    return html.render("craft_models.html", figures, CraftPage(craft=section), script_file)
+    pages = fleet_views.links(numbers.flights)
+    report, prefix = craft.report, f"{place}-"
+    ahead = horizon_figure(report.models, f"{prefix}horizons")
+    covered = coverage_figures(report.coverage, prefix)
+    courses, folded = drift_figures(report.drift, prefix)
+    flown = {
+        flight: replace(figure, id=f"{prefix}prediction-{number}", place=f"{prefix}prediction", time=False)
+        for number, (flight, figure) in enumerate(craft.predictions.items())
+    }
+    board = None if craft.board is None else craft.board.within(prefix)
+    boarded = () if board is None else board.figures
+    coverage_findings = () if report.coverage is None else report.coverage.findings
+    drift_findings = () if report.drift is None else report.drift.findings
+    told = [summary.sentence(finding.reason) for finding in drift_findings]
+    return html.render(
+        "craft_models.html",
+        [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *boarded],
+        script_file,
+        id=f"craft-{place}",
+        report=report,
+        verdicts=views.verdicts(report.models),
+        sentences=[*summary.joint_sentences(report), *drift_sentences(report.drift)[:1]],
+        missing=views.missing_stages(report),
+        average=average_table(report),
+        ahead=ahead,
+        horizons=views.horizons(report.models),
+        judgements=judgements(report.models),
+        coherence=coherence(report.models),
+        validation=validation_table(report, pages),
+        prediction=_choice(f"{prefix}prediction", flown, report, pages),
+        coverage=coverage_table(report.coverage),
+        coverage_findings=coverage_findings,
+        outside=outside(report.coverage),
+        covered=covered,
+        vehicle=vehicle_facts(report.vehicle),
+        thrust=thrust_coefficients(report.thrust, report.missing),
+        parameters=parameters(report.parameters),
+        drift=drift_table(report.drift),
+        drift_findings=drift_findings,
+        drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
+        courses=courses,
+        courses_folded=folded,
+        models=identified(report.models),
+        board=board,
+        findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
+    )
 
 
 def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
@@ -116,7 +127,10 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
     firsts = [] if first is None else [first]
     shown = [_shown(each, place) for place, each in enumerate(crafts, start=1)]
     serious, notes = fleet_views.common_findings(numbers)
-    page = FleetPage(
+    figures = [*firsts, *(figure for each in shown for figure in each.courses)]
+    return html.render(
+        "fleet.html",
+        figures,
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
         headline=answer[0].line,
@@ -135,8 +149,6 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         ],
         config=settings(numbers.config),
     )
-    figures = [*firsts, *(figure for each in shown for figure in each.courses)]
-    return html.render("fleet.html", figures, page)
 
 
 def _insight_figure(told: Insight | None) -> Figure | None:
@@ -169,56 +181,6 @@ def _shown(craft: Craft, place: int) -> ShownCraft:
         courses=courses,
         advice=report.advice[:MOST_ADVICE],
     )
-
-
-def _section(craft: Craft, place: int, pages: Mapping[str, str]) -> tuple[CraftSection, list[Figure]]:
-    """Gather what is shown of a craft, and all its plots."""
-    report, prefix = craft.report, f"{place}-"
-    ahead = horizon_figure(report.models, f"{prefix}horizons")
-    covered = coverage_figures(report.coverage, prefix)
-    courses, folded = drift_figures(report.drift, prefix)
-    flown = {
-        flight: replace(figure, id=f"{prefix}prediction-{number}", place=f"{prefix}prediction", time=False)
-        for number, (flight, figure) in enumerate(craft.predictions.items())
-    }
-    board = None if craft.board is None else craft.board.within(prefix)
-    boarded = [] if board is None else board.figures
-    coverage_findings = () if report.coverage is None else report.coverage.findings
-    drift_findings = () if report.drift is None else report.drift.findings
-    told = [summary.sentence(finding.reason) for finding in drift_findings]
-    section = CraftSection(
-        id=f"craft-{place}",
-        name=report.name,
-        verdict=report.verdict,
-        verdicts=views.verdicts(report.models),
-        sentences=[*summary.joint_sentences(report), *drift_sentences(report.drift)[:1]],
-        split=summary.sentence(report.split),
-        missing=views.missing_stages(report),
-        average=average_table(report),
-        ahead=ahead,
-        horizons=views.horizons(report.models),
-        judgements=judgements(report.models),
-        coherence=coherence(report.models),
-        validation=validation_table(report, pages),
-        prediction=_choice(f"{prefix}prediction", flown, report, pages),
-        coverage=coverage_table(report.coverage),
-        coverage_findings=coverage_findings,
-        outside=outside(report.coverage),
-        covered=covered,
-        vehicle=vehicle_facts(report.vehicle),
-        thrust=thrust_coefficients(report.thrust, report.missing),
-        parameters=parameters(report.parameters),
-        drift=drift_table(report.drift),
-        drift_findings=drift_findings,
-        drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
-        courses=courses,
-        courses_folded=folded,
-        models=identified(report.models),
-        board=board,
-        findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
-        advice=report.advice,
-    )
-    return section, [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *boarded]
 
 
 def _choice(place: str, figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]) -> Choice | None:

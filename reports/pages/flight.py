@@ -3,86 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from core.findings import Severity
-from core.table import Table
-from logparse import Finding
-from pipeline.results.advice import Advice
-from pipeline.results.answer import Answer, AnswerLine
+from pipeline.results.answer import Answer
 from pipeline.results.failure import present
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
-from reports.figures.figure import Figure
 from reports.figures.flight import flight_figures
-from reports.figures.models import Board, horizon_figure, model_board, off_by_default, prediction
+from reports.figures.models import horizon_figure, model_board, off_by_default, prediction
 from reports.figures.signals import signal_figures
 from reports.pages.html import render
 from reports.views import summary
 from reports.views import tables as views
-from reports.views.account import ShownAccount, shown_account
+from reports.views.account import shown_account
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
 from reports.views.first_screen import first_figures
 from reports.views.model_uses import MOST_ADVICE, failing, holding
-from reports.views.models import Judgement, ShownModel, ShownThrust, identified, judgements, thrust_coefficients
-from reports.views.parameters import ShownCoherence, ShownParameters, coherence, parameters
-from reports.views.rotation import Turning, loop_table, loop_warnings, rotation_view
+from reports.views.models import identified, judgements, thrust_coefficients
+from reports.views.parameters import coherence, parameters
+from reports.views.rotation import loop_table, loop_warnings, rotation_view
 
 #: The page on models, beside report.html.
 MODELS_PAGE = "models.html"
 
 Details = Sequence[tuple[str, Sequence[tuple[str, str]]]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightPage:
-    """What flight.html shows."""
-
-    name: str
-    back: str | None  #: Link to the page of the fleet.
-    facts: str
-    headline: AnswerLine | None  #: The first line: what happened.
-    answer: Sequence[summary.ShownAnswer]  #: The lines below it.
-    next_step: str
-    first_figures: Sequence[Figure]
-    account: ShownAccount | None
-    flight_figures: Sequence[Figure]
-    signal_figures: Sequence[Figure]
-    loops: Table | None  #: Margins, as far as they are determined.
-    loop_warnings: Sequence[Finding]
-    holding: Sequence[tuple[str, str]]  #: Models that predict this flight, and for what they are of use.
-    others: Sequence[tuple[str, str]]  #: The other models, and why they are of no use.
-    findings: Sequence[Finding]  #: Those that should worry.
-    advice: Sequence[Advice]
-    more_advice: Sequence[Advice]
-    missing: Sequence[tuple[str, str]]
-    details: Details
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelsPage:
-    """What models.html shows."""
-
-    name: str
-    facts: str
-    missing: Sequence[tuple[str, str]]
-    verdicts: Sequence[views.ShownVerdict]
-    predicted: Sequence[Figure]
-    ahead: Figure | None
-    rmse: Table | None
-    horizons: Table | None
-    judgements: Sequence[Judgement]
-    board: Board
-    coherence: ShownCoherence | None
-    thrust: ShownThrust
-    parameters: ShownParameters | None
-    models: Sequence[ShownModel]
-    turning: Turning | None
-    covered: Table | None
-    excitation: Sequence[str]
-    findings: Sequence[Finding]
-    details: Details
 
 
 def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "") -> str:
@@ -96,7 +41,10 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
     signals = signal_figures(result)
     rotation = present(result.rotation)
     lines = summary.answer_lines(numbers.answer)
-    page = FlightPage(
+    return render(
+        "flight.html",
+        [*first, *figures, *signals],
+        script_file,
         name=numbers.name,
         back=back,
         facts=summary.facts(numbers),
@@ -117,7 +65,6 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         missing=views.missing_stages(numbers),
         details=log_details(numbers),
     )
-    return render("flight.html", [*first, *figures, *signals], page, script_file)
 
 
 def models_page(result: FlightResult, numbers: FlightReport, script_file: str = "") -> str:
@@ -127,7 +74,12 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
     predicted = [each for each in (prediction(result, hidden),) if each is not None]
     ahead = horizon_figure(numbers.models, hidden=hidden)
     turning = rotation_view(present(result.rotation), result.log.path.name)
-    page = ModelsPage(
+    turned = [] if turning is None else turning.figures
+    figures = [*([] if ahead is None else [ahead]), *predicted, *board.figures, *turned]
+    return render(
+        "models.html",
+        figures,
+        script_file,
         name=numbers.name,
         facts=summary.facts(numbers),
         missing=views.missing_stages(numbers),
@@ -148,9 +100,6 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
         findings=numbers.findings,
         details=estimate_details(numbers),
     )
-    turned = [] if turning is None else turning.figures
-    figures = [*([] if ahead is None else [ahead]), *predicted, *board.figures, *turned]
-    return render("models.html", figures, page, script_file)
 
 
 def _margins_known(answer: Answer | None) -> bool:

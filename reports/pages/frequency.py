@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from rich.console import RenderableType
 
-from core.table import Table
-from logparse import Finding
 from pipeline.flight.rotation import curve_of, turning_of
-from reports.figures.figure import Figure
 from reports.figures.frequency import pole_figure, response_overlays
 from reports.pages.html import render
 from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures
@@ -18,18 +14,6 @@ from reports.views.rotation import sentences as sentences_of
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrequencyPage:
-    """What frequency.html shows."""
-
-    title: str
-    facts: str
-    sentences: Sequence[str]
-    table: Table
-    frequency_figures: Sequence[Figure]
-    findings: Sequence[Finding]
 
 
 def frequency_page(found: FrequencySurvey) -> str:
@@ -49,7 +33,9 @@ def frequency_page(found: FrequencySurvey) -> str:
         if axis.response is not None
         for finding in axis.response.findings
     } | {(finding.id, finding.reason): finding for finding in found.findings}
-    page = FrequencyPage(
+    return render(
+        "frequency.html",
+        figures,
         title="Frequency responses",
         facts=" · ".join(found.names),
         sentences=[
@@ -60,7 +46,6 @@ def frequency_page(found: FrequencySurvey) -> str:
         frequency_figures=figures,
         findings=list(findings.values()),
     )
-    return render("frequency.html", figures, page)
 
 
 def _modelled(fit: FrequencyFit) -> FrequencyResponse:

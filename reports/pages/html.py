@@ -7,20 +7,15 @@ import gzip
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import fields
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 import jinja2
 from markupsafe import Markup, escape
 
 from reports.figures.figure import Figure
 from reports.views.log_words import sentence
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 
 def failed_page(error: Exception) -> str:
@@ -38,19 +33,10 @@ def plotly_script() -> bytes:
     return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
 
 
-def render(template: str, figures: Sequence[Figure], page: DataclassInstance, script_file: str = "") -> str:
-    """Fill a template in with the figures that it shows and the fields of its page.
+def render(template: str, figures: Sequence[Figure], script_file: str = "", **variables: object) -> str:
+    """Fill a template of `templates/` in with all figures that it shows and its variables, each of which it must find.
 
-    Parameters
-    ----------
-    template : str
-        File name in `templates/`.
-    figures : sequence of Figure
-        Figures of the page.
-    page : dataclass
-        The template's variables.
-    script_file : str
-        Where Plotly is, for pages that share one copy; "" to put it inside.
+    Plotly is in `script_file`, for pages that share one copy, or inside where that is "".
     """
     return (
         _environment()
@@ -63,7 +49,7 @@ def render(template: str, figures: Sequence[Figure], page: DataclassInstance, sc
             script_file=script_file,
             style=Markup(_text("style.css")),
             script=Markup(_text("plots.js")) if figures else Markup(),
-            **{each.name: getattr(page, each.name) for each in fields(page)},
+            **variables,
         )
     )
 

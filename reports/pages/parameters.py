@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from core.quantity import counted, uncertain
 from logparse import Finding, Vehicle
@@ -12,7 +11,7 @@ from pipeline.results.model_report import ParameterRow
 from reports.numbers.flight import parameter_rows
 from reports.pages.html import render
 from reports.views import summary
-from reports.views.parameters import ShownParameters, parameters
+from reports.views.parameters import parameters
 from reports.views.summary import ShownAnswer
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
 
@@ -23,17 +22,6 @@ _ASKED = (
     ("Inertia in pitch", ("pitch inertia over mass and arm",)),
     ("Drag", ("linear drag over mass", "quadratic drag over mass")),
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParametersPage:
-    """What parameters.html shows."""
-
-    title: str
-    facts: str
-    answer: Sequence[ShownAnswer]
-    parameters: ShownParameters | None
-    findings: Sequence[Finding]
 
 
 def parameters_page(
@@ -59,14 +47,15 @@ def parameters_page(
     """
     rows = parameter_rows(found)
     weight = "mass not given, so numbers are per mass" if mass is None else f"{mass:g} kg"
-    page = ParametersPage(
+    return render(
+        "parameters.html",
+        [],
         title="Craft" if vehicle is None else summary.craft(vehicle),
         facts=f"{counted(len(logs), 'flight')} ({', '.join(logs)}) · {weight}",
         answer=[_answer(asked, names, rows) for asked, names in _ASKED],
         parameters=parameters(rows),
         findings=[*found.findings, *findings],
     )
-    return render("parameters.html", [], page)
 
 
 def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> ShownAnswer:

@@ -6,84 +6,20 @@ Reports do not know the simulator; what a case gives is described here as far as
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import pandas as pd
 
 from core.table import Table
-from reports.figures.figure import Figure, layout_of, line
+from reports.figures.figure import COLORS, Figure, Plot, line
 from reports.pages.html import render
-
-#: Colours of the lines of a plot, in their order, and the line style beyond the first eight.
-_COLORS = tuple(f"@c{k}" for k in range(1, 9))
-
-
-class Fact(Protocol):
-    """A characteristic of the flight."""
-
-    @property
-    def name(self) -> str:
-        """What it is."""
-        ...
-
-    @property
-    def text(self) -> str:
-        """Its value with the unit."""
-        ...
-
-
-class Plot(Protocol):
-    """Lines over time, one for each column of `lines`, whose index is the time in seconds."""
-
-    @property
-    def caption(self) -> str:
-        """What to see."""
-        ...
-
-    @property
-    def axis(self) -> str:
-        """Title of the vertical axis, with the unit."""
-        ...
-
-    @property
-    def lines(self) -> pd.DataFrame:
-        """Values, a column for each line."""
-        ...
-
-
-class Rows(Protocol):
-    """Rows to read."""
-
-    @property
-    def caption(self) -> str:
-        """What they tell."""
-        ...
-
-    @property
-    def frame(self) -> pd.DataFrame:
-        """Text and numbers; its columns are named as they are read."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulationPage:
-    """What simulation.html shows."""
-
-    name: str
-    summary: str
-    facts: Sequence[tuple[str, str]]
-    tables: Sequence[Table]
-    notes: Sequence[str]
-    beside: str  #: Files beside the page.
 
 
 def simulation_page(
     name: str,
     summary: str,
-    facts: Sequence[Fact],
-    plots: Sequence[Plot],
-    tables: Sequence[Rows],
+    facts: Sequence[tuple[str, str]],
+    plots: Sequence[tuple[str, str, pd.DataFrame]],
+    tables: Sequence[tuple[str, pd.DataFrame]],
     notes: Sequence[str],
     files: Sequence[str],
 ) -> str:
@@ -93,34 +29,33 @@ def simulation_page(
     ----------
     name, summary : str
         Of the case.
-    facts : sequence of Fact
-    plots : sequence of Plot
-    tables : sequence of Rows
+    facts : sequence of (str, str)
+        Characteristics of the flight: what, and its value with the unit.
+    plots : sequence of (str, str, DataFrame)
+        Caption, title of the vertical axis with its unit, and a column for each line over time [s].
+    tables : sequence of (str, DataFrame)
+        Caption, and columns as they are read.
     notes : sequence of str
         Where the simulation differs from what its paper prints.
     files : sequence of str
         Names of the files beside the page.
     """
-    figures = [_figure(number, plot) for number, plot in enumerate(plots, start=1)]
-    page = SimulationPage(
+    return render(
+        "simulation.html",
+        [_figure(number, *plot) for number, plot in enumerate(plots, start=1)],
         name=name,
         summary=summary,
-        facts=[(fact.name, fact.text) for fact in facts],
-        tables=[Table.from_frame(each.frame, each.caption) for each in tables],
+        facts=facts,
+        tables=[Table.from_frame(frame, caption) for caption, frame in tables],
         notes=notes,
         beside=", ".join(files),
     )
-    return render("simulation.html", figures, page)
 
 
-def _figure(number: int, plot: Plot) -> Figure:
-    t = plot.lines.index.to_numpy(dtype=float)
-    data = [
-        line(t, plot.lines[column], str(column), _COLORS[k % len(_COLORS)], width=1.6)
-        for k, column in enumerate(plot.lines.columns)
-    ]
-    layout = layout_of(
-        xaxis={"title": {"text": "time (s)"}, "hoverformat": ".2f", "range": [float(t[0]), float(t[-1])]},
-        yaxis={"title": {"text": plot.axis}},
-    )
-    return Figure(f"simulated-{number}", plot.caption, data, layout, 320)
+def _figure(number: int, caption: str, axis: str, lines: pd.DataFrame) -> Figure:
+    t = lines.index.to_numpy(dtype=float)
+    reach = [float(t[0]), float(t[-1])]
+    plot = Plot(axis, x={"title": {"text": "time (s)"}, "hoverformat": ".2f", "range": reach})
+    for k, column in enumerate(lines.columns):
+        plot.add(line(t, lines[column], str(column), COLORS[k % len(COLORS)], width=1.6))
+    return plot.figure(f"simulated-{number}", caption, 320, time=True)

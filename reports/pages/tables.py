@@ -2,38 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from core.quantity import number, uncertain
 from core.table import Row, Table
-from logparse import Finding
 from pipeline.results.tables import TableResult
-from reports.figures.figure import Drawn, Figure, Trace, layout_of, line, time_axis
+from reports.figures.figure import Figure, Plot, curve, line, time_axis
 from reports.pages.html import render
-from reports.views.summary import ShownAnswer, answer_lines
+from reports.views.summary import answer_lines
 from sysid.validation.states import PredictedStates
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TablesPage:
-    """What tables.html shows."""
-
-    title: str
-    facts: str
-    answer: Sequence[ShownAnswer]
-    predictions: Sequence[Figure]  #: The flight beside its prediction, position and attitude.
-    by_horizon: Sequence[Figure]
-    errors: Table
-    missed: Table
-    tests: Sequence[str]
-    parameters: Table
-    undetermined: Sequence[tuple[str, str]]
-    findings: Sequence[Finding]
 
 
 def tables_page(result: TableResult) -> str:
@@ -41,7 +20,9 @@ def tables_page(result: TableResult) -> str:
     by_horizon = [figure for state in _UNITS if (figure := _figure(result, state)) is not None]
     predictions = [] if result.prediction is None else _predictions(result.prediction, result.model.attitude_given)
     parameters, undetermined = _parameters(result)
-    page = TablesPage(
+    return render(
+        "tables.html",
+        [*predictions, *by_horizon],
         title=result.title,
         facts=_facts(result),
         answer=answer_lines(result.answer),
@@ -54,7 +35,6 @@ def tables_page(result: TableResult) -> str:
         undetermined=undetermined,
         findings=result.findings,
     )
-    return render("tables.html", [*predictions, *by_horizon], page)
 
 
 def _facts(result: TableResult) -> str:
@@ -137,48 +117,31 @@ def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
         groups.append(("attitude", "°", float(np.degrees(1.0)), ("roll", "pitch", "yaw"), 3))
     figures = []
     for what, unit, factor, names, first in groups:
-        data: list[Trace] = []
-        axes: Drawn = {}
-        for k, name in enumerate(names):
-            axis = "" if k == 0 else str(k + 1)
+        plot = Plot(
+            *(f"{name} ({unit})" for name in names), x=time_axis(None) | {"title": {"text": "time (s)"}}, gap=0.13
+        )
+        for k in range(len(names)):
             label = f"{found.horizon:g} s ahead"
             for values, title, color in ((found.measured, "measured", "@ink"), (found.predicted, label, "@body")):
-                style = {"yaxis": f"y{axis}", "legendgroup": title, "showlegend": k == 0}
-                data.append(line(found.t, factor * values[:, first + k], title, color, width=1.6) | style)
-            top = 1.0 - k / 3.0
-            axes[f"yaxis{axis}"] = {"domain": [top - 0.29, top], "title": {"text": f"{name} ({unit})"}}
-        axes["xaxis"] = time_axis(None) | {"title": {"text": "time (s)"}, "anchor": "y3"}
+                drawn = line(found.t, factor * values[:, first + k], title, color, width=1.6)
+                plot.add(drawn, k, group=title, legend=k == 0)
         before = f"as predicted from the state {found.horizon:g} s before"
         caption = f"{what.capitalize()} of {found.record} as measured, and {before}."
-        figures.append(Figure(f"prediction-{what}", caption, data, layout_of(**axes), 480))
+        figures.append(plot.figure(f"prediction-{what}", caption, 480, time=True))
     return figures
 
 
 def _figure(result: TableResult, state: str) -> Figure | None:
-    horizons = _horizons(result)
-    data: list[Trace] = []
+    axis = {"title": {"text": f"error of {state} ({_UNITS[state]})"}, "rangemode": "tozero"}
+    plot = Plot(axis, x={"title": {"text": "horizon (s)"}, "type": "log"})
     for which, name, color, dash in (
         ("model", "model", "@body", "solid"),
         ("held", "state stays", "@own", "dot"),
         ("carried_on", "constant velocity", "@joint", "dash"),
     ):
-        values = [(horizon, _mean(result, state, horizon, which)) for horizon in horizons]
+        values = [(horizon, _mean(result, state, horizon, which)) for horizon in _horizons(result)]
         known = [(horizon, value) for horizon, value in values if value is not None]
         if known:
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "lines+markers",
-                    "name": name,
-                    "x": [round(horizon, 3) for horizon, _ in known],
-                    "y": [float(f"{value:.4g}") for _, value in known],
-                    "line": {"color": color, "dash": dash},
-                }
-            )
-    if not data:
-        return None
-    layout = layout_of(
-        xaxis={"title": {"text": "horizon (s)"}, "type": "log"},
-        yaxis={"title": {"text": f"error of {state} ({_UNITS[state]})"}, "rangemode": "tozero"},
-    )
-    return Figure(f"ahead-{state}", f"Error of {state} by horizon; lower is better.", data, layout, 300, False)
+            drawn = curve([horizon for horizon, _ in known], [value for _, value in known], name, color, 2.0, dash)
+            plot.add(drawn, mode="lines+markers")
+    return plot.figure(f"ahead-{state}", f"Error of {state} by horizon; lower is better.", 300) if plot.data else None

@@ -7,57 +7,12 @@ from dataclasses import dataclass, replace
 
 from core.quantity import column, counted, number
 from core.table import Row, Table
-from logparse import Finding, Vehicle
-from pipeline.results.advice import Advice
+from logparse import Vehicle
 from pipeline.results.model_report import ByOutput, ModelReport
 from pipeline.results.report import CraftReport
-from pipeline.results.verdict import Verdict
-from reports.figures.figure import Figure
-from reports.figures.models import Board
 from reports.numbers.rows import average
 from reports.views import summary
-from reports.views.models import Judgement, ShownModel, ShownThrust
-from reports.views.parameters import ShownCoherence, ShownParameters
-from reports.views.tables import ShownVerdict, rmse_heads, rmse_lines
-
-
-@dataclass(frozen=True, slots=True)
-class CraftSection:
-    """What the page on all flights shows of one craft.
-
-    Attributes are texts, tables and plots in the order of the page; None or empty where there is nothing to show.
-    """
-
-    id: str
-    name: str
-    verdict: Verdict
-    verdicts: Sequence[ShownVerdict]
-    sentences: Sequence[str]
-    split: str  #: How the flights to fit were chosen.
-    missing: Sequence[tuple[str, str]]  #: What could not be done, and why.
-    average: Table | None  #: Errors averaged over the flights held out.
-    ahead: Figure | None
-    board: Board | None  #: Residuals and responses of the joint models.
-    horizons: Table | None
-    judgements: Sequence[Judgement]
-    coherence: ShownCoherence | None
-    validation: Table | None  #: Errors flight by flight.
-    prediction: Choice | None  #: Plots of flights to choose from.
-    coverage: Table | None
-    coverage_findings: Sequence[Finding]
-    outside: Sequence[str]  #: Flights that leave what was fitted.
-    covered: Sequence[Figure]
-    vehicle: Sequence[tuple[str, str]]
-    thrust: ShownThrust
-    parameters: ShownParameters | None
-    drift: Table | None
-    drift_findings: Sequence[Finding]
-    drift_sentences: Sequence[str]
-    courses: Sequence[Figure]  #: Parameters over the flights.
-    courses_folded: Sequence[Figure]
-    models: Sequence[ShownModel]
-    findings: Sequence[Finding]  #: Those that stand nowhere else.
-    advice: Sequence[Advice]
+from reports.views.tables import rmse_heads, rmse_lines
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,9 +112,9 @@ def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:
         simulation_page(
             outcome.name,
             outcome.summary,
-            outcome.facts,
-            outcome.plots,
-            outcome.tables,
+            [(fact.name, fact.text) for fact in outcome.facts],
+            [(plot.caption, plot.axis, plot.lines) for plot in outcome.plots],
+            [(table.caption, table.frame) for table in outcome.tables],
             outcome.notes,
             [file.name for file in files],
         ),

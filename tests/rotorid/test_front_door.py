@@ -18,6 +18,7 @@ import rotorid as ro
 import sysid
 from core.summary import Summarised
 from logparse import RotoridError
+from logparse.signals import SignalError
 from pipeline.errors import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
 
@@ -155,9 +156,9 @@ def test_plots_come_in_one_line(log, halves, body):
     for figure in figures:
         assert isinstance(figure, go.Figure)
         assert figure.layout.xaxis.title.text or figure.layout.xaxis2.title.text or len(figure.data) > 2
-    with pytest.raises(ExperimentError, match="no message NONE"):
+    with pytest.raises(SignalError, match="has no NONE"):
         ro.plot.fields(log, "NONE.Roll")
-    with pytest.raises(ExperimentError, match="no field 'Rol'"):
+    with pytest.raises(SignalError, match="has no Rol"):
         ro.plot.fields(log, "ATT.Rol")
 
 
