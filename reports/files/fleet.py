@@ -70,16 +70,7 @@ def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
 
 
 def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], facts: FleetReport) -> FleetReport:
-    """Compose the report on all flights from the folders of their products.
-
-    Parameters
-    ----------
-    store : Products
-    flights, crafts : sequence of str
-        Folders.
-    facts : FleetReport
-        With all that they do not tell.
-    """
+    """Compose the report on all flights from the folders of their products."""
     found = _told_apart([_craft(store, folder) for folder in crafts])
     rows = [row for craft in found for row in craft.report.rmse]
     short: list[FlightInShort] = []

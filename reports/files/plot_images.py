@@ -53,13 +53,7 @@ def write_plots(result: FlightResult | GroupResult, folder: Path, image_format: 
 
 
 def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:
-    """Write each figure as ``plots/NAME.png`` or ``.svg``, in the order of the page.
-
-    Raises
-    ------
-    NoBrowserError
-        No browser is installed that draws them.
-    """
+    """Write each figure as ``plots/NAME.png`` or ``.svg``, in the order of the page."""
     browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         raise NoBrowserError(

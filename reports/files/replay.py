@@ -14,7 +14,6 @@ from reports.numbers.flight import model_report, overall
 from reports.pages import html
 from reports.views import summary
 from reports.views import tables as views
-from reports.views.models import judgements
 
 
 def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
@@ -69,12 +68,12 @@ def _page(replay: Replay) -> str:
         name=replay.name,
         facts=f"models of {replay.owner} ({printable(str(replay.models))}), inputs of {printable(replay.inputs.name)}",
         verdict=overall(models) if replay.measured else None,
-        verdicts=views.verdicts(models) if replay.measured else [],
+        verdicts=[each for each in models if each.model is not None] if replay.measured else [],
         sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
         missing=missing,
         rmse=views.flight_rmse([], models),
         horizons=views.horizons(models),
+        models=models,
         ahead=None,
-        judgements=judgements(models),
         files=", ".join(f"simulation_{result.key}.csv" for result in ran),
     )

@@ -39,18 +39,7 @@ class _Point:
 
 
 def write_track(result: FlightResult, folder: Path) -> tuple[Path, ...]:
-    """Write the estimated track of the analysed flight, with the notable events as points.
-
-    Parameters
-    ----------
-    result : FlightResult
-    folder : Path
-
-    Returns
-    -------
-    tuple of Path
-        The files written; none without a known position. Those of an earlier run are removed then.
-    """
+    """Write the estimated track of the analysed flight, with the notable events as points."""
     points = _points(result)
     if len(points) < 2:
         for name in FILES:

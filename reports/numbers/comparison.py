@@ -200,14 +200,7 @@ def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[Flig
 
 
 def compare_reports(a: FlightReport | FleetReport, b: FlightReport | FleetReport, names: tuple[str, str]) -> Comparison:
-    """Compare two reports craft by craft.
-
-    Parameters
-    ----------
-    a, b : FlightReport or FleetReport
-    names : (str, str)
-        What to call them, such as their folders.
-    """
+    """Compare two reports craft by craft."""
     pairs, left, right = _pair(subjects(a), subjects(b))
     return Comparison(
         rotorid=version("rotorid"),

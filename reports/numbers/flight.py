@@ -134,16 +134,7 @@ def model_report(
     craft: str | None = None,
     outside: Collection[str] = (),
 ) -> ModelReport:
-    """Gather one of several models with what it is worth.
-
-    Parameters
-    ----------
-    result : ModelResult
-    scope : str
-    flight, craft : str, optional
-    outside : collection of str
-        Held-out flights that leave the envelope of those fitted.
-    """
+    """Gather one of several models with what it is worth."""
     rows = _rmse_rows(result, scope, flight, craft)
     record = None if isinstance(result.model, Failure) else _record(result.model)
     validation, orders = present(result.validation), present(result.orders)

@@ -21,18 +21,7 @@ _COLORS = ("@own", "@joint", "@mixer", "@body")
 def bench_page(
     bench: Bench, weight: float | None = None, voltage: float | None = None, motors: int | None = None
 ) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    bench : Bench
-    weight : float, optional
-        N; with it the page tells the trim.
-    voltage : float, optional
-        V, for coefficients and trim besides the tested ones.
-    motors : int, optional
-        How many carry the weight.
-    """
+    """Render the page."""
     figures = [
         _over_pwm(bench, voltage),
         _over_speed(bench, voltage, "thrust", "thrust (N)", "k"),

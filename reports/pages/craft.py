@@ -15,16 +15,7 @@ from reports.views.drift import drift_sentences, drift_table
 
 
 def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    review : CraftReview
-    name : str
-        The craft for people.
-    notes : sequence of Note
-        What was done to it, drawn as marks.
-    """
+    """Render the page."""
     whole = review.whole or review.drift
     courses, folded = drift_figures(whole, "craft-", notes)
     boundary = review.boundary

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from logparse import Finding
+from logparse import Finding, Severity
 from pipeline.results.advice import Advice
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.figure import Figure
@@ -32,7 +32,7 @@ from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
 from reports.views.fleet_answer import Insight, fleet_answer, insight
 from reports.views.model_uses import MOST_ADVICE, holding
-from reports.views.models import identified, judgements, thrust_coefficients
+from reports.views.models import thrust_coefficients
 from reports.views.parameters import coherence, parameters
 
 #: Tables of more flights are folded.
@@ -90,13 +90,12 @@ def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_fil
         script_file,
         id=f"craft-{place}",
         report=report,
-        verdicts=views.verdicts(report.models),
+        verdicts=[each for each in report.models if each.model is not None],
         sentences=[*summary.joint_sentences(report), *drift_sentences(report.drift)[:1]],
         missing=views.missing_stages(report),
         average=average_table(report),
         ahead=ahead,
         horizons=views.horizons(report.models),
-        judgements=judgements(report.models),
         coherence=coherence(report.models),
         validation=validation_table(report, pages),
         prediction=_choice(f"{prefix}prediction", flown, report, pages),
@@ -112,7 +111,7 @@ def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_fil
         drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
         courses=courses,
         courses_folded=folded,
-        models=identified(report.models),
+        models=report.models,
         board=board,
         findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
     )
@@ -126,7 +125,6 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
     first = _insight_figure(told) or flights_over_time(numbers.flights)
     firsts = [] if first is None else [first]
     shown = [_shown(each, place) for place, each in enumerate(crafts, start=1)]
-    serious, notes = fleet_views.common_findings(numbers)
     figures = [*firsts, *(figure for each in shown for figure in each.courses)]
     return html.render(
         "fleet.html",
@@ -140,8 +138,8 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,
-        serious=serious,
-        notes=notes,
+        serious=[each for each in numbers.findings if each.severity is not Severity.INFO],
+        notes=[each for each in numbers.findings if each.severity is Severity.INFO],
         failures=[(each.file, summary.sentence(each.reason)) for each in numbers.failures],
         left_out=summary.left_out(numbers),
         unused=[

@@ -20,7 +20,7 @@ from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
 from reports.views.first_screen import first_figures
 from reports.views.model_uses import MOST_ADVICE, failing, holding
-from reports.views.models import identified, judgements, thrust_coefficients
+from reports.views.models import thrust_coefficients
 from reports.views.parameters import coherence, parameters
 from reports.views.rotation import loop_table, loop_warnings, rotation_view
 
@@ -83,17 +83,16 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
         name=numbers.name,
         facts=summary.facts(numbers),
         missing=views.missing_stages(numbers),
-        verdicts=views.verdicts(numbers.models),
+        verdicts=[each for each in numbers.models if each.model is not None],
         predicted=predicted,
         ahead=ahead,
         rmse=views.flight_rmse(numbers.models),
         horizons=views.horizons(numbers.models),
-        judgements=judgements(numbers.models),
         board=board,
         coherence=coherence(numbers.models),
         thrust=thrust_coefficients(numbers.thrust, numbers.missing),
         parameters=parameters(numbers.parameters),
-        models=identified(numbers.models),
+        models=numbers.models,
         turning=turning,
         covered=flight_coverage(numbers.coverage),
         excitation=excitation(numbers.coverage),

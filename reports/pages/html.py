@@ -14,8 +14,11 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup, escape
 
+from core.quantity import complex_numbers, number
 from reports.figures.figure import Figure
-from reports.views.log_words import sentence
+from reports.views.formula import transfer_function
+from reports.views.models import PLACES, functions_intro, orders
+from reports.views.summary import TRUST_WORDS, sentence
 
 
 def failed_page(error: Exception) -> str:
@@ -73,6 +76,15 @@ def _environment() -> jinja2.Environment:
         bytecode_cache=_bytecode_cache(),
     )
     environment.filters["sentence"] = sentence
+    environment.globals |= {
+        "trust_words": TRUST_WORDS,
+        "number": number,
+        "complex_numbers": complex_numbers,
+        "formula": transfer_function,
+        "functions_intro": functions_intro,
+        "orders": orders,
+        "places": PLACES,
+    }
     return environment
 
 

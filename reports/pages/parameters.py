@@ -31,20 +31,7 @@ def parameters_page(
     mass: float | None = None,
     findings: Sequence[Finding] = (),
 ) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    found : PhysicalParameters
-    vehicle : Vehicle
-        As the first log describes it.
-    logs : sequence of str
-        Names of the logs.
-    mass : float, optional
-        kg, as it was given.
-    findings : sequence of Finding
-        About the files that were written.
-    """
+    """Render the page."""
     rows = parameter_rows(found)
     weight = "mass not given, so numbers are per mass" if mass is None else f"{mass:g} kg"
     return render(

@@ -20,17 +20,7 @@ _MOST = 8000
 def write_signal_plot(
     log: FlightLog, signals: Sequence[LoggedSignal], file: str | Path, start: float | None, stop: float | None
 ) -> Path:
-    """Write the page.
-
-    Parameters
-    ----------
-    log : FlightLog
-    signals : sequence of LoggedSignal
-    file : path
-        Of the page; replaced.
-    start, stop : float, optional
-        What to show, s on the boot clock.
-    """
+    """Write the page."""
     file = Path(file)
     file.parent.mkdir(parents=True, exist_ok=True)
     figure = signal_figure(signals, start, stop)

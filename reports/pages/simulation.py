@@ -23,23 +23,7 @@ def simulation_page(
     notes: Sequence[str],
     files: Sequence[str],
 ) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    name, summary : str
-        Of the case.
-    facts : sequence of (str, str)
-        Characteristics of the flight: what, and its value with the unit.
-    plots : sequence of (str, str, DataFrame)
-        Caption, title of the vertical axis with its unit, and a column for each line over time [s].
-    tables : sequence of (str, DataFrame)
-        Caption, and columns as they are read.
-    notes : sequence of str
-        Where the simulation differs from what its paper prints.
-    files : sequence of str
-        Names of the files beside the page.
-    """
+    """Render the page."""
     return render(
         "simulation.html",
         [_figure(number, *plot) for number, plot in enumerate(plots, start=1)],

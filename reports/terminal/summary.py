@@ -28,14 +28,7 @@ _HEADS = (
 
 
 def overview(numbers: FlightReport | FleetReport, width: int = 120) -> RenderableType:
-    """Answer what one flight tells, or tabulate what many do, then each craft with what its joint model does.
-
-    Parameters
-    ----------
-    numbers : FlightReport or FleetReport
-    width : int
-        Columns of the terminal; on a narrow one names are shortened and the craft is left out.
-    """
+    """Answer what one flight tells, or tabulate what many do, then each craft with what its joint model does."""
     return _one_flight(numbers) if isinstance(numbers, FlightReport) else _many_flights(numbers, width)
 
 

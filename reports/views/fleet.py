@@ -8,7 +8,6 @@ from urllib.parse import quote
 
 from core.quantity import counted, duration, number
 from core.table import Row, Table
-from logparse import Severity
 from pipeline.results.report import FleetReport, FlightInShort
 from reports.views import summary
 from reports.views.summary import BriefAnswer
@@ -139,33 +138,3 @@ def health_table(numbers: FleetReport) -> Table | None:
 
 def _whole(value: float | None) -> str:
     return "–" if value is None else f"{value:.0f}"
-
-
-@dataclass(frozen=True, slots=True)
-class ShownFinding:
-    """A finding, and in which logs."""
-
-    where: str
-    severity: Severity
-    reason: str
-    advice: str
-
-
-def common_findings(numbers: FleetReport) -> tuple[list[ShownFinding], list[ShownFinding]]:
-    """List findings about logs, each with the flights that it holds for: what must worry, and notes."""
-    total = len(numbers.flights)
-    found = [
-        ShownFinding(
-            finding.example
-            if len(finding.flights) == 1
-            else f"{len(finding.flights)} of {total} flights, such as {finding.example}",
-            finding.severity,
-            finding.reason,
-            finding.advice,
-        )
-        for finding in numbers.findings
-    ]
-    return (
-        [finding for finding in found if finding.severity is not Severity.INFO],
-        [finding for finding in found if finding.severity is Severity.INFO],
-    )

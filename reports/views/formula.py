@@ -13,16 +13,7 @@ MOST_DIGITS = 4
 
 
 def polynomial(coefficients: Sequence[float], deviations: Sequence[float | None] | None = None) -> Markup:
-    """Write a polynomial in s, highest power first; coefficients that the data do not determine in class ``vague``.
-
-    Parameters
-    ----------
-    coefficients : sequence of float
-        Highest power first.
-    deviations : sequence of float or None, optional
-        Their standard deviations, which decide on the digits: two of the deviation when it begins with 1, else one, and
-        one digit of what is not determined. 0 for what is exact; None for infinite.
-    """
+    """Write a polynomial in s, highest power first; coefficients that the data do not determine in class ``vague``."""
     terms: list[Markup] = []
     last = len(coefficients) - 1
     for place, value in enumerate(coefficients):
@@ -62,17 +53,7 @@ def transfer_function(
     num_std: Sequence[float | None] | None = None,
     den_std: Sequence[float | None] | None = None,
 ) -> Markup:
-    """Write ``G_{output,source}(s) = num / den``.
-
-    Parameters
-    ----------
-    output, source : str
-        Names of output and input.
-    num, den : sequence of float
-        Polynomials in s.
-    num_std, den_std : sequence of float or None, optional
-        1-sigma of each coefficient; None where it is not known.
-    """
+    """Write ``G_{output,source}(s) = num / den``."""
     name = Markup("<msub><mi>G</mi><mrow><mi>%s</mi><mo>,</mo><mi>%s</mi></mrow></msub>") % (output, source)
     fraction = Markup("<mfrac>%s%s</mfrac>") % (polynomial(num, num_std), polynomial(den, den_std))
     return Markup(

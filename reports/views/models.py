@@ -5,14 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup
-
-from core.quantity import MINUS, column, complex_numbers, counted, number, uncertain
+from core.quantity import MINUS, column, number, uncertain
 from core.table import Row, Table
-from logparse import Finding
-from pipeline.results.model_report import ModelReport
 from reports.views import summary
-from reports.views.formula import transfer_function
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import OrderRow, OrdersReport
@@ -21,82 +16,8 @@ from sysid.validation.report import OrderRow, OrdersReport
 PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}
 
 
-@dataclass(frozen=True, slots=True)
-class ShownFunction:
-    """A transfer function as a formula, with its poles and zeros."""
-
-    formula: Markup
-    poles: list[tuple[str, bool]]
-    zeros: list[tuple[str, bool]]
-
-
-@dataclass(slots=True)
-class ShownOutput:
-    """The transfer functions to one output."""
-
-    key: str
-    title: str
-    functions: list[ShownFunction]
-    note: str
-
-
-@dataclass(frozen=True, slots=True)
-class ShownModel:
-    """What pages show of a model itself: formulae, orders, findings; or why there is none."""
-
-    key: str
-    title: str
-    note: str
-    missing: str
-    intro: str
-    outputs: list[ShownOutput]
-    orders: Table | None
-    orders_reason: str
-    findings: Sequence[Finding]
-
-
-def identified(models: Sequence[ModelReport]) -> list[ShownModel]:
-    """Gather what pages show of each model itself."""
-    return [
-        ShownModel(
-            key=result.key,
-            title=summary.sentence(result.title)[:-1],
-            note=result.note,
-            missing=result.missing,
-            intro=_intro(result.model) if isinstance(result.model, FunctionsRecord) else "",
-            outputs=_outputs(result.model) if isinstance(result.model, FunctionsRecord) else [],
-            orders=orders(result.orders),
-            orders_reason="" if result.orders is None else result.orders.reason,
-            findings=result.findings,
-        )
-        for result in models
-    ]
-
-
-def _outputs(model: FunctionsRecord) -> list[ShownOutput]:
-    """Write every transfer function as a formula with poles and zeros, by output."""
-    outputs = []
-    for output, row in model.transfer_functions.items():
-        functions = [
-            ShownFunction(
-                transfer_function(output, source, each.num, each.den, each.num_std, each.den_std),
-                complex_numbers(each.poles, each.poles_std),
-                complex_numbers(each.zeros, each.zeros_std),
-            )
-            for source, each in row.items()
-        ]
-        fit = model.fits[output]
-        title = f"Position {PLACES.get(output, output)}: {counted(len(functions), 'transfer function')}"
-        if fit.undetermined:
-            title += f" ({fit.undetermined} of {fit.parameters} coefficients not determined by the data)"
-        note = f"Condition number of the fit {number(fit.condition, 2)}."
-        if not fit.converged:
-            note += " The search was stopped before it had settled."
-        outputs.append(ShownOutput(output, title, functions, note))
-    return outputs
-
-
-def _intro(model: FunctionsRecord) -> str:
+def functions_intro(model: FunctionsRecord) -> str:
+    """Explain what the formulae of a model stand for."""
     units = {model.units.get(name, "") for name in model.inputs}
     unit = {"us": "µs"}.get(next(iter(units)), next(iter(units))) if len(units) == 1 else ""
     # A closed loop takes targets as they are.
@@ -109,10 +30,8 @@ def _intro(model: FunctionsRecord) -> str:
     )
 
 
-def orders(scan: OrdersReport | None) -> Table | None:
+def orders(scan: OrdersReport) -> Table:
     """Tabulate a scan of orders: a line for each, errors on the part held back by output."""
-    if scan is None:
-        return None
     outputs = list(dict.fromkeys(row.output for row in scan.table))
     tried: dict[tuple[int, int], dict[str, OrderRow]] = {}
     for row in scan.table:
@@ -144,28 +63,6 @@ def orders(scan: OrdersReport | None) -> Table | None:
         caption="Poles / zeros, each fitted to a part of the training data and judged on the rest of it, RMSE in "
         "metres. AIC and BIC are for comparison: they take residuals for white and lean towards high orders.",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """What a model is worth axis by axis, and what the tests of its residuals found."""
-
-    title: str
-    verdicts: Sequence[str]
-    tests: Sequence[str]
-
-
-def judgements(models: Sequence[ModelReport]) -> list[Judgement]:
-    """Report axis by axis what each model is worth, and what the tests of its residuals found."""
-    return [
-        Judgement(
-            result.title,
-            found.verdicts,
-            [f"{output}: {test.sentence}." for output, test in found.residuals.items()],
-        )
-        for result in models
-        if (found := result.validation) is not None
-    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,28 +13,18 @@ from reports.views import summary
 
 #: What stands in a cell whose note, below the table, says why there is no number.
 EMPTY = "–"
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterLine:
-    """A parameter by every method, under the condition that holds for it; `known` where any method tells it."""
-
-    label: str
-    condition: str
-    cells: Sequence[str]
-
-    @property
-    def known(self) -> bool:
-        """Whether any method tells it."""
-        return any(cell != EMPTY for cell in self.cells)
+_CAPTION = (
+    "From the same flight time, with one standard error; where only part of a motor’s effect can be known, per mass "
+    "or per arm. Methods that agree within their errors are worth more than each alone; standard errors do not include "
+    "what a method leaves out, such as wind. A dash means not determined: the reasons are below."
+)
 
 
 @dataclass(frozen=True, slots=True)
 class ShownParameters:
     """Physical parameters, a column for each method, and why some are not there."""
 
-    methods: Sequence[str]
-    rows: Sequence[ParameterLine]
+    table: Table
     notes: Sequence[tuple[str, str]]
 
 
@@ -50,20 +40,16 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
     for parameter in dict.fromkeys(row.parameter for row in rows):
         found = {row.method: row for row in rows if row.parameter == parameter}
         unit, _, condition = next(iter(found.values())).unit.partition(", ")
-        told = f"{_capital(parameter)}, {_written(unit)}" if unit.partition(" ")[0] != "1" else _capital(parameter)
-        cells = {
-            method: EMPTY if row.value is None else uncertain(row.value, row.sigma) for method, row in found.items()
-        }
-        lines.append(ParameterLine(told, condition or _bracket(unit), [cells.get(method, EMPTY) for method in methods]))
+        label = _capital(parameter) + (f", {_written(unit)}" if unit.partition(" ")[0] != "1" else "")
+        under = condition or _bracket(unit)
+        known = {method: uncertain(row.value, row.sigma) for method, row in found.items() if row.value is not None}
+        lines.append(Row(f"{label} ({under})" if under else label, [known.get(method, EMPTY) for method in methods]))
         si_unit = next((row.si_unit for row in found.values() if row.si_value is not None), "")
         if si_unit:
-            cells = {
-                method: uncertain(row.si_value, row.si_sigma)
-                for method, row in found.items()
-                if row.si_value is not None
+            si = {
+                name: uncertain(row.si_value, row.si_sigma) for name, row in found.items() if row.si_value is not None
             }
-            line = ParameterLine(f"… in {_written(si_unit)}", "", [cells.get(method, EMPTY) for method in methods])
-            lines.append(line)
+            lines.append(Row(f"… in {_written(si_unit)}", [si.get(method, EMPTY) for method in methods]))
         reasons: dict[str, list[str]] = {}
         for method, row in found.items():
             if row.note:
@@ -71,7 +57,7 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
         notes += [
             (f"{_capital(parameter)}: {', '.join(who)}", summary.sentence(reason)) for reason, who in reasons.items()
         ]
-    return ShownParameters(methods, lines, notes)
+    return ShownParameters(Table("", methods, lines, _CAPTION), notes)
 
 
 def _capital(text: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from core.quantity import column, duration, number
 from core.table import Row, Table
@@ -35,34 +34,6 @@ def missing_stages(numbers: FlightReport | CraftReport) -> list[tuple[str, str]]
     return rows
 
 
-@dataclass(frozen=True, slots=True)
-class ShownVerdict:
-    """What the top of a page says of a model."""
-
-    title: str
-    note: str
-    trust: str
-    word: str
-    sentence: str
-    uses: str
-
-
-def verdicts(models: Sequence[ModelReport]) -> list[ShownVerdict]:
-    """Return every model's verdict for the top of a page."""
-    return [
-        ShownVerdict(
-            title=result.title,
-            note=result.note,
-            trust=result.verdict.trust,
-            word=summary.TRUST_WORDS[result.verdict.trust],
-            sentence=result.verdict.sentence,
-            uses=result.uses.sentence,
-        )
-        for result in models
-        if result.model is not None
-    ]
-
-
 def rmse_lines(rows: Iterable[ByOutput]) -> list[list[str]]:
     """Write errors by output with aligned decimal points, a list for each row."""
     rows = list(rows)
@@ -77,15 +48,7 @@ def rmse_heads(outputs: Iterable[str]) -> list[str]:
 
 
 def flight_rmse(own: Sequence[ModelReport], others: Sequence[ModelReport] = ()) -> Table | None:
-    """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model.
-
-    Parameters
-    ----------
-    own : sequence of ModelReport
-        Models of this flight.
-    others : sequence of ModelReport
-        Models fitted elsewhere, with their RMSE rows of this flight only.
-    """
+    """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model."""
     lines: list[tuple[str, str, ByOutput | None]] = []
     parted = [(result.title, row) for result in own for row in result.rmse]
     parts = {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}
