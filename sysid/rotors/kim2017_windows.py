@@ -6,8 +6,8 @@ and the window's initial states; initial states are projected out, and the rest 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -128,15 +128,13 @@ def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float,
     result = []
     for first in range(0, len(data.t) - size + 1, size):
         rows = slice(first, first + size)
-        part = FlightData(
-            data.t[rows] - data.t[first],
-            data.dt,
-            data.altitude[rows],
-            data.rates[rows],
-            data.lift[rows],
-            data.signals[rows],
-            data.fast,
-            data.source,
+        part = replace(
+            data,
+            t=data.t[rows] - data.t[first],
+            altitude=data.altitude[rows],
+            rates=data.rates[rows],
+            lift=data.lift[rows],
+            signals=data.signals[rows],
         )
         level = np.linalg.qr(np.ones((size, 1)))[0]
         line = np.linalg.qr(np.column_stack([np.ones(size), part.t]))[0]
@@ -183,15 +181,15 @@ def output_error(
     Shapes: `share` (q, n).
     """
     q = len(share)
+    free = known is None
     all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
     all_outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
-    # Sensitivities are combinations of these columns: the triangular factor of them has all products of all rows.
+    # Sensitivities are combinations of these columns: their triangular factors have all products of all rows.
     triangles = [
         np.asarray(np.linalg.qr(np.column_stack([gain, output]), mode="r"))
         for gain, output in zip(all_gains, all_outputs, strict=True)
     ]
     gains, outputs = [each[:, :-1] for each in triangles], [each[:, -1] for each in triangles]
-    samples = len(all_outputs[0])
     if start is None:
         lifted = gains[0] @ np.ones(q)
         if not np.any(lifted):
@@ -200,24 +198,18 @@ def output_error(
     else:
         values = np.full(q, float(start.coefficients[0]))
     lever = np.array(known if known is not None else _levers(windows, float(values[0])))
-    weights = np.ones(3)
+    samples = np.sqrt(len(all_outputs[0]))
     for _ in range(STEPS):
-        weights = np.array(
-            [
-                1.0 / max(float(np.sqrt(r @ r / samples)), 1e-12)
-                for _, r in _sensitivities(gains, outputs, values, lever, known is None)
-            ]
-        )
-        triangle = _triangle(weights, _sensitivities(gains, outputs, values, lever, known is None))
-        size = _norms(triangle[:, :-1])
-        step = np.linalg.lstsq(triangle[:, :-1] / size, triangle[:, -1], rcond=1e-8)[0] / size
-        values = values + step[:q]
-        if known is None:
-            lever = lever + step[q:]
-    last = list(_sensitivities(all_gains, all_outputs, values, lever, known is None))
-    residual = [left for _, left in last]
-    triangle = _triangle(weights, _sensitivities(gains, outputs, values, lever, known is None))
-    covariance, condition = _covariance(triangle, last, weights, [len(w.yaw) for w in windows])
+        rows, left = _sensitivities(gains, outputs, values, lever, free)
+        weights = np.array([samples / max(float(np.linalg.norm(each)), 1e-9) for each in left])
+        scaled, size = _scaled(np.vstack([weight * each for weight, each in zip(weights, rows, strict=True)]))
+        aim = np.concatenate([weight * each for weight, each in zip(weights, left, strict=True)])
+        step = np.linalg.lstsq(scaled, aim, rcond=1e-8)[0] / size
+        values, lever = values + step[:q], lever + (step[q:] if free else 0.0)
+    rows, _ = _sensitivities(gains, outputs, values, lever, free)
+    whole = np.vstack([weight * each for weight, each in zip(weights, rows, strict=True)])
+    rows, residual = _sensitivities(all_gains, all_outputs, values, lever, free)
+    covariance, condition = _covariance(whole, rows, residual, weights, [len(w.yaw) for w in windows])
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Estimate(
         values,
@@ -239,69 +231,52 @@ def _levers(windows: Sequence[Window], specific: float) -> list[float]:
     """Start levers: least squares of each rate on every pattern of the motors, which unlike motors do not bend."""
     result = []
     for o, (own, sign) in enumerate(((2, -1.0), (3, 1.0))):
-        patterns = np.vstack([w.patterns[o] for w in windows])
-        size = np.linalg.norm(patterns, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
+        patterns, size = _scaled(np.vstack([w.patterns[o] for w in windows]))
         output = np.concatenate([w.outputs[1 + o] for w in windows])
-        result.append(sign * float(np.linalg.lstsq(patterns / size, output, rcond=1e-8)[0][own] / size[own] / specific))
+        result.append(sign * float(np.linalg.lstsq(patterns, output, rcond=1e-8)[0][own] / size[own] / specific))
     return result
 
 
 def _sensitivities(
     gains: Sequence[Floats], outputs: Sequence[Floats], values: Floats, lever: Floats, free: bool
-) -> Iterator[tuple[Floats, Floats]]:
-    """Yield sensitivities and residual of one output after the other."""
-    scale = (1.0, lever[0], lever[1])
+) -> tuple[list[Floats], list[Floats]]:
+    """Sensitivities and residuals of each output, by coefficients and, if `free`, both levers."""
+    rows, left = [], []
     for o, (gain, output) in enumerate(zip(gains, outputs, strict=True)):
-        effect = gain @ values
-        columns = [scale[o] * gain]
-        if free:
-            levers = np.zeros((len(output), 2))
-            if o > 0:
-                levers[:, o - 1] = effect
-            columns.append(levers)
-        yield np.hstack(columns), output - scale[o] * effect
+        scale, effect = (1.0, *lever)[o], gain @ values
+        levers = np.zeros((len(output), 2 if free else 0))
+        if free and o > 0:
+            levers[:, o - 1] = effect
+        rows.append(np.hstack([scale * gain, levers]))
+        left.append(output - scale * effect)
+    return rows, left
 
 
-def _triangle(weights: Floats, parts: Iterable[tuple[Floats, Floats]]) -> Floats:
-    """Triangular factor of all outputs' weighted sensitivities beside residuals.
-
-    It has their singular values and least squares, and all rows need not be in memory together.
-    """
-    triangle: Floats | None = None
-    for weight, (rows, left) in zip(weights, parts, strict=True):
-        block = weight * np.column_stack([rows, left])
-        tall = block if triangle is None else np.vstack([triangle, block])
-        triangle = np.asarray(np.linalg.qr(tall, mode="r"))
-    assert triangle is not None
-    return triangle
-
-
-def _norms(columns: Floats) -> Floats:
-    """Lengths of columns; 1 of those that are zero."""
+def _scaled(columns: Floats) -> tuple[Floats, Floats]:
+    """Columns of length 1, and their lengths; 1 of those that are zero."""
     size = np.linalg.norm(columns, axis=0)
-    return np.where(size > 0.0, size, 1.0)
+    size = np.where(size > 0.0, size, 1.0)
+    return columns / size, size
 
 
 def _covariance(
-    triangle: Floats, parts: Sequence[tuple[Floats, Floats]], weights: Floats, lengths: Sequence[int]
+    whole: Floats, rows: Sequence[Floats], left: Sequence[Floats], weights: Floats, lengths: Sequence[int]
 ) -> tuple[Floats, float]:
     """Covariance for residuals that are coloured within windows, and the spread of the scaled singular values.
 
-    Shapes: `triangle` (q + 1, q + 1); `parts` (N, q).
+    `rows` and `left` are sensitivities and residuals of each output; `whole` has the products of all, weighted.
     """
-    triangle = triangle[:, :-1]
-    size = _norms(triangle)
-    singular = np.linalg.svd(triangle / size, compute_uv=False)
+    scaled, size = _scaled(whole)
+    singular = np.linalg.svd(scaled, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
-    inverse = np.linalg.pinv((triangle / size).T @ (triangle / size), rcond=1e-14)
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
     cuts = np.cumsum(lengths)[:-1]
     middle = np.zeros_like(inverse)
-    for w, (rows, left) in zip(weights, parts, strict=True):
-        pieces = np.split(left, cuts)
+    for w, each, missed in zip(weights, rows, left, strict=True):
+        pieces = np.split(missed, cuts)
         lags = max(min(len(pieces[0]) // 4, round(len(pieces[0]) * CORRELATED / WINDOW)), 1)
         colour = autocovariance(pieces, lags)
-        middle += w**4 * coloured_information(np.split(rows / size, cuts), colour)
+        middle += w**4 * coloured_information(np.split(each / size, cuts), colour)
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size)), condition
 
 
@@ -323,19 +298,15 @@ class TorqueEstimate:
 
 def mean_torque(windows: Sequence[Window]) -> TorqueEstimate | None:
     """Least squares on eq. 9, integrated once; None when the torque is not determined."""
-    yaw = np.vstack([w.yaw for w in windows])
+    scaled, size = _scaled(np.vstack([w.yaw for w in windows]))
     output = np.concatenate([w.outputs[3] for w in windows])
-    size = np.linalg.norm(yaw, axis=0)
-    if not size[0] > 0.0:
+    if not scaled[:, 0].any():
         return None
-    scaled = yaw / np.where(size > 0.0, size, 1.0)
     values = np.linalg.lstsq(scaled, output, rcond=1e-8)[0]
     residual = output - scaled @ values
-    parts = [(scaled, residual)]
-    covariance, _ = _covariance(_triangle(np.ones(1), parts), parts, np.ones(1), [len(w.yaw) for w in windows])
+    covariance, _ = _covariance(scaled, [scaled], [residual], np.ones(1), [len(w.yaw) for w in windows])
     value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
     explained = _explained(residual, output)
     if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:
         return None
-    patterns = values / np.where(size > 0.0, size, 1.0)
-    return TorqueEstimate(value, sigma, patterns, float(np.sqrt(np.mean(residual**2))), explained)
+    return TorqueEstimate(value, sigma, values / size, float(np.sqrt(np.mean(residual**2))), explained)
