@@ -12,8 +12,7 @@ from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.flight_record import POSITION_UNKNOWN
-from sysid.records.motor_scaling import motor_commands
-from sysid.records.thrust_curve import REFERENCE_DENSITY, reference_voltage
+from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.body_parameters import (
     drag_apart,
     in_si,
@@ -33,7 +32,7 @@ from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
 from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
-from sysid.rotors.thrust_regression import vehicle_of
+from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
 
 #: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
@@ -52,9 +51,6 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "tilt_y": (0.0, 0.01, -0.1, 0.1),
     "motor_lag": (0.03, 0.03, 0.0, 0.3),
 }
-
-#: Part of the time at an end of its range from which a motor is worth a finding.
-SATURATED = 0.05
 
 #: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
 #: 50 s in light wind), so that free runs of a fitted flight follow them; longer than a window.
@@ -110,11 +106,12 @@ def fit_rigid_body(
     lost = next((f for record in records for f in record.findings if f.id == POSITION_UNKNOWN), None)
     if lost is not None:
         raise ExperimentError(f"{lost.reason.rstrip('.')}; fit_thrust tells the thrust without")
-    vehicle, findings = vehicle_of(records[0])
-    voltage = reference_voltage(records)
-    findings += [*_motor_outputs(records, vehicle), *_gaps(records, vehicle, mass, voltage)]
+    vehicle, voltage, findings = conditions_of(records)
+    if mass is None:
+        findings.append(mass_unknown())
     motions = [motion(record, vehicle, voltage, joined=True) for record in records]
     prior, start = _prior(motions, vehicle, priors or {})
+    findings += outputs_of(records, vehicle)
     fine, law = fit_best_law(motions, prior, start, begun + time_limit, report)
     fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0)
     if not fine.converged:
@@ -161,85 +158,6 @@ def fit_rigid_body(
         findings=tuple(findings),
         motors={} if turning is None else fit_motor_effects(records, flown, voltage, turning),
     )
-
-
-def _motor_outputs(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
-    """Name motors whose output stands still or stands at an end of its range."""
-    findings = []
-    for j, name in enumerate(records[0].input_names):
-        pwm = np.concatenate([record.u[:, j] for record in records])
-        if np.ptp(pwm) == 0.0:
-            findings.append(
-                Finding(
-                    "constant-input",
-                    Severity.WARNING,
-                    f"the output of motor {name} stays at {pwm[0]:.0f} us throughout; if the motor does not follow it, "
-                    "thrust per motor is wrong by its share",
-                    "check that this motor output is connected, enabled and logged",
-                    {"input": name, "value": float(pwm[0])},
-                )
-            )
-            continue
-        command = motor_commands(pwm, vehicle)
-        part = float(np.mean((command <= 0.0) | (command >= 1.0)))
-        if part > SATURATED:
-            findings.append(
-                Finding(
-                    "motors-at-limits",
-                    Severity.WARNING,
-                    f"the output of motor {name} is at an end of its range for {100.0 * part:.0f} % of the time",
-                    "check the craft's weight against its thrust, and MOT_SPIN_MIN and MOT_SPIN_MAX",
-                    {"input": name, "part": part},
-                )
-            )
-    return findings
-
-
-def _gaps(records: Sequence[Experiment], vehicle: Vehicle, mass: float | None, voltage: float | None) -> list[Finding]:
-    """Report what the logs lack and what that means."""
-    findings = []
-    count, flown = len(records[0].input_names), len(vehicle.motors)
-    if count < flown:
-        findings.append(
-            Finding(
-                "not-logged",
-                Severity.WARNING,
-                f"only {count} of {flown} motors are logged; the others carry an unknown part of the weight, so that "
-                "thrust per motor and effectiveness are not determined; drag and wind are",
-                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
-                {"logged": count, "motors": flown},
-            )
-        )
-    if voltage is None:
-        findings.append(
-            Finding(
-                "conditions-assumed",
-                Severity.WARNING,
-                "voltage was not logged in every record: thrust is taken not to depend on it, which makes the thrust "
-                "scale of a flight an average over its discharge",
-                "set up the battery monitor (BATT_MONITOR)",
-            )
-        )
-    lacking = [r.name for r in records if r.context is not None and not r.context["density"].notna().all()]
-    if lacking:
-        findings.append(
-            Finding(
-                "conditions-assumed",
-                Severity.WARNING,
-                f"neither pressure nor altitude in {', '.join(lacking)}: sea-level air is assumed",
-                "log the barometer or GPS",
-            )
-        )
-    if mass is None:
-        findings.append(
-            Finding(
-                "mass-unknown",
-                Severity.INFO,
-                "motion gives forces per unit of mass only; the take-off mass gives newtons and kg m^2",
-                "give the take-off mass (--mass)",
-            )
-        )
-    return findings
 
 
 def _prior(

@@ -22,7 +22,6 @@ from core.quantity import uncertain
 from core.summary import Summarised, listed
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
-from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
@@ -37,6 +36,7 @@ from sysid.rotors.thrust_regression import (
     conditions_of,
     fit_blocks,
     mass_unknown,
+    outputs_of,
     pressed,
     require_specific_force,
     summed,
@@ -126,9 +126,8 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     """
     records = require_alike(experiments)
     require_specific_force(records, mass)
-    findings = [f for f in examine(records).findings if f.id in ("constant-input", "motors-at-limits")]
-    vehicle, reference, unknown = conditions_of(records)
-    findings += unknown
+    vehicle, reference, findings = conditions_of(records)
+    findings += outputs_of(records, vehicle)
     blocks = [blocks_of(record, vehicle, reference) for record in records]
     usable = sum(len(block.force) for block in blocks)
     motors = records[0].input_names
@@ -141,18 +140,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         for rows, block in zip(summed(blocks), blocks, strict=True):
             findings += changed_in_flight(block, rows @ together.values)
     undetermined = [motor for motor, value in per_motor.items() if not value.determined]
-    if unlogged:
-        findings.append(
-            Finding(
-                "not-logged",
-                Severity.WARNING,
-                f"{unlogged}; the others carry an unknown part of the weight, so that no thrust coefficient is "
-                "determined",
-                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
-                {"logged": len(motors), "motors": len(vehicle.motors)},
-            )
-        )
-    elif undetermined:
+    if undetermined and not unlogged:
         findings.append(
             Finding(
                 "not-determined",

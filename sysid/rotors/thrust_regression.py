@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
+from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, column, reference_voltage, relative_density, thrust_signals
@@ -342,6 +343,23 @@ def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[
     ]
 
 
+def outputs_of(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
+    """Name motors whose output stands still or at a limit, and how many are not logged."""
+    findings = [each for each in examine(records).findings if each.id in ("constant-input", "motors-at-limits")]
+    if unlogged := unlogged_motors(records[0], vehicle):
+        findings.append(
+            Finding(
+                "not-logged",
+                Severity.WARNING,
+                f"{unlogged}; the others carry an unknown part of the weight, so that neither thrust of a motor nor "
+                "its effect on rotation is determined",
+                "log the outputs of all motors and all SERVOn_FUNCTION parameters",
+                {"logged": len(records[0].input_names), "motors": len(vehicle.motors)},
+            )
+        )
+    return findings
+
+
 def conditions_of(records: Sequence[Experiment]) -> tuple[Vehicle, float | None, list[Finding]]:
     """Return the craft, the voltage at which its coefficients hold, and what is not known of them and the air."""
     vehicle, assumed = vehicle_of(records[0])
@@ -395,6 +413,6 @@ def mass_unknown() -> Finding:
     return Finding(
         "mass-unknown",
         Severity.INFO,
-        "motion gives thrust per unit of mass only; the take-off mass gives newtons",
+        "motion gives forces per unit of mass only; the take-off mass gives newtons",
         "give the take-off mass (--mass)",
     )

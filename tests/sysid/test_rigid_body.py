@@ -260,11 +260,11 @@ def test_missing_voltage_density_and_a_stuck_motor_are_findings():
     context = seen.context.assign(voltage=np.nan, density=np.nan)
     stuck = seen.u.copy()
     stuck[:, 2] = 1500.0
-    model = fit_rigid_body([replace(seen, context=context, u=stuck)])
+    model = fit_rigid_body([replace(seen, context=context, u=stuck, input_trim=stuck.mean(axis=0))])
     assert "constant-input" in {finding.id for finding in model.findings}
     assumed = " ".join(finding.reason for finding in model.findings if finding.id == "conditions-assumed")
-    assert "voltage was not logged" in assumed
-    assert "neither pressure nor altitude" in assumed
+    assert "without battery voltage" in assumed
+    assert "density of the air is unknown" in assumed
     assert model.reference_voltage is None
     # A motor and 2 % of density less than it thinks: drag suffers, but is of the right size.
     assert model.parameters["drag_linear_x"].value == pytest.approx(0.45 / 4.3, rel=0.2)
