@@ -51,6 +51,10 @@ _READERS = (
 
 #: Boots that are looked into for the longest flight; in a file with more, the longest boots.
 _MOST_BOOTS = 8
+#: Messages of outputs with the first under its names, and how far above its least a driven one is [us].
+_OUTPUTS, _DRIVEN = {"RCOU": ("C1", "Ch1", "Chan1"), "MOT": ("Mot1",), "SERVO_OUTPUT_RAW": ("servo1_raw",)}, 20.0
+#: A flight of this part of the time that motors ran is taken for the longest.
+_IN_FLIGHT = 0.8
 
 
 class FlightLog(Summarised):
@@ -271,11 +275,12 @@ def read_log(path: str | Path, boot: int | None = None, *, kind: type[FlightLog]
         return kind(path, source, boots[boot], findings)
     if len(boots) == 1:
         return kind(path, source, boots[0], findings)
-    shown, most = kind(path, source, boots[0], findings), (-1.0, 0.0)
-    for each in sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]:
-        if most[0] >= each.t_end - each.t_start:
-            break  # neither this power-up nor any behind it is as long as the longest flight so far
-        log = kind(path, source, each, findings)
+    longest = sorted(boots, key=lambda b: b.t_start - b.t_end)[:_MOST_BOOTS]
+    logs = {log: _driven(log) for log in (kind(path, source, each, findings) for each in longest)}
+    shown, most = next(iter(logs)), (-1.0, 0.0)
+    for log in sorted(logs, key=lambda log: -logs[log]):
+        if most[0] >= _IN_FLIGHT * logs[log]:
+            break  # nor did the motors of any behind it run for longer: no need to build its tables
         flown = _flown(log)
         if flown > most:
             shown, most = log, flown
@@ -331,6 +336,17 @@ def check_is_log(path: Path) -> None:
     head = read_head(path, lambda head: _reader(head) is not None)
     if _reader(head) is None:
         raise LogError(f"{path.name} is not a flight log: {_what_it_is(head)}")
+
+
+def _driven(log: FlightLog) -> float:
+    """Return for how long an output was driven [s]: no flight is longer. The whole power-up where none is logged."""
+    for name, fields in _OUTPUTS.items():
+        if name in log.messages:
+            frame = log.messages.once(name, fields)
+            for pulses in (numbers(frame, field) for field in fields if field in frame):
+                t = frame.index.to_numpy(np.float64)[pulses > np.nanmin(pulses, initial=np.inf) + _DRIVEN]
+                return float(np.ptp(t)) if len(t) else 0.0
+    return log.duration
 
 
 def _flown(log: FlightLog) -> tuple[float, float]:
