@@ -41,6 +41,16 @@ class Finding:
         return self.severity is not Severity.INFO
 
 
+def info(identifier: str, reason: str, advice: str = "", **evidence: str | int | float | bool | None) -> Finding:
+    """Make a finding that a healthy log has too."""
+    return Finding(identifier, Severity.INFO, reason, advice, evidence)
+
+
+def warning(identifier: str, reason: str, advice: str = "", **evidence: str | int | float | bool | None) -> Finding:
+    """Make a finding that should be looked into."""
+    return Finding(identifier, Severity.WARNING, reason, advice, evidence)
+
+
 def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return what differs in numbers only once, in order: the first keeps its words and gains a `count`."""
     alike: dict[tuple[str, str], list[Finding]] = {}

@@ -21,8 +21,9 @@ from logparse.containers import Buffer
 from logparse.dataflash import _decode
 from logparse.dataflash.chain import Chain, Slot
 from logparse.dataflash.columns import Layout
-from logparse.dataflash.findings import decoding_findings, scan_findings
+from logparse.dataflash.findings import crowded_names, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable, clean_text
+from logparse.file_findings import mended_times
 from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 
@@ -92,11 +93,11 @@ class DataflashSource(MessageSource):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the scan and the decoding so far had to say."""
-        return (*self._scan_findings, *decoding_findings(self._chain.crowded, self._mended))
+        return (*self._scan_findings, *mended_times(self._mended), *crowded_names(self._chain.crowded))
 
     @cached_property
     def _scan_findings(self) -> list[Finding]:
-        return scan_findings(self._chain)
+        return list(scan_findings(self._chain))
 
     def decode_many(
         self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None

@@ -6,7 +6,7 @@ FMT line and lines that do not fit their format are passed over.
 """
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
@@ -15,11 +15,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from core.errors import LogError
-from core.findings import Finding, Severity
+from core.findings import Finding, info, warning
 from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
+from logparse.file_findings import listed, mended_times, several_boots
 from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 
@@ -266,56 +267,25 @@ class DataflashTextSource(MessageSource):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What reading the lines and the decoding so far had to say."""
-        findings = []
-        misfits = {g.definition.name: g.misfits for g in self._groups if g.misfits}
-        if misfits:
+        return (*self._line_findings(), *several_boots(self._spans), *mended_times(self._mended))
+
+    def _line_findings(self) -> Iterator[Finding]:
+        if misfits := {g.definition.name: g.misfits for g in self._groups if g.misfits}:
             total = sum(misfits.values())
-            findings.append(
-                Finding(
-                    "file-damaged",
-                    Severity.WARNING,
-                    f"{total} lines do not fit their format ({', '.join(list(misfits)[:8])}); they were skipped.",
-                    evidence={"lines": total},
-                )
-            )
+            text = f"{total} lines do not fit their format ({listed(misfits)}); they were skipped."
+            yield warning("file-damaged", text, lines=total)
         if self._unknown:
-            total = sum(self._unknown.values())
-            names = ", ".join(repr(name[:20]) for name in list(self._unknown)[:8])
-            findings.append(
-                Finding(
-                    "message-layout",
-                    Severity.WARNING,
-                    f"{total} lines begin with a name that no FMT line explains ({names}); they were skipped.",
-                    evidence={"messages": total},
-                )
+            total, names = sum(self._unknown.values()), listed(repr(name[:20]) for name in self._unknown)
+            yield warning(
+                "message-layout",
+                f"{total} lines begin with a name that no FMT line explains ({names}); they were skipped.",
+                messages=total,
             )
         if any(group.is_gps_clock for group in self._groups):
-            findings.append(
-                Finding(
-                    "clock-doubtful",
-                    Severity.INFO,
-                    "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
-                )
+            yield info(
+                "clock-doubtful",
+                "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
             )
-        if len(self._spans) > 1:
-            findings.append(
-                Finding(
-                    "several-in-file",
-                    Severity.INFO,
-                    f"The file holds {len(self._spans)} power-ups of the autopilot; they are read one at a time.",
-                    evidence={"boots": len(self._spans)},
-                )
-            )
-        for name, rows in self._mended.items():
-            findings.append(
-                Finding(
-                    "clock-doubtful",
-                    Severity.WARNING,
-                    f"{rows} rows of {name} carry a time outside the boot; their time was interpolated.",
-                    evidence={"message": name, "rows": rows},
-                )
-            )
-        return tuple(findings)
 
 
 def _definition(text: str) -> Definition | None:

@@ -107,22 +107,22 @@ class TlogSource(MessageSource):
             raise LogError("the file is empty")
         self._buffer = buffer
         self._data = np.frombuffer(buffer, np.uint8)
-        self._scan = Scan(self._data, _stamp_bytes(self._data))
+        self.scan = Scan(self._data, _stamp_bytes(self._data))
         self._release = Release(buffer)
-        self._scan.run(self._release)
-        if not self._scan.frames:
+        self.scan.run(self._release)
+        if not self.scan.frames:
             raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
-        self._stamped = self._scan.stamp_bytes > 0
+        self._stamped = self.scan.stamp_bytes > 0
         self.format = "tlog" if self._stamped else "mavlink-raw"
-        self._autopilot = self._scan.autopilot()
-        self._clock = self._find_boots()
+        self._autopilot = self.scan.autopilot()
+        self.clock = self._find_boots()
         self._release.everything()
         self._counts: dict[Boot, dict[str, int]] = {}
 
     @property
     def boots(self) -> tuple[Boot, ...]:
         """Power-ups of the autopilot in the file."""
-        return self._clock.boots
+        return self.clock.boots
 
     @property
     def autopilot(self) -> tuple[int, int]:
@@ -132,24 +132,24 @@ class TlogSource(MessageSource):
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What the scan had to say."""
-        return tuple(scan_findings(self))
+        return tuple(scan_findings(self.scan, self.clock, self._autopilot, has_boot_time=self.has_boot_time))
 
     # Clock
 
     def _find_boots(self) -> BootClock:
-        windows = self._scan.take_windows(self._autopilot)
+        windows = self.scan.take_windows(self._autopilot)
         self.has_boot_time = len(windows) > 0
         if self.has_boot_time:
             return find_boots(windows, len(self._data), self._stamped, self._boundary)
-        marks = np.concatenate([chunk.ordered for chunk in self._scan.chunks[:: max(1, len(self._scan.chunks) // 8)]])
+        marks = np.concatenate([chunk.ordered for chunk in self.scan.chunks[:: max(1, len(self.scan.chunks) // 8)]])
         return logger_clock(self._stamps(marks) if self._stamped else np.empty(0, np.int64), len(self._data))
 
     def _boundary(self, last: int, first: int) -> int:
         """Where between two frames of the autopilot a new boot begins: behind its longest silence."""
         if not self._stamped:
             return first
-        begins = self._scan.chunk_begins
-        chunks = self._scan.chunks[max(bisect_right(begins, last) - 1, 0) : bisect_right(begins, first)]
+        begins = self.scan.chunk_begins
+        chunks = self.scan.chunks[max(bisect_right(begins, last) - 1, 0) : bisect_right(begins, first)]
         pieces = [c.ordered[(c.ordered >= last) & (c.ordered <= first)] for c in chunks]
         marks = np.sort(np.concatenate(pieces)).astype(np.int64)
         who = marks + np.where(self._data[marks] == 0xFE, 3, 5)
@@ -170,7 +170,7 @@ class TlogSource(MessageSource):
 
     def _marks(self, slot: int, boot: Boot) -> npt.NDArray[Any]:
         """Start bytes of the frames of one message in a boot, ascending."""
-        pieces = [c.ordered[c.starts[slot] : c.starts[slot + 1]] for c in self._scan.chunks]
+        pieces = [c.ordered[c.starts[slot] : c.starts[slot + 1]] for c in self.scan.chunks]
         marks = np.concatenate(pieces)
         return marks[np.searchsorted(marks, boot.start) : np.searchsorted(marks, boot.stop)]
 
@@ -178,7 +178,7 @@ class TlogSource(MessageSource):
         """Frames of each message in this boot, by name."""
         if boot not in self._counts:
             total = np.zeros(len(dialect_arrays().messages), np.int64)
-            for chunk in self._scan.chunks:
+            for chunk in self.scan.chunks:
                 if boot.start <= chunk.first_mark and chunk.last_mark < boot.stop:
                     total += np.diff(chunk.starts)
                 elif chunk.last_mark >= boot.start and chunk.first_mark < boot.stop:
@@ -204,12 +204,12 @@ class TlogSource(MessageSource):
         release = Release(self._buffer)
         autopilot = (self._autopilot & 0xFF) << 8 | self._autopilot >> 8
         clock_kind, clock_offset = known.clock_kind[plan.slots], known.clock_offset[plan.slots]
-        for chunk in self._scan.chunks:
+        for chunk in self.scan.chunks:
             if chunk.last_mark < boot.start or chunk.first_mark >= boot.stop:
                 continue
             _decode.decode(
                 self._data, chunk.first_mark, chunk.last_mark, chunk.ordered, chunk.starts, boot.start, boot.stop,
-                self._stamped, autopilot, self._clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
+                self._stamped, autopilot, self.clock.knots, plan.slots, clock_kind, clock_offset, plan.first_field,
                 plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,
                 *plan.arenas,
             )  # fmt: skip
@@ -249,7 +249,7 @@ class TlogSource(MessageSource):
                 values[these] = np.ascontiguousarray(cells).view(dtype)[:, 0]
         systems = rows["system"].to_numpy(np.int64)
         kept = systems << 8 | rows["component"].to_numpy() == self._autopilot
-        kept |= ~np.isin(systems, np.flatnonzero(self._scan.link_votes) >> 8)
+        kept |= ~np.isin(systems, np.flatnonzero(self.scan.link_votes) >> 8)
         names = rows["param_id"].to_numpy(object)
         known = int(np.searchsorted(self._marks(dialect_arrays().slot_of_name["PARAM_VALUE"], whole), boot.stop))
         later = np.flatnonzero(kept[known:])[::-1] + known
@@ -265,28 +265,6 @@ class TlogSource(MessageSource):
         system, component = self.autopilot
         ours = beats[(beats["system"] == system) & (beats["component"] == component)]
         return bool((ours["autopilot"] == _PX4).mean() > 0.5) if len(ours) else False
-
-    # What the findings need
-
-    @property
-    def data(self) -> npt.NDArray[np.uint8]:
-        """The whole file."""
-        return self._data
-
-    @property
-    def scan(self) -> Scan:
-        """What the walk over the stream counted."""
-        return self._scan
-
-    @property
-    def clock(self) -> BootClock:
-        """Boots and clock of the autopilot."""
-        return self._clock
-
-    @property
-    def message_names(self) -> list[str]:
-        """Names of all messages of the dialect by slot."""
-        return [message.name for message in dialect_arrays().messages]
 
 
 class _Plan:

@@ -8,7 +8,7 @@ columns ``level``, ``message``).
 import contextlib
 import io
 import traceback
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ import pandas as pd
 from pyulog import ULog
 
 from core.errors import LogError
-from core.findings import Finding, Severity
+from core.findings import Finding, Severity, warning
 from logparse.containers import Buffer
+from logparse.file_findings import COPY_AGAIN, mended_times
 from logparse.source import Boot, MessageSource
 from logparse.timebase import mend_times
 from logparse.ulog.chain import whole_messages
@@ -124,7 +125,7 @@ class UlogSource(MessageSource):
             )
         self._boots = (Boot(0, len(buffer), *self._span()),)
         self._mended: dict[str, int] = {}
-        self._found = self._log_findings(said.getvalue())
+        self._found = tuple(self._log_findings(said.getvalue()))
 
     def _span(self) -> tuple[float, float]:
         """First and last time of the topics, s on the boot clock."""
@@ -148,18 +149,7 @@ class UlogSource(MessageSource):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What reading had to say."""
-        if not self._mended:
-            return self._found
-        count = sum(self._mended.values())
-        return (
-            *self._found,
-            Finding(
-                "clock-doubtful",
-                Severity.WARNING,
-                f"{count} time stamps ({', '.join(sorted(self._mended)[:8])}) cannot be and were interpolated.",
-                evidence={"rows": count},
-            ),
-        )
+        return (*self._found, *mended_times(self._mended))
 
     def counts(self, boot: Boot) -> Mapping[str, int]:
         """Rows of each topic, and of what is no topic."""
@@ -221,43 +211,29 @@ class UlogSource(MessageSource):
         ]
         return sorted(rows, key=lambda row: row[0])
 
-    def _log_findings(self, said: str) -> tuple[Finding, ...]:
-        findings = []
+    def _log_findings(self, said: str) -> Iterator[Finding]:
         if self._skipped or self._log.file_corruption or said:
-            first = said.strip().partition("\n")[0]
-            findings.append(
-                Finding(
-                    "file-damaged",
-                    Severity.WARNING,
-                    "The PX4 log is damaged; what could be read around the damage was read.",
-                    "Copy the log from the card again; when it comes out the same, the card failed while writing.",
-                    {"bytes": self._skipped} | ({"pyulog": first} if first else {}),
-                )
-            )
-        dropouts = self._log.dropouts
-        if dropouts:
-            total = sum(dropout.duration for dropout in dropouts) / 1e3
-            longest = max(dropout.duration for dropout in dropouts) / 1e3
-            findings.append(
-                Finding(
-                    "messages-dropped",
-                    Severity.WARNING,
-                    f"The autopilot's logger stopped {len(dropouts)} times for {total:.2f} s in all, {longest:.2f} s "
-                    "at most, because its card was too slow.",
-                    "Use a faster card or log fewer topics (SDLOG_PROFILE).",
-                    {"dropouts": len(dropouts), "seconds": total, "longest": longest},
-                )
+            text = "The PX4 log is damaged; what could be read around the damage was read."
+            evidence = {"pyulog": first} if (first := said.strip().partition("\n")[0]) else {}
+            yield warning("file-damaged", text, COPY_AGAIN, bytes=self._skipped, **evidence)
+        if dropouts := [dropout.duration / 1e3 for dropout in self._log.dropouts]:
+            total, longest = sum(dropouts), max(dropouts)
+            yield warning(
+                "messages-dropped",
+                f"The autopilot's logger stopped {len(dropouts)} times for {total:.2f} s in all, {longest:.2f} s at "
+                "most, because its card was too slow.",
+                "Use a faster card or log fewer topics (SDLOG_PROFILE).",
+                dropouts=len(dropouts),
+                seconds=total,
+                longest=longest,
             )
         if any(key.startswith("hardfault") for key in self._log.msg_info_multiple_dict):
-            findings.append(
-                Finding(
-                    "autopilot-error",
-                    Severity.ERROR,
-                    "The log carries a crash dump (hard fault) of the autopilot.",
-                    "Update the firmware and do not fly before the cause is known.",
-                )
+            yield Finding(
+                "autopilot-error",
+                Severity.ERROR,
+                "The log carries a crash dump (hard fault) of the autopilot.",
+                "Update the firmware and do not fly before the cause is known.",
             )
-        return tuple(findings)
 
 
 def _is_ours(error: Exception) -> bool:

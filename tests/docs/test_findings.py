@@ -10,8 +10,9 @@ from core.catalogue import read_catalogue
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("core", "logparse", "estimation", "sysid", "pipeline", "reports", "api")
-#: What makes a finding: the class, and the catalogue; the name comes first.
-GIVERS = ("Finding", "finding")
+#: What makes a finding: the class, the catalogue, and what names its severity; the name comes first.
+SEVERITIES = ("info", "warning")
+GIVERS = ("Finding", "finding", *SEVERITIES)
 NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 
 #: Hyphenated words in files that compute the names of findings, but no such names.
@@ -35,7 +36,10 @@ def calls() -> Iterator[tuple[ast.Module, ast.expr, ast.expr | None]]:
     """Where findings are made: the module, and what stands for name and severity."""
     for module in sources():
         for node in ast.walk(module):
-            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GIVERS):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name | ast.IfExp):
+                continue
+            givers = {name.id for name in ast.walk(node.func) if isinstance(name, ast.Name)} & set(GIVERS)
+            if not givers:
                 continue
             keywords = {keyword.arg: keyword.value for keyword in node.keywords}
             if None in keywords and not node.args:
@@ -43,8 +47,9 @@ def calls() -> Iterator[tuple[ast.Module, ast.expr, ast.expr | None]]:
             yield (
                 module,
                 node.args[0] if node.args else keywords["id"],
-                keywords.get("severity")
-                or (node.args[1] if node.func.id == "Finding" and len(node.args) > 1 else None),
+                node.func
+                if givers <= set(SEVERITIES)
+                else keywords.get("severity") or (node.args[1] if "Finding" in givers and len(node.args) > 1 else None),
             )
 
 
@@ -87,11 +92,12 @@ def test_nothing_is_explained_that_no_package_raises():
 
 def test_every_severity_that_is_raised_is_in_the_catalogue():
     raised = {
-        (str(identity.value), part.attr.lower())
+        (str(identity.value), part.attr.lower() if isinstance(part, ast.Attribute) else part.id)
         for _, identity, severity in calls()
         if isinstance(identity, ast.Constant) and severity is not None
         for part in ast.walk(severity)
-        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id == "Severity"
+        if (isinstance(part, ast.Name) and part.id in SEVERITIES)
+        or (isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id == "Severity")
     }
     assert {(name, severity) for name, severity in raised if severity not in explained()[name]} == set()
 

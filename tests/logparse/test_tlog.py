@@ -54,7 +54,7 @@ class Flight:
 
 
 def whole(source):
-    return Boot(0, len(source.data), 0.0, 0.0)
+    return Boot(0, len(source.scan.data), 0.0, 0.0)
 
 
 def findings(source):
