@@ -24,8 +24,8 @@ _YAW_EXCESS, _YAW_TIME = 1.5, 1.2
 #: frequency in one line, how many times the same line in the rate asked for, and for how long [s] at least: sticks
 #: thrown about (29-09-2014_2) swing a craft for a window or two.
 _WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians(20.0), 0.6, 1.5, 3.0
-#: Slowest rates [Hz] in which an oscillation can be seen.
-_SLOWEST = 20.0
+#: Slowest rates [Hz] in which an oscillation can be seen, and fastest swings of sticks [Hz]: 3.5 in 6-3-2014_7.
+_SLOWEST, _STICKS = 20.0, 5.0
 
 
 def attitude_happenings(readings: Readings) -> Iterator[Finding]:
@@ -165,6 +165,9 @@ def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
     edge = peak <= hz[band][0]
     amplitude[edge | (amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
     asked = _asked(readings, axis) if amplitude.any() else None
+    # Slower swings than a pilot's may be asked for where nothing tells what was.
+    told = 0.0 if asked is None else 0.4 / float(np.median(np.diff(asked.index.to_numpy(np.float64))))
+    amplitude[(peak < _STICKS) & (peak > told)] = 0.0
     if asked is not None:
         wanted = _spectra(np.interp(grid, asked.index.to_numpy(np.float64), asked.to_numpy(np.float64)), size, count)
         amplitude[line < _UNASKED**2 * np.sum(np.where(near & band, wanted, 0.0), axis=1)] = 0.0

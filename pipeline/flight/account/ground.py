@@ -11,6 +11,7 @@ from core.catalogue import finding
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
 from pipeline.flight.account.readings import Readings, at, g, stretches
+from pipeline.results.span import Span
 
 #: Specific force [m/s^2] of a shock that no manoeuvre makes.
 SHOCK = 4.0 * STANDARD_GRAVITY
@@ -20,7 +21,7 @@ _OVER, _FAST = np.radians(45.0), 6.0
 _BEFORE, _AFTER = 3.0, 5.0
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent,
 #: and a throttle chopped for a moment (31-3-2015_83) lets a craft drop for less.
-_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.5
+_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.7
 #: Height [m] that a craft which was switched off in the air loses.
 _DROP = 1.5
 
@@ -30,37 +31,42 @@ class Contact:
     """The largest shock as a flight ends."""
 
     t: float
-    force: float  #: m/s^2
+    force: float  #: m/s^2; NaN where not known.
     sink: float  #: m/s before it; NaN where not known.
     lean: float  #: rad, how it came to rest; NaN where not known.
 
 
 def contact(readings: Readings) -> Contact | None:
-    """Return the largest shock around the touch-down; None without an accelerometer or a touch-down in the log."""
-    if readings.force is None:
-        return None
-    stop = _down(readings)
-    height = readings.height
-    if (
-        height is not None
-        and len(last := height.loc[stop : readings.flight.stop + _AFTER])
-        and last.min() > 2.0 * _DROP
-    ):
+    """Return the largest shock around the touch-down, or how the craft came to rest; None without either in the log."""
+    stop, height = _down(readings), readings.height
+    after = None if height is None else height.loc[stop : readings.flight.stop + _AFTER]
+    if after is not None and len(after) and after.min() > 2.0 * _DROP:
         return None  # the log ends in the air
-    around = readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
-    if len(around) < 3:
+    around = None if readings.force is None else readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
+    t, force = readings.flight.stop, np.nan
+    if around is not None and len(around) > 2:
+        t, force = float(around.index[int(np.argmax(around.to_numpy()))]), float(around.max())
+    elif readings.lean is None:
         return None
-    t = float(around.index[int(np.argmax(around.to_numpy()))])
-    sink = readings.sink
+    sink = None if readings.own_height else readings.sink
     before = np.array([]) if sink is None else sink.loc[stop - 1.5 : min(stop, t)].dropna().to_numpy(np.float64)
-    lean = readings.lean
-    rest = np.array([]) if lean is None else lean.loc[t + 0.5 : t + _AFTER].to_numpy(np.float64)
     return Contact(
         t=t,
-        force=float(around.max()),
-        sink=float(np.max(before)) if len(before) else float("nan"),
-        lean=float(np.median(rest)) if len(rest) else float("nan"),
+        force=force,
+        sink=float(np.max(before)) if len(before) else np.nan,
+        lean=_rest(readings, Span(t, t + _AFTER)),
     )
+
+
+def _rest(readings: Readings, after: Span) -> float:
+    """Return the lean of a craft at rest, rad, by its attitude or else by its weight; NaN where not known."""
+    if readings.lean is not None and len(lean := readings.lean.loc[after.start + 0.5 : after.stop]):
+        return float(np.median(lean))
+    axes = readings.specific_force
+    if axes is None or len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) < 3:
+        return np.nan
+    x, y, z = np.median(rest, axis=0)
+    return float(np.arctan2(np.hypot(x, y), -z))
 
 
 def _down(readings: Readings) -> float:
@@ -108,12 +114,13 @@ def ground_happenings(
 
 def _how(touch: Contact) -> str:
     sink = f" at {touch.sink:.0f} m/s" if touch.sink > 1.5 else ""
-    return f"{sink} ({touch.force:.0f} m/s², {g(touch.force):.0f} g)"
+    return sink + (f" ({touch.force:.0f} m/s², {g(touch.force):.0f} g)" if touch.force > 0.0 else "")
 
 
 def _touches(readings: Readings, until: float) -> Iterator[Finding]:
     """Find shocks in flight, after which the craft flew on."""
-    assert readings.force is not None
+    if readings.force is None:
+        return
     t, force = readings.force.index.to_numpy(np.float64), readings.force.to_numpy(np.float64)
     on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _BEFORE)
     for first, last, rows in stretches(t, on, join=2.0):

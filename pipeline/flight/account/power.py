@@ -14,9 +14,9 @@ from pipeline.flight.account.readings import HOLDING, Readings, at, stretches
 #: Full throttle, and part of the reserve above the usual one at which a craft should climb (7-9-2014_24 sank for three
 #: seconds before its throttle was full); lean [rad] that costs no lift.
 FULL, _RESERVE, _UPRIGHT = 0.9, 0.25, np.radians(25.0)
-#: Sink and climb [m/s] that are more than the noise of a barometer's slope over a second, for how long [s], and the
-#: interruption [s] that ends neither.
-_SINKING, _LASTING, _PAUSE = 1.0, 1.0, 0.7
+#: Sink and climb [m/s] that are more than the noise of a barometer's slope over a second, for how long [s] a throttle
+#: that runs away and a lift that is lost last, and the interruption [s] that ends neither.
+_SINKING, _LASTING, _LOST, _PAUSE = 1.0, 1.0, 1.5, 0.7
 #: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
 #: 1.BIN at 771 s.
 _CAUGHT = 0.75
@@ -42,9 +42,11 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
     t, given = throttle.index.to_numpy(np.float64), throttle.to_numpy(np.float64)
     down, flying = at(t, sink), readings.flying(t)
     usual = float(np.median(given[flying])) if flying.any() else 1.0
-    upright = np.ones(len(t), dtype=bool) if readings.lean is None else at(t, readings.lean) < _UPRIGHT
-    much = flying & upright & (given >= min(FULL, usual + _RESERVE * (1.0 - usual)))
-    for first, last, rows in stretches(t, much & (down > _SINKING), join=_PAUSE, shortest=_LASTING):
+    lean = readings.lean_asked if readings.lean is None else readings.lean
+    # A craft that leans sinks, and the autopilot's own height may be what sinks.
+    tells = np.zeros(len(t), dtype=bool) if lean is None or readings.own_height else at(t, lean) < _UPRIGHT
+    much = flying & tells & (given >= min(FULL, usual + _RESERVE * (1.0 - usual)))
+    for first, last, rows in stretches(t, much & (down > _SINKING), join=_PAUSE, shortest=_LOST):
         early, late = (float(np.median(half)) for half in np.array_split(down[rows], 2))
         worst, most = float(np.max(down[rows])), float(np.median(given[rows]))
         if late > _CAUGHT * early:

@@ -15,7 +15,7 @@ from core.quantity import joined
 from core.units import STANDARD_GRAVITY
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.heights import ground_level, height_above_ground, slope_down
+from logparse.heights import ground_level, heights, slope_down
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
@@ -66,8 +66,13 @@ class Readings:
     @cached_property
     def height(self) -> pd.Series[float] | None:
         """Credible height above the ground that the flight left, m up."""
-        found = height_above_ground(self.tables)
+        found = next((height for _, height in heights(self.tables)), None)
         return None if found is None else found - ground_level(found, self.flight)
+
+    @property
+    def own_height(self) -> bool:
+        """Whether that is the autopilot's own, which runs away with vibration."""
+        return next((source for source, _ in heights(self.tables)), "") == "autopilot"
 
     @cached_property
     def sink(self) -> pd.Series[float] | None:
