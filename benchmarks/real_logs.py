@@ -7,6 +7,7 @@ columns), DIR the folder of its logs. Rows count whose reader was sure (high or 
 
 import argparse
 import csv
+import itertools
 import math
 import re
 from collections import Counter
@@ -22,22 +23,24 @@ from pipeline.results.span import Span
 
 NAMES = ("flights", "height", "speed", "crash", "motor", "gravest", "failsafes", "battery", "vibration")
 
-#: Happenings that a sentence of the readings names, by its words; a flight of which it says that nothing broke may also
-#: have none.
+#: Happenings that the words of a sentence name. Where the sentence says that nothing broke there may be none.
 WORDS: Mapping[str, tuple[str, ...]] = {
-    r"hard landing|hard touch|landed hard|bounc|bump|firm landing|touch-down \d+\.\d s \(\d+ m/s2\)": ("hard-landing",),
-    r"full by itself|gave full throttle": ("throttle-runaway", "height-estimate-wrong"),
-    r"swung|swings": ("control-lost", "oscillation"),
-    r"failsafe|low battery|battery": ("failsafe", "battery-low"),
-    r"GPS (speed )?jump|GPS glitch|GPS lost|GPS failsafe": ("gps-lost", "gps-glitch", "failsafe"),
+    r"hard landing|hard touch|landed hard|bounc|bump|firm landing|touch-?down \S+ s \(\d+|landing \S+ s \(\d+": (
+        "hard-landing",
+    ),
+    r"full by itself|gave full throttle": ("throttle-runaway",),
+    r"swung|swings|against the request|tumbled|flipped over|pitched to": ("control-lost",),
+    r"failsafe|low battery": ("failsafe", "battery-low"),
+    r"GPS lost|lost its fix": ("gps-lost",),
     r"accelerometer noise|vibration": ("vibration",),
-    r"climbed .*flew off": ("throttle-runaway", "control-lost"),
-    r"motor \d": ("motor-fault",),
+    r"no lift|sank": ("lift-lost",),
     r"yaw authority": ("yaw-lost",),
 }
 NOTHING = re.compile(
     r"healthy|nothing (happened|broke)|no failure|without failure|without damage|landed normally", re.IGNORECASE
 )
+#: How far [s] the first of the account's story may be from a time that the sentence names, and words of its first time.
+WHEN, TIME = 5.0, re.compile(r"\b(?:at|from|from about) (\d+(?:\.\d+)?)")
 #: Craft whose flights are not those of a multirotor.
 PLANE = re.compile(r"\bplane: not a multirotor|rover|boat", re.IGNORECASE)
 #: Texts of the readings for what a log says in words, by subsystem.
@@ -134,15 +137,18 @@ def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, s
 
 
 def gravest(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
-    """Return whether the story has what the reader found gravest, or nothing where nothing happened."""
-    sentence = row["first_event"]
+    """Return whether all of the story is what the reader tells, from when he tells it, or nothing where he does."""
+    sentence, story = row["first_event"], account.story
     named = {each for words, ids in WORDS.items() if re.search(words, sentence, re.IGNORECASE) for each in ids}
-    if row["crash"] == "yes":
-        named = {"crash"} | (named & {"motor-fault"})
-    told = {each.id for each in account.story}
-    nothing = row["crash"] != "yes" and (NOTHING.search(sentence) is not None or not named)
-    agrees = bool(told & named) or (nothing and not told)
-    return agrees, f"read: {sentence[:90]} | here: {account.headline}"
+    named |= {"crash"} if row["crash"] == "yes" else set()
+    named |= {"motor-fault"} if row["motor_at_fault"] else set()
+    words = f"read: {sentence[:90]} | here: {account.headline}"
+    if not story:
+        return row["crash"] != "yes" and (NOTHING.search(sentence) is not None or not named), words
+    times = [float(each) for each in TIME.findall(sentence)]
+    in_time = not times or min(abs((story[0].t or 0.0) - t) for t in times) <= WHEN
+    agrees = named >= {each.id for each in story} and (row["crash"] != "yes" or story[-1].id == "crash")
+    return agrees and in_time, words
 
 
 def failsafes(row: Mapping[str, str], account: Account, flight: Span) -> tuple[bool, str]:
@@ -175,6 +181,46 @@ def battery(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
     return agrees, f"{read} V read, {[round(each, 2) for each in ours]} V here"
 
 
+def compare_all(readings: Path, folder: Path) -> tuple[Counter[str], Counter[str], list[str]]:
+    """Return by quantity how many readings agree, how many there are, and every disagreement in a line."""
+    with readings.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    agree, total, lines = Counter[str](), Counter[str](), []
+
+    def count(name: str, flight: str, agrees: bool, words: str) -> None:
+        total[name] += 1
+        agree[name] += agrees
+        if not agrees:
+            lines.append(f"{name}: {flight}: {words}")
+
+    for file_name, here in itertools.groupby(rows, key=lambda row: row["file"]):
+        of_file = list(here)
+        flown = [row for row in of_file if row["flight"] != "0"]
+        try:
+            found = found_flights(folder / file_name)
+        except (OSError, logparse.RotoridError) as error:
+            lines.append(f"unread: {file_name}: {error}")
+            continue
+        pairs = list(paired(flown, found))
+        for row, each in pairs:
+            flight = f"{file_name} flight {row['flight']}"
+            if row["sure"] not in ("high", "medium"):
+                continue
+            if each is None and PLANE.search(row["note"]):
+                lines.append(f"left out: {flight}: {row['note'][:60]}")
+            elif each is None:
+                count("flights", flight, False, f"{row['takeoff_s']}-{row['landing_s']} s read, not found")
+            else:
+                for name, agrees, words in compare(row, each):
+                    count(name, flight, agrees, words)
+        # Of a log whose reader was not sure where it flew nothing is invented.
+        if not any(row["sure"] == "low" for row in of_file):
+            for each in found:
+                if all(each is not paired_with for _, paired_with in pairs):
+                    count("flights", file_name, False, f"invented, {each.flight.start:.1f}-{each.flight.stop:.1f} s")
+    return agree, total, lines
+
+
 def main(given: list[str]) -> int:
     """Compare and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks real_logs", description=__doc__)
@@ -184,46 +230,7 @@ def main(given: list[str]) -> int:
     options = parser.parse_args(given)
     if not options.readings.exists():
         parser.error(f"there are no readings at {options.readings}")
-    with options.readings.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    agree, total, lines = Counter[str](), Counter[str](), []
-
-    def count(name: str, file: str, flight: str, agrees: bool, words: str) -> None:
-        total[name] += 1
-        agree[name] += agrees
-        if not agrees:
-            lines.append(f"{name}: {file} flight {flight}: {words}")
-
-    for file in dict.fromkeys(row["file"] for row in rows):
-        path = options.logs / file
-        if not path.exists():
-            lines.append(f"missing: {file}")
-            continue
-        flown = [row for row in rows if row["file"] == file and row["flight"] != "0"]
-        try:
-            found = found_flights(path)
-        except logparse.RotoridError as error:
-            found = []
-            if flown:
-                lines.append(f"unread: {file}: {error}")
-        used = []
-        for row, each in paired(flown, found):
-            used.append(each)
-            if row["sure"] not in ("high", "medium"):
-                continue
-            if each is None and PLANE.search(row["note"]):
-                lines.append(f"left out: {file}: {row['note'][:60]}")
-                continue
-            if each is None:
-                count("flights", file, row["flight"], False, f"{row['takeoff_s']}-{row['landing_s']} s read, not found")
-                continue
-            for name, agrees, words in compare(row, each):
-                count(name, file, row["flight"], agrees, words)
-        # Of a log whose reader was not sure where it flew nothing is invented.
-        unsure = any(row["sure"] == "low" for row in rows if row["file"] == file)
-        for each in found:
-            if each not in used and not unsure:
-                count("flights", file, "none", False, f"invented, {each.flight.start:.1f}-{each.flight.stop:.1f} s")
+    agree, total, lines = compare_all(options.readings, options.logs)
     for name in NAMES:
         print(f"{name}: {agree[name]} of {total[name]}")
     print("\n".join(lines))

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from logparse.craft.pwm_range import pwm_range
-from logparse.heights import height_above_ground, slope_down, smoothed
+from logparse.heights import heights, slope_down, smoothed
 from logparse.tables import Tables
 
 Array = npt.NDArray[np.float64]
@@ -121,7 +121,7 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     tuple of Flight
         Empty for a bench log.
     """
-    height, (thrust, idle) = height_above_ground(tables), _thrust(tables)
+    height, (thrust, idle) = next((height for _, height in heights(tables)), None), _thrust(tables)
     if thrust is None:
         return () if height is None else tuple(_by_height(height, tables.events))
     readings, shocks = _readings(tables, thrust, height)

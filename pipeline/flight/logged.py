@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.flight.account import state
 from pipeline.flight.account.readings import Readings
-from pipeline.results.coverage import BatteryUse, GpsQuality, LoggedRate, LogHealth, PositionSigma, Vibration
+from pipeline.results.coverage import LoggedRate, LogHealth, PositionSigma
 
 if TYPE_CHECKING:
     from estimation import Trajectory
@@ -42,12 +43,12 @@ def log_health(
     """Measure how well a flight was logged."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
-    parameters = log.parameters
+    parameters, readings = log.parameters, Readings.of(log, flight)
     return LogHealth(
         rates=logged_rates(log.tables, flight) if rates is None else rates,
-        gps=_gps(log.tables, flight),
-        vibration=_vibration(log, flight),
-        battery=_battery(log.tables, flight),
+        gps=state.gps(readings),
+        vibration=state.worst_vibration(readings),
+        battery=state.battery(readings),
         position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
         settings={
             name: float(parameters[name])
@@ -76,44 +77,3 @@ def logged_rates(tables: Tables, flight: Span) -> dict[str, LoggedRate]:
             longest_gap=float(gaps.max()),
         )
     return rates
-
-
-def _gps(tables: Tables, flight: Span) -> GpsQuality | None:
-    if tables.gps is None:
-        return None
-    fixes = tables.gps.loc[flight.start : flight.stop]
-    if not len(fixes):
-        return None
-    known = {name: fixes[name].dropna() for name in ("satellites", "hdop", "h_acc", "s_acc")}
-    return GpsQuality(
-        fix_part=float(((fixes["fix"] >= 3.0) & fixes["lat"].notna()).mean()),
-        **{name: float(values.median()) for name, values in known.items() if len(values)},
-    )
-
-
-def _vibration(log: FlightLog, flight: Span) -> Vibration | None:
-    measured = Readings.of(log, flight).vibration
-    inside = None if measured is None else (measured.t >= flight.start) & (measured.t <= flight.stop)
-    if measured is None or measured.relative or inside is None or not inside.any():
-        return None
-    return Vibration(
-        p95=float(np.percentile(measured.level[inside], 95.0)),
-        above=float((measured.level[inside] > measured.advised).mean()),
-        clips=measured.clipped(flight) or 0,
-    )
-
-
-def _battery(tables: Tables, flight: Span) -> BatteryUse | None:
-    if tables.battery is None:
-        return None
-    flown = tables.battery.loc[flight.start : flight.stop]
-    voltage = flown["voltage"][flown["voltage"] > 1.0]
-    if not len(voltage):
-        return None
-    current = flown["current"].dropna()
-    return BatteryUse(
-        first=float(voltage.iloc[0]),
-        last=float(voltage.iloc[-1]),
-        min=float(voltage.min()),
-        mean_current=float(current.mean()) if len(current) else None,
-    )

@@ -56,12 +56,12 @@ class VibrationReading:
     """The worst vibration of a flight, as the autopilot measures it."""
 
     worst: float  #: m/s^2.
+    p95: float  #: Exceeded for 5 % of the flight, m/s^2.
     t: float
     axis: str  #: Of the body; empty where the log has one number for all.
     clips: int | None  #: How often an accelerometer hit its range; None where not logged.
-    advised: (
-        float  #: Published limits, m/s^2: normally acceptable below the first, nearly always harmful above the other.
-    )
+    #: Published limits, m/s^2: normally acceptable below the first, nearly always harmful above the other.
+    advised: float
     harmful: float
     source: str
 
@@ -73,6 +73,7 @@ class GpsReading:
     satellites_least: int | None
     satellites_median: int | None
     fix_share: float
+    hdop: float | None = None  #: Median dilution of the horizontal position.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import atan2, hypot, pi
 
+from pipeline.results.account import BatteryReading, GpsReading, VibrationReading
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisExcitation:
@@ -55,36 +57,6 @@ class LoggedRate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GpsQuality:
-    """Part of the flight with a 3-D fix; medians of satellites, dilution and accuracies [m, m/s], None if unknown."""
-
-    fix_part: float
-    satellites: float | None = None
-    hdop: float | None = None
-    h_acc: float | None = None
-    s_acc: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vibration:
-    """Vibration of the worst axis in flight."""
-
-    p95: float  #: Below it for 95 % of the time, m/s^2.
-    above: float  #: Part of the time above what calls for action.
-    clips: float  #: How often the accelerometer hit its range.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BatteryUse:
-    """Voltage at take-off, at the end and at least [V], and the mean current [A]."""
-
-    first: float
-    last: float
-    min: float
-    mean_current: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PositionSigma:
     """Horizontal 1-sigma of position over a flight, m; None where it is not known."""
 
@@ -97,9 +69,9 @@ class LogHealth:
     """How well a flight was logged."""
 
     rates: Mapping[str, LoggedRate]  #: By table.
-    gps: GpsQuality | None
-    vibration: Vibration | None
-    battery: BatteryUse | None
+    gps: GpsReading | None
+    vibration: VibrationReading | None
+    battery: BatteryReading | None
     position_sigma: PositionSigma
     settings: Mapping[str, float]  #: Parameters of the autopilot that decide what is logged.
     format: str  #: Of the log.

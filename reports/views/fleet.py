@@ -121,10 +121,10 @@ def health_table(numbers: FleetReport) -> Table | None:
                         _digits(health.rates[table].rate if table in health.rates else None)
                         for table in ("imu", "motors", "attitude", "gps")
                     ),
-                    _whole(None if health.gps is None else health.gps.satellites),
+                    _whole(None if health.gps is None else health.gps.satellites_median),
                     _digits(None if health.vibration is None else health.vibration.p95),
                     _whole(None if health.vibration is None else health.vibration.clips),
-                    "–" if health.battery is None else f"{health.battery.first:.1f}, {health.battery.min:.1f}",
+                    "–" if health.battery is None else f"{health.battery.start:.1f}, {health.battery.lowest:.1f}",
                     _digits(health.position_sigma.median),
                 ],
             )

@@ -13,7 +13,6 @@ import pytest
 from core.errors import LogError
 from logparse import completeness, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
-from logparse.heights import ground_speed, height_readings
 from logparse.tables import COLUMNS
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
@@ -80,39 +79,6 @@ def test_every_value_is_one_that_the_world_has(path):
         throttle = tables.setpoints["throttle"].dropna()
         # A rover brakes and goes backwards.
         assert throttle.between(-1.0 if log.vehicle.firmware == "ArduRover" else 0.0, 1.0).all()
-
-
-#: Rows of the hand-made readings: lift-off and touch-down of each flight; `flight` is 0 where nothing flew.
-READINGS = pd.read_csv(SHARED / "real" / "readings.tsv", sep="\t").groupby("file")
-
-
-def flights_of(name):
-    """All flights of all power-ups of a file, with their tables."""
-    log = log_of(SHARED / "real" / name)
-    logs = [log if boot == log.boot else log.of_boot(boot) for boot in log.boots]
-    return [(each.tables, flight) for each in logs for flight in each.flights]
-
-
-@pytest.mark.parametrize("name", READINGS.groups)
-def test_flights_heights_and_speeds_of_real_logs(name):
-    """Within two seconds, 10 % or a metre, and 10 % or half a metre per second; none is invented."""
-    rows = READINGS.get_group(name)
-    rows = rows[(rows["flight"] > 0) & ~rows["note"].str.startswith("plane")]
-    left = flights_of(name)
-    for row in rows.itertuples():
-        ends = row.takeoff_s, row.landing_s
-        off = [np.nanmax(np.abs(np.subtract((flight.start, flight.stop), ends))) for _, flight in left]
-        if not off or min(off) > 2.0:
-            assert row.sure == "low", (row.flight, ends, [flight for _, flight in left])
-            continue
-        tables, flight = left.pop(int(np.argmin(off)))
-        heights = height_readings(tables, flight).by_source
-        for source, height in (("baro", row.height_baro_m), ("gps", row.height_gps_m)):
-            assert np.isnan(height) or heights[source] == pytest.approx(height, abs=max(1.0, 0.1 * height))
-        speed = row.ground_speed_gps_ms
-        assert np.isnan(speed) or ground_speed(tables, flight) == pytest.approx(speed, abs=max(0.5, 0.1 * speed))
-    # Some jumps of this craft are lower than its barometer shows; three have no row of their own.
-    assert not left or name == "erlerobot-logs__25-9-2014_2.BIN", [flight for _, flight in left]
 
 
 def test_telemetry_with_several_boots_shows_the_one_that_flies():

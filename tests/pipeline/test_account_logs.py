@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import logparse
+from benchmarks import real_logs
 from core.findings import Finding
 from pipeline.flight.account import tell
 from pipeline.results.account import Account
@@ -108,40 +109,34 @@ def test_gains_that_are_too_high_are_named(account_of):
     assert {event.evidence["axis"] for event in account.notable} == {"roll", "pitch"}
 
 
-def test_a_real_crash_is_named_and_what_led_to_it_serves_no_model(account_of):
-    (path,) = (SHARED / "real").glob("BeastAyyG*mechanical_failure.bin")
-    account = account_of(path)
-    # By eye: control is lost at 368.9 s, the ground is hit at 373.5 s.
-    assert only(account, "control-lost").t == pytest.approx(368.9, abs=0.5)
-    assert only(account, "crash").t == pytest.approx(373.5, abs=0.5)
-    assert account.sound.stop < 369.0
-    # By eye: the craft falls towards motor 1 (front right), whose output stands at its limit before all others'.
-    loss = only(account, "motor-fault")
-    assert loss.evidence["motor"] == 1
-    assert loss.t == pytest.approx(368.6, abs=0.5)
-    assert "at the limit (1820 µs)" in loss.reason
+def test_real_flights_are_told_as_careful_readings_of_them_tell():
+    """Lift-off to vibration of 48 flights of others; every disagreement left is looked at in READINGS.md's words."""
+    agree, total, lines = real_logs.compare_all(SHARED / "real" / "readings.tsv", SHARED / "real")
+    missed = {name: total[name] - agree[name] for name in real_logs.NAMES}
+    # The barometer of an indoor flight is off by its rotor wash, and yaw went seconds after its motors had stopped.
+    allowed = dict.fromkeys(real_logs.NAMES, 0) | {"height": 1, "gravest": 1, "battery": 7}
+    assert total["gravest"] == 48
+    assert all(missed[name] <= allowed[name] for name in missed), lines
 
 
-def failing(name, number):
-    """Return motors and seconds of the faults in one flight of a real log."""
+@pytest.mark.parametrize(
+    ("name", "flight", "story", "t"),
+    [
+        ("mechanical_failure", 1, ("motor-fault", "crash"), 368.6),
+        ("11-2-2015_112", 2, ("motor-fault", "crash"), 610.0),
+        ("7-9-2014_24", 1, ("lift-lost", "crash"), 136.0),
+        ("5-12-2014_218", 1, ("control-lost",), 353.0),
+        ("26-11-2014_181", 1, ("vibration", "throttle-runaway"), 91.5),
+        ("31-3-2015_83", 1, ("throttle-runaway",), 25.0),
+        ("00000081", 1, ("yaw-lost", "crash"), 67.0),
+    ],
+)
+def test_what_led_to_it_comes_first(name, flight, story, t):
+    """By eye; models are made of the time before it only."""
     (path,) = (SHARED / "real").glob(f"*{name}*")
     log = logparse.read_log(path)
-    flight = log.flights[number - 1]
-    events = tell(log, Span(flight.start, flight.stop)).happenings
-    return [(event.evidence["motor"], event.t) for event in events if event.id == "motor-fault"]
-
-
-def test_a_motor_that_fails_slowly_is_named_from_when_it_needed_more():
-    """By eye: motor 2 needs ever more from 610 s on, stands at its limit from 645 s on, and the craft sinks."""
-    ((motor, t),) = failing("11-2-2015_112", 2)
-    assert motor == 2
-    assert t == pytest.approx(610.0, abs=5.0)
-
-
-@pytest.mark.slow
-def test_no_real_flight_but_those_with_a_failing_motor_has_one():
-    """Nine years of others' flights, hard sticks, crashes of other causes and uneven motors among them."""
-    for path in sorted((SHARED / "real").glob("*.[Bb][Ii][Nn]")):
-        for number, _ in enumerate(logparse.read_log(path).flights, start=1):
-            if "mechanical_failure" not in path.name and ("2015_112", number) != (path.stem[-8:], 2):
-                assert failing(path.name, number) == [], path.name
+    span = Span(log.flights[flight - 1].start, log.flights[flight - 1].stop)
+    account = tell(log, span)
+    assert tuple(event.id for event in account.story) == story
+    assert account.story[0].t == pytest.approx(t, abs=4.0)
+    assert story[-1] != "crash" or account.sound.stop < account.story[0].t

@@ -86,9 +86,9 @@ def test_the_log_is_judged(flight):
     gps = health.rates["gps"]
     assert (gps.rate, gps.gaps) == (pytest.approx(5.0, rel=0.01), 0)
     assert gps.longest_gap == pytest.approx(0.2, abs=0.05)
-    assert health.gps.fix_part == 1.0
+    assert health.gps.fix_share == 1.0
     assert 0.1 < health.position_sigma.median < 1.5
-    assert health.battery.first > health.battery.last > 10.0
+    assert health.battery.start > health.battery.lowest > 10.0
 
 
 def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):

@@ -13,7 +13,7 @@ from core.findings import Severity
 from core.parameter import Parameter
 from logparse import Vehicle
 from pipeline.flight.answer import compose_answer
-from pipeline.results.account import Reading, VibrationReading
+from pipeline.results.account import Reading
 from pipeline.results.advice import Advice
 from pipeline.results.answer import Picture, Tone
 from pipeline.results.failure import Failure
@@ -178,7 +178,7 @@ def test_heights_that_contradict_each_other_are_shown_with_their_sources(flight)
 
 def test_vibration_beyond_its_limits_is_no_good_line(flight):
     def tone(worst: float) -> Tone:
-        shaken = VibrationReading(worst=worst, t=60.0, axis="Z", clips=3, advised=30.0, harmful=60.0, source="VIBE")
+        shaken = dataclasses.replace(STATE["vibration"], worst=worst)
         return line_of(answered(flight, state={"vibration": shaken}), "Vibration").tone
 
     assert [tone(worst) for worst in (10.0, 31.0, 70.0)] == [Tone.GOOD, Tone.CARE, Tone.BAD]

@@ -135,7 +135,7 @@ def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...
     """Return the part of the flight before it broke; a crash begins with the first of its story."""
     broke = [each for each in ordered if each.id in _ENDING and each.notable]
     if story and story[-1].id in _ENDING:
-        broke += [each for each in story if each.id in ("control-lost", "lift-lost")]
+        broke += [each for each in story if each.id in ("control-lost", "lift-lost", "yaw-lost")]
     stop = min([flight.stop, *(each.t - _MARGIN for each in broke if each.t is not None)])
     return Span(flight.start, max(stop, flight.start))
 

@@ -129,6 +129,7 @@ def worst_vibration(readings: Readings) -> VibrationReading | None:
     row, axis = (int(each) for each in np.unravel_index(int(np.argmax(axes)), axes.shape))
     return VibrationReading(
         worst=float(axes[row, axis]),
+        p95=float(np.percentile(measured.level[inside], 95.0)),
         t=float(t[row]),
         axis="XYZ"[axis] if axes.shape[1] == 3 else "",
         clips=measured.clipped(readings.flight),
@@ -144,11 +145,12 @@ def gps(readings: Readings) -> GpsReading | None:
     rows = None if table is None else table.loc[readings.flight.start : readings.flight.stop]
     if rows is None or not len(rows):
         return None
-    satellites = rows["satellites"].dropna()
+    satellites, hdop = rows["satellites"].dropna(), rows["hdop"].dropna()
     return GpsReading(
         satellites_least=int(satellites.min()) if len(satellites) else None,
         satellites_median=int(satellites.median()) if len(satellites) else None,
         fix_share=float(((rows["fix"] >= 3.0) & rows["lat"].notna()).mean()),
+        hdop=float(hdop.median()) if len(hdop) else None,
     )
 
 
