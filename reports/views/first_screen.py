@@ -26,13 +26,15 @@ _HEIGHT = 270
 _SIDE_HEIGHT = 330
 #: Width of a letter above a plot, as a part of the plot's width.
 _LETTER = 0.012
+#: What a map has names for.
+_ENDS = ("start", "end")
 #: Plots below each other for which there is room.
 _PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
-    Picture.MOTORS: "Motor outputs; limits dashed.",
+    Picture.MOTORS: "Motor outputs.",
     Picture.ATTITUDE: "Attitude asked and flown.",
     Picture.RATES: "Angular rates asked and flown.",
-    Picture.VIBRATION: "Vibration; limits dashed.",
+    Picture.VIBRATION: "Vibration.",
     Picture.BATTERY: "Battery.",
     Picture.GPS: "GPS.",
     Picture.ALTITUDE: "Height.",
@@ -48,9 +50,11 @@ def first_figures(result: FlightResult) -> list[Figure]:
 
 
 def _map(figure: Figure) -> Figure:
-    """Leave the map's legend to its caption, which takes less room."""
+    """Name start and end in the map, which takes less room than a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    return replace(figure, height=_SIDE_HEIGHT, caption="○ start, ■ end", layout=layout)
+    ends = {"mode": "markers+text", "textposition": "top right"}
+    data = [each | ends | {"text": [each["name"]]} if each["name"] in _ENDS else each for each in figure.data]
+    return replace(figure, height=_SIDE_HEIGHT, caption="", data=data, layout=layout)
 
 
 def _matters(result: FlightResult) -> Figure | None:

@@ -303,7 +303,7 @@ def test_throttle_that_runs_away_is_the_autopilots_when_no_climb_was_asked_for()
     assert "behind the barometer's" in found.headline
     assert found.height.value == pytest.approx(50.0, abs=0.5)
     assert found.height.others["autopilot"] == pytest.approx(20.0, abs=0.5)
-    assert "without being asked" in account(flown(**climbing(p_d=-20.0) | {"ekf": None})).headline
+    assert "unasked" in account(flown(**climbing(p_d=-20.0) | {"ekf": None})).headline
     # Of a climb that was asked for, and of a pilot's own full throttle, nothing is said.
     modes = pd.DataFrame({"mode": ["STABILIZE"]}, index=pd.Index([0.0], name="t"))
     assert account(flown(**climbing(v_d=-5.0))).story == account(flown(**climbing(), modes=modes)).story == ()

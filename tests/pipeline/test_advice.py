@@ -203,7 +203,9 @@ def test_flights_to_repeat_are_named():
 
 def account(vibration: float, at_limit: float) -> Account:
     """Make the account of a flight that shook so much, with a motor at its limit for so much of it."""
-    shaken = VibrationReading(worst=vibration, t=50.0, axis="Z", clips=0, advised=30.0, harmful=60.0, source="")
+    shaken = VibrationReading(
+        worst=vibration, p95=0.0, t=50.0, axis="Z", clips=0, advised=30.0, harmful=60.0, source=""
+    )
     happenings = (finding("vibration", "It shook.", t=50.0),) if vibration > 60.0 else ()
     motors = MotorsReading(mean={"1": 0.5}, hardest="1", at_limit=at_limit)
     return Account(flight=Span(40.0, 90.0), vibration=shaken, motors=motors, happenings=happenings)

@@ -9,7 +9,7 @@ from core.findings import Finding
 from logparse import FlightLog, Tables
 from pipeline.flight.account import state
 from pipeline.flight.account.attitude import attitude_happenings
-from pipeline.flight.account.ground import contact, ground_happenings
+from pipeline.flight.account.ground import contact, ends_in_the_air, ground_happenings
 from pipeline.flight.account.motors import motor_happenings
 from pipeline.flight.account.power import power_happenings
 from pipeline.flight.account.readings import Readings
@@ -69,6 +69,9 @@ def account_of(readings: Readings) -> Account:
     voltage = state.battery(readings)
     if voltage is None and tables.has("battery"):
         unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
+    told = headline(story, flight) or uneventful(flight, height, distance, speed)
+    if ends_in_the_air(readings) and readings.belongs.stop == math.inf:
+        told = f"{told} The log ends in the air."
     return Account(
         flight=flight,
         phases=_phases(readings, story),
@@ -84,7 +87,7 @@ def account_of(readings: Readings) -> Account:
         motors=state.motors(readings),
         happenings=ordered,
         story=story,
-        headline=headline(story, flight) or uneventful(flight, height, distance, speed),
+        headline=told,
         unknown=unknown,
         sound=_sound(flight, ordered, story),
     )

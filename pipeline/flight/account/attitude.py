@@ -84,8 +84,8 @@ def _yaw(readings: Readings) -> Iterator[Finding]:
         worst = float(np.max(excess[rows]))
         yield finding(
             "yaw-lost",
-            f"The craft had no hold of its heading and turned up to {np.degrees(worst):.0f}°/s faster than asked for "
-            f"{last - first:.1f} s{_with(readings.at_limits(first, last))}.",
+            f"Yaw ran away by up to {np.degrees(worst):.0f}°/s for {last - first:.1f} s"
+            f"{_with(readings.at_limits(first, last))}.",
             t=first,
             end=last,
             excess_rad_s=worst,

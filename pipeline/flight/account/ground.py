@@ -10,7 +10,7 @@ import numpy as np
 from core.catalogue import finding
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
-from pipeline.flight.account.readings import Readings, at, g, stretches
+from pipeline.flight.account.readings import Readings, at, stretches
 from pipeline.results.span import Span
 
 #: Specific force [m/s^2] of a shock that no manoeuvre makes.
@@ -38,10 +38,9 @@ class Contact:
 
 def contact(readings: Readings) -> Contact | None:
     """Return the largest shock around the touch-down, or how the craft came to rest; None without either in the log."""
-    stop, height = _down(readings), readings.height
-    after = None if height is None else height.loc[stop : readings.flight.stop + _AFTER]
-    if after is not None and len(after) and after.min() > 2.0 * _DROP:
-        return None  # the log ends in the air
+    if ends_in_the_air(readings):
+        return None
+    stop = _down(readings)
     around = None if readings.force is None else readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
     t, force = readings.flight.stop, np.nan
     if around is not None and len(around) > 2:
@@ -56,6 +55,13 @@ def contact(readings: Readings) -> Contact | None:
         sink=float(np.max(before)) if len(before) else np.nan,
         lean=_rest(readings, Span(t, t + _AFTER)),
     )
+
+
+def ends_in_the_air(readings: Readings) -> bool:
+    """Return whether nothing of the log shows the craft on the ground again."""
+    height = readings.height
+    after = None if height is None else height.loc[_down(readings) : readings.flight.stop + _AFTER]
+    return after is not None and len(after) > 0 and bool(after.min() > 2.0 * _DROP)
 
 
 def _rest(readings: Readings, after: Span) -> float:
@@ -114,7 +120,7 @@ def ground_happenings(
 
 def _how(touch: Contact) -> str:
     sink = f" at {touch.sink:.0f} m/s" if touch.sink > 1.5 else ""
-    return sink + (f" ({touch.force:.0f} m/s², {g(touch.force):.0f} g)" if touch.force > 0.0 else "")
+    return sink + (f" ({touch.force:.0f} m/s²)" if touch.force > 0.0 else "")
 
 
 def _touches(readings: Readings, until: float) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
             "motor-fault",
             f"{_sentence(fault, again)}: {fault.evidence}.",
             severity=Severity.WARNING if fault.kind == "pulse" and fault.loss < _GRAVE else Severity.ERROR,
-            advice=f"Inspect motor {fault.motor}, its propeller, ESC, plugs and solder joints before the next flight.",
+            advice=f"Inspect motor {fault.motor}, its propeller, ESC and joints.",
             t=fault.t,
             end=fault.end,
             motor=fault.motor,

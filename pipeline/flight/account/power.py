@@ -64,14 +64,10 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
         asked_to, behind = _climb_asked(readings, first, last), _estimate_off(readings, first, last)
         if asked_to or (asked_to is None and behind is None):
             continue
-        why = (
-            " without being asked to"
-            if behind is None
-            else f", for its own height fell {behind:.0f} m behind the barometer's"
-        )
+        why = " unasked" if behind is None else f", for its own height fell {behind:.0f} m behind the barometer's"
         yield finding(
             "throttle-runaway",
-            f"The autopilot held full throttle while the craft climbed at {-float(down[rows].min()):.0f} m/s{why}.",
+            f"The autopilot held full throttle and climbed at {-float(down[rows].min()):.0f} m/s{why}.",
             t=first,
             end=last,
             height_error_m=behind,

@@ -12,7 +12,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from core.quantity import joined
-from core.units import STANDARD_GRAVITY
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
 from logparse.heights import ground_level, heights, slope_down
@@ -225,11 +224,6 @@ def within(t: Floats, spans: list[tuple[float, float]]) -> Mask:
 def at(t: float | Floats, series: pd.Series[float]) -> Floats:
     """Interpolate a series at times, shape (n,) or ()."""
     return np.asarray(np.interp(t, series.index.to_numpy(np.float64), series.to_numpy(np.float64)))
-
-
-def g(force: float) -> float:
-    """Return a specific force in multiples of standard gravity."""
-    return force / STANDARD_GRAVITY
 
 
 def _lean(attitude: pd.DataFrame | None, span: Span) -> pd.Series[float] | None:

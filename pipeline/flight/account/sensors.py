@@ -194,7 +194,7 @@ def _vibrations(readings: Readings) -> Iterator[Finding]:
         usual, risen, since = rise
         yield finding(
             "vibration",
-            f"Vibration rose to {risen / max(usual, 0.1):.0f} times what it was and stayed: from {number(usual, 2)} to "
+            f"Vibration rose {risen / max(usual, 0.1):.0f} times and stayed: from {number(usual, 2)} to "
             f"{number(risen, 2)} m/s²{' behind the filters of the autopilot' if measured.relative else ''}.",
             severity=Severity.ERROR,
             t=since,

@@ -58,7 +58,7 @@ def _on_board(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     yield Advice(
         id="use-on-board-log",
         rank=12,
-        do="Give the log that the autopilot wrote on its card instead of the telemetry recording",
+        do="Give the log on the autopilot's card instead of the telemetry",
         why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
         gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
         flights=tuple(flight.name for flight in radio),

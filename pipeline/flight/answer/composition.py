@@ -40,6 +40,7 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
         yield turning
     known, account = parameters(result), present(result.account)
     crashed = account is not None and any(each.id == "crash" for each in account.story)
-    if known is not None and (known.tone is Tone.GOOD or not crashed):
-        yield known
-    yield ahead(result)
+    # Of a flight that ended in a crash only what holds is worth a line.
+    for line in (known, ahead(result)):
+        if line is not None and (line.tone is Tone.GOOD or not crashed):
+            yield line

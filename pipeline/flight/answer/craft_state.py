@@ -13,8 +13,8 @@ _TONES = {Severity.INFO: Tone.GOOD, Severity.WARNING: Tone.CARE, Severity.ERROR:
 #: Full thrust over the weight that pilots are advised to have, and part of a volt per cell that is spent.
 _ADVISED, _SPENT = 2.0, 3.3
 #: Share of a flight with a motor at its limit that is more than a manoeuvre, and spread of the motors' work that a
-#: balanced craft does not have, and that cannot be told from none.
-_AT_LIMIT, _UNEVEN, _ALIKE = 0.05, 0.15, 0.01
+#: balanced craft does not have, and that needs no name.
+_AT_LIMIT, _UNEVEN, _ALIKE = 0.05, 0.15, 0.05
 #: Change of the hover throttle that tells nothing of the battery or the load.
 _STEADY = 0.025
 
@@ -82,23 +82,23 @@ def _flown(account: Account) -> AnswerLine | None:
 def _battery(battery: BatteryReading) -> AnswerLine:
     each = None if battery.cells is None else battery.lowest / battery.cells
     text = f"{battery.start:.1f} to {battery.end:.1f} V, lowest {battery.lowest:.1f} V"
-    text += "" if each is None else f" ({each:.2f} V/cell)"
+    text += "" if each is None else f" ({each:.2f}/cell)"
     return _line("Battery", text, care=each is not None and each < _SPENT)
 
 
 def _vibration(shaken: VibrationReading) -> AnswerLine:
-    along = f" along {shaken.axis}" if shaken.axis else ""
+    along = f"{shaken.axis}, " if shaken.axis else ""
     clips = f", {shaken.clips} clips" if shaken.clips else ""
-    text = f"{number(shaken.worst, 2)} m/s²{along} at {shaken.t:.0f} s (limit {shaken.advised:.0f}){clips}"
+    text = f"{number(shaken.worst, 2)} m/s² ({along}{shaken.t:.0f} s; limit {shaken.advised:.0f}){clips}"
     return _line("Vibration", text, care=shaken.worst > shaken.advised, bad=shaken.worst > shaken.harmful)
 
 
 def _gps(gps: GpsReading) -> AnswerLine:
-    least = "" if gps.satellites_least is None else f"at least {gps.satellites_least} satellites, "
     if gps.fix_share < 0.005:
         return _line("GPS", "no fix", care=True)
-    share = "always fixed" if gps.fix_share > 0.995 else f"fix {100.0 * gps.fix_share:.0f} % of the time"
-    return _line("GPS", f"{least}{share}", care=gps.fix_share < 0.99)
+    least = "always fixed" if gps.satellites_least is None else f"{gps.satellites_least} satellites or more"
+    share = f"fix {100.0 * gps.fix_share:.0f} % of the time"
+    return _line("GPS", least if gps.fix_share > 0.995 else share, care=gps.fix_share < 0.99)
 
 
 def _thrust(hover: HoverReading) -> AnswerLine:
@@ -108,12 +108,12 @@ def _thrust(hover: HoverReading) -> AnswerLine:
         + ("" if steady else f", later {100.0 * hover.end:.0f} %")
         + " throttle"
     )
-    text += "" if ratio is None else f"; at most {number(ratio, 2)} times the weight"
+    text += "" if ratio is None else f"; at most {number(ratio, 2)} × weight"
     return _line("Thrust", text, care=ratio is not None and ratio < _ADVISED)
 
 
 def _motors(motors: MotorsReading) -> AnswerLine:
-    text = f"motor {motors.hardest} works hardest, by {100.0 * motors.spread:.0f} %"
-    text = text if motors.spread > _ALIKE else "all work alike"
-    text += f"; one at its limit {100.0 * motors.at_limit:.0f} % of the time" if motors.at_limit > _AT_LIMIT else ""
+    spread = f"{max(100.0 * motors.spread, 1.0):.0f} %"
+    text = f"{motors.hardest} works hardest, by {spread}" if motors.spread > _ALIKE else f"alike within {spread}"
+    text += f"; at a limit {100.0 * motors.at_limit:.0f} %" if motors.at_limit > _AT_LIMIT else ""
     return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN)
