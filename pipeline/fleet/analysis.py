@@ -8,7 +8,7 @@ are imported when there is something to do.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -67,6 +67,7 @@ def analyze_fleet(
     store: Store | str | Path | None = None,
     publish: Publish | None = None,
     redo: bool = False,
+    told: Callable[[FlightEntry], None] | None = None,
 ) -> FleetResult:
     """Analyse logs one by one, then all flights of each craft together.
 
@@ -86,6 +87,8 @@ def analyze_fleet(
         ``publish(result, folder)`` writes what people and programs read of a `FlightResult` or `GroupResult`.
     redo : bool
         Make everything anew.
+    told : callable, optional
+        Called with each flight that is analysed as soon as its products are there.
 
     Raises
     ------
@@ -109,7 +112,7 @@ def analyze_fleet(
         began = perf_counter()
         # Flights of one file are seldom so many that fitting them together takes long.
         each = part_of(progress, 0.0, own := 0.9 if len(found.sources) == 1 else 0.8)
-        new = _analyzed(records, known, found, config, store, publish, executor, each, redo=redo)
+        new = _analyzed(records, known, found, config, store, publish, executor, each, redo=redo, told=told)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -220,6 +223,7 @@ def _analyzed(
     progress: Progress,
     *,
     redo: bool,
+    told: Callable[[FlightEntry], None] | None,
 ) -> dict[str, Outcome]:
     """Analyse what is not known, side by side where there is an executor; by URL."""
     new = [record for record in records if record.key and record.url not in known]
@@ -256,6 +260,9 @@ def _analyzed(
     for job, outcome in _done(wanted(), executor, watch):
         outcomes[job.source.url] = outcome
         watch.end(job.source.url)
+        if told is not None and isinstance(outcome, tuple):
+            for entry in outcome:
+                told(entry)
         if isinstance(outcome, LogFailure) and outcome.full:
             full = f"was not begun: of {job.source.file} {outcome.reason}"
     for job in jobs:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from logparse import FlightLog
+    from pipeline.results.entry import FlightEntry
     from pipeline.results.fleet import LogFailure
     from pipeline.results.flight import FlightResult
     from pipeline.results.report import FleetReport, FlightReport
@@ -278,6 +279,13 @@ def _announce(result: "FlightResult", out: Path) -> None:
     console().print(f"{write_account(result, out)}; models follow.", style="dim", markup=False, soft_wrap=True)
 
 
+def _announce_flight(out: str, entry: "FlightEntry") -> None:
+    """Print what happened in a flight of several, and where its page is."""
+    happened = "" if entry.account is None else entry.account.headline
+    page = f"{out.rstrip('/')}/flights/{entry.folder}/report.html"
+    console().print(f"{entry.name}: {happened}\n  {page}", markup=False, soft_wrap=True)
+
+
 def _announce_all(logs: "Sequence[FlightLog]") -> None:
     """Print what happened in each flight of a log."""
     from pipeline.flight.account import tell_each
@@ -324,7 +332,8 @@ def _several_logs(
     publish = reports.publish if plots is None else partial(reports.publish, plots=plots.value)
     with shown() as progress, workers as executor:
         rest = part_of(progress, begun, 1.0)
-        fleet = pipeline.analyze_fleet(found, config, executor, rest, store=out, publish=publish, redo=redo)
+        told = None if as_json else partial(_announce_flight, out)
+        fleet = pipeline.analyze_fleet(found, config, executor, rest, store=out, publish=publish, redo=redo, told=told)
         try:
             if not fleet.reported:
                 progress("writing the report", 0.99)

@@ -60,9 +60,14 @@ def fitted(fleet):
 
 
 def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
-    out = tmp_path / "out"
-    first, analyzed = run(logs, out)
-    assert sorted(analyzed) == ["octa1", "octa2", "octa3", "quad"]
+    out, told = tmp_path / "out", []
+
+    def tell(entry):
+        told.append(entry.name)
+        assert (out / "flights" / entry.folder / "entry.json").is_file()
+
+    first, analyzed = run(logs, out, told=tell)
+    assert sorted(analyzed) == sorted(told) == ["octa1", "octa2", "octa3", "quad"]
     assert fitted(first) == ["ArduCopter quad plus"]
     written = (out / "manifest.json").stat().st_mtime_ns
     assert {*first.groups[0].training, *first.groups[0].held_out} == {"octa1", "octa2", "octa3"}
