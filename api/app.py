@@ -130,7 +130,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     objects.prepare()
     database = Database(settings.database_url)
     database.migrate()
-    catalog = Catalog(database, objects, Quota(settings.bytes_limit, settings.queue_limit))
+    catalog = Catalog(database, objects, Quota(settings.logs_limit, settings.bytes_limit, settings.queue_limit))
     desk = Desk(settings.memory_limit, unpacked=settings.upload_limit)
     found = Crafts(database)
     folder = FolderFlights(database, settings.out)

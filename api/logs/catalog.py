@@ -38,16 +38,9 @@ class Kept(NamedTuple):
 class Quota(NamedTuple):
     """What one owner may have; 0 is any number."""
 
+    logs: int = 0
     stored: int = 0  #: Bytes of logs.
     unfinished: int = 0  #: Analyses that wait or run.
-
-
-class FullError(Exception):
-    """The owner has as many logs as one may have."""
-
-
-class ConflictError(Exception):
-    """Others kept changing the same things at the same time."""
 
 
 #: How often logs are kept anew when somebody else keeps or deletes the same ones at the same time.
@@ -62,11 +55,12 @@ class Catalog:
         self._database = database
         self._objects = objects
 
-    def keep_log(self, upload: Upload, name: str, owner: str) -> Kept:
-        """Keep one log, as `keep_logs` does."""
-        return self.keep_logs([(upload, name)], owner)[0]
+    def check_room(self, owner: str) -> None:
+        """Refuse another log where the owner has as many as one may have."""
+        if 0 < self._quota.logs <= self.count_logs(owner):
+            raise _too_many_logs(self._quota.logs)
 
-    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int = 0) -> list[Kept]:
+    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str) -> list[Kept]:
         """Keep logs that have fully arrived, with their names: all or none.
 
         The same bytes of the same owner are the same log.
@@ -74,21 +68,20 @@ class Catalog:
         placed: dict[str, str] = {}
         try:
             for _ in range(_TRIES):
-                kept = self._keep(arrived, owner, limit, placed)
+                kept = self._keep(arrived, owner, placed)
                 if kept is not None:
                     break
             else:
-                raise ConflictError
-        except (OSError, FullError, ConflictError, ProblemError):
+                detail = "The same log is being uploaded or deleted by others at this moment. Try again."
+                raise ProblemError.of("conflict", detail)
+        except (OSError, ProblemError):
             self._forget(placed.values())
             raise
         used = {each.log.id for each in kept}
         self._forget(log_id for log_id in placed.values() if log_id not in used)
         return kept
 
-    def _keep(
-        self, arrived: Sequence[tuple[Upload, str]], owner: str, limit: int, placed: dict[str, str]
-    ) -> list[Kept] | None:
+    def _keep(self, arrived: Sequence[tuple[Upload, str]], owner: str, placed: dict[str, str]) -> list[Kept] | None:
         """Keep bytes, then rows; None when somebody else kept or deleted the same logs meanwhile.
 
         `placed` gathers the id under which bytes were kept by their digest.
@@ -125,8 +118,8 @@ class Catalog:
                     kept.append(Kept(Log.model_validate(records[upload.sha256]), secret))
                 session.flush()
                 added = any(each.delete_token is not None for each in kept)
-                if limit and added and _count_logs(session, owner) > limit:
-                    raise FullError
+                if added and 0 < self._quota.logs < _count_logs(session, owner):
+                    raise _too_many_logs(self._quota.logs)
                 if added and 0 < self._quota.stored < _count_bytes(session, owner):
                     raise _too_many_bytes(self._quota.stored)
         except IntegrityError:
@@ -331,6 +324,11 @@ def _count_bytes(session: Session, owner: str) -> int:
 def _count_unfinished(session: Session, owner: str) -> int:
     open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
     return session.scalar(select(func.count()).where(AnalysisRecord.owner == owner, open_)) or 0
+
+
+def _too_many_logs(limit: int) -> ProblemError:
+    detail = f"You have the {limit} logs that this service keeps for one user. Delete one, then try again."
+    return ProblemError.of("too-many-logs", detail)
 
 
 def _too_many_bytes(limit: int) -> ProblemError:

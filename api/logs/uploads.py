@@ -12,7 +12,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
-from api.logs.catalog import Catalog, ConflictError, FullError, Kept
+from api.logs.catalog import Catalog, Kept
 from api.problems import ProblemError
 from api.settings import Settings, in_words
 from api.store.scratch import Incoming, Upload
@@ -157,11 +157,11 @@ async def receive_logs(
     fields: dict[str, str] | None = None,
 ) -> list[Kept]:
     """Store the logs of an upload: all, or none when something is wrong with one; `fields` gathers other fields."""
-    limit, stall, logs_limit = settings.upload_limit, settings.upload_stall, settings.logs_limit
+    limit, stall = settings.upload_limit, settings.upload_stall
     form = _Form(_boundary(request))
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
-    await run_in_threadpool(check_room, catalog, owner, logs_limit)
+    await run_in_threadpool(catalog.check_room, owner)
     received = 0
     try:
         with ExitStack() as stack:
@@ -196,21 +196,11 @@ async def receive_logs(
                 if recognise is not None:
                     await run_in_threadpool(recognise, upload.path, name)
             arrived = list(zip(uploads, names, strict=True))
-            return await run_in_threadpool(catalog.keep_logs, arrived, owner, logs_limit)
+            return await run_in_threadpool(catalog.keep_logs, arrived, owner)
     except FormParserError as error:
         raise _bad_form(f"The multipart form is damaged: {error}.") from error
     except ClientDisconnect as error:
         raise _bad_form("The upload was broken off.") from error
-    except FullError as error:
-        raise _too_many(logs_limit) from error
-    except ConflictError as error:
-        raise _conflict() from error
-
-
-def check_room(catalog: Catalog, owner: str, logs_limit: int) -> None:
-    """Refuse another log where the owner has `logs_limit` already; 0 is no limit."""
-    if 0 < logs_limit <= catalog.count_logs(owner):
-        raise _too_many(logs_limit)
 
 
 async def _body(request: Request, stall: float) -> AsyncIterator[bytes]:
@@ -267,13 +257,3 @@ def _empty(name: str) -> ProblemError:
 def _too_large(limit: int) -> ProblemError:
     detail = f"The upload is larger than the {in_words(limit)} that this service takes."
     return ProblemError.of("log-too-large", detail)
-
-
-def _too_many(limit: int) -> ProblemError:
-    detail = f"You have the {limit} logs that this service keeps for one user. Delete one, then try again."
-    return ProblemError.of("too-many-logs", detail)
-
-
-def _conflict() -> ProblemError:
-    detail = "The same log is being uploaded or deleted by others at this moment. Try again."
-    return ProblemError.of("conflict", detail)

@@ -13,7 +13,6 @@ from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from api.access.identity import ReportKeys, bearer
-from api.logs.uploads import check_room
 from api.problems import Problem, ProblemError
 from api.routes.analyses import check, in_words
 from api.routes.logs import take_upload
@@ -79,10 +78,10 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
     parts.rates.count_upload(request, owner)
 
     def keep() -> Analysis:
-        check_room(parts.catalog, owner, parts.settings.logs_limit)
+        parts.catalog.check_room(owner)
         with parts.incoming.receive() as upload:
             upload.write(sample.path.read_bytes())
-            kept = parts.catalog.keep_log(upload, sample.path.name, owner)
+            (kept,) = parts.catalog.keep_logs([(upload, sample.path.name)], owner)
         return parts.catalog.order([kept.log.id], {}, owner)
 
     analysis = await run_in_threadpool(keep)

@@ -160,7 +160,7 @@ def test_an_analysis_whose_worker_lives_is_not_claimed(database: Database, tmp_p
     catalog, incoming = Catalog(database, Objects(str(tmp_path / "objects"))), Incoming(tmp_path)
     with incoming.receive() as upload:
         upload.write(b"log")
-        catalog.order([catalog.keep_log(upload, "a.bin", "ann").log.id], {}, "ann")
+        catalog.order([catalog.keep_logs([(upload, "a.bin")], "ann")[0].log.id], {}, "ann")
     queue = Queue(database, lease=60.0, deaths=3)
     claim = queue.claim()
     assert claim is not None
@@ -181,7 +181,7 @@ def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(
         replace = Path.replace
         monkeypatch.setattr(Path, "replace", lambda *paths: steps.append("place") or replace(*paths))
         upload.write(b"log")
-        catalog.keep_log(upload, "a.bin", "ann")
+        catalog.keep_logs([(upload, "a.bin")], "ann")
     assert steps[:2] == ["sync", "place"]
     assert set(steps[2:-1]) == {"sync"}  # of the folders
     assert steps[-1] == "row"

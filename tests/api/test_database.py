@@ -13,8 +13,8 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import create_engine, select, update
 
-from api.logs.catalog import Catalog, FullError
-from api.problems import Problem
+from api.logs.catalog import Catalog, Quota
+from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord, Record
@@ -62,10 +62,10 @@ def keep(catalog: Catalog, tmp_path: Path) -> Callable[..., str]:
     folder.mkdir()
     incoming = Incoming(folder)
 
-    def keep_log(content: bytes, owner: str = "ann", limit: int = 0) -> str:
+    def keep_log(content: bytes, owner: str = "ann", catalog: Catalog = catalog) -> str:
         with incoming.receive() as upload:
             upload.write(content)
-            return catalog.keep_logs([(upload, "a.bin")], owner, limit)[0].log.id
+            return catalog.keep_logs([(upload, "a.bin")], owner)[0].log.id
 
     return keep_log
 
@@ -228,10 +228,12 @@ def test_the_same_log_many_times_at_once_is_one_log(
 def test_a_limit_holds_however_many_come_at_once(
     database: Database, catalog: Catalog, keep: Callable[..., str], tmp_path: Path
 ) -> None:
+    limited = Catalog(database, Objects(str(tmp_path / "objects")), Quota(logs=5))
+
     def try_to_keep(number: int) -> bool:
         try:
-            keep(b"log %d" % number, limit=5)
-        except FullError:
+            keep(b"log %d" % number, catalog=limited)
+        except ProblemError:
             return False
         return True
 
