@@ -9,7 +9,7 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api.access.identity import Rates, Shares, Tokens
+from api.access import Rates, Shares, Tokens
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts

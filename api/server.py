@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from api import log_lines
-from api.access.identity import EVERYBODY, Tokens
+from api.access import EVERYBODY, Tokens
 from api.app import create_app
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.registry import Crafts

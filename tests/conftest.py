@@ -72,7 +72,6 @@ _LENGTHY = {
         "api/test_crafts",
         "api/test_database",
         "api/test_ends",
-        "api/test_form_tokens",
         "api/test_hooks",
         "api/test_hostile",
         "api/test_openapi",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from api.access.identity import EVERYBODY
+from api.access import EVERYBODY
 from api.store.database import Database
 from api.store.ids import digest
 from api.store.records import FlightRecord

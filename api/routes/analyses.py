@@ -29,11 +29,10 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
     """
     check(order)
     try:
-        analysis = parts.catalog.order(order.ids, order.configuration.chosen(), owner)
+        analysis = parts.order(order.ids, order.configuration.chosen(), owner)
     except KeyError as error:
         detail = f"There is no log with the id {error.args[0]}."
         raise ProblemError.of("unknown-log", detail) from error
-    parts.runner.wake()
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     return summary(analysis)
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from api import problems
-from api.access.identity import bearer
+from api.access import bearer
 from api.logs.catalog import Kept, ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
@@ -46,8 +46,7 @@ async def upload_log(
             return UploadedLogs(logs=logs)
         response.headers["Location"] = f"/api/v1/logs/{logs[0].id}"
         return logs[0]
-    ordered = await run_in_threadpool(parts.catalog.order, [each.log.id for each in kept], {}, owner)
-    parts.runner.wake()
+    ordered = await run_in_threadpool(parts.order, [each.log.id for each in kept], {}, owner)
     analysis = await ended(parts.catalog, ordered, parts.runner.stopping)
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     if analysis.problem is not None:

@@ -60,8 +60,7 @@ def delete_log(
 @router.post("/logs/{log_id}/analyse")
 def analyse_log(log_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Analyse a log that is here already."""
-    ordered = parts.catalog.order([parts.catalog.find_log(log_id, owner).id], {}, owner)
-    parts.runner.wake()
+    ordered = parts.order([parts.catalog.find_log(log_id, owner).id], {}, owner)
     return lead_to(f"/analyses/{ordered.id}")
 
 
@@ -114,8 +113,7 @@ async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owne
     except (ValidationError, ProblemError) as error:
         view = {"analysis": analysis, "values": values, "wrong": in_words(error), "flights": flights}
         return render(request, "again.html", view, HTTPStatus.UNPROCESSABLE_ENTITY)
-    ordered = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
-    parts.runner.wake()
+    ordered = await run_in_threadpool(parts.order, order.ids, order.configuration.chosen(), owner)
     return lead_to(f"/analyses/{ordered.id}")
 
 

@@ -12,7 +12,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
-from api.access.identity import ReportKeys, bearer
+from api.access import ReportKeys, bearer
 from api.problems import Problem, ProblemError
 from api.routes.analyses import check, in_words
 from api.routes.logs import take_upload
@@ -63,8 +63,7 @@ async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Respons
     except (ValidationError, ProblemError) as error:
         detail = f"{in_words(error)}. The logs were kept: find them under Logs."
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, detail)) from error
-    analysis = await run_in_threadpool(parts.catalog.order, order.ids, order.configuration.chosen(), owner)
-    parts.runner.wake()
+    analysis = await run_in_threadpool(parts.order, order.ids, order.configuration.chosen(), owner)
     return lead_to(f"/analyses/{analysis.id}")
 
 
@@ -82,10 +81,9 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
         with parts.incoming.receive() as upload:
             upload.write(sample.path.read_bytes())
             (kept,) = parts.catalog.keep_logs([(upload, sample.path.name)], owner)
-        return parts.catalog.order([kept.log.id], {}, owner)
+        return parts.order([kept.log.id], {}, owner)
 
     analysis = await run_in_threadpool(keep)
-    parts.runner.wake()
     return lead_to(f"/analyses/{analysis.id}")
 
 

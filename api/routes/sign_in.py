@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
-from api.access.identity import COOKIE
+from api.access import COOKIE
 from api.settings import Access
 from api.web.dependencies import PartsOf
 from api.web.form_tokens import from_our_forms

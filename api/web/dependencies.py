@@ -1,16 +1,16 @@
 """What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
 
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import URL
 
-from api.access.identity import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
+from api.access import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
@@ -52,6 +52,12 @@ class Parts:
     hooks: Hooks
     feeds: Feeds
     folder: FolderFlights
+
+    def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
+        """Order an analysis, and let who works here know; KeyError names a log that the owner has not."""
+        ordered = self.catalog.order(log_ids, configuration, owner)
+        self.runner.wake()
+        return ordered
 
 
 async def _parts(request: Request) -> Parts:

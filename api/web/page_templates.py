@@ -13,7 +13,7 @@ from fastapi.responses import RedirectResponse, Response
 from fastapi.templating import Jinja2Templates
 from jinja2 import StrictUndefined
 
-from api.access.identity import COOKIE
+from api.access import COOKIE
 from api.settings import in_words
 from api.store.resources import Analysis, State
 from api.web.dependencies import Item

@@ -65,7 +65,7 @@ class Progress(Protocol):
     """Hears how far an analysis is and, once it is known, what happened in the flight."""
 
     def __call__(self, stage: str, fraction: float, happened: str = "") -> None:
-        """Tell."""
+        """Report it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
 
 
 def _tell_account(progress: Progress, result: "FlightResult") -> None:
-    """Tell what happened, before anything is identified."""
+    """Report what happened, before anything is identified."""
     answer = present(result.answer)
     if answer is not None:
         progress("what happened", 0.0, answer.lines[0].text)

@@ -15,7 +15,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from api import Settings, create_app
-from api.access.identity import BEARERS
+from api.access import BEARERS
 from api.logs.catalog import Catalog
 from api.settings import Access
 from api.store import backup

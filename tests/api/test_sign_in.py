@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from api.access.identity import ReportKeys, Tokens
+from api.access import ReportKeys, Tokens
 from api.settings import Access
 from api.web.page_templates import local_path
 from tests.api import standins

@@ -1,1 +1,0 @@
-"""Who asks, how much they may send, and which keys open what."""
