@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 T = TypeVar("T")
 
@@ -36,9 +37,9 @@ def restored(value: object, kind: type[T]) -> T:
     """
     with _learning:
         try:
-            return msgspec.convert(value, kind)
+            return msgspec.convert(value, kind, dec_hook=_packed)
         except msgspec.ValidationError:
-            return msgspec.convert(_with_nan(value, kind), kind)
+            return msgspec.convert(_with_nan(value, kind), kind, dec_hook=_packed)
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
@@ -49,7 +50,7 @@ def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T
 def lessened(value: object, kind: type[T]) -> T:
     """Return the part of a value that another type has, by the names of its fields."""
     with _learning:
-        return msgspec.convert(value, kind, from_attributes=True)
+        return msgspec.convert(value, kind, from_attributes=True, dec_hook=_packed)
 
 
 def recorded(value: Any, kind: type[T]) -> T:
@@ -70,7 +71,7 @@ def from_json(content: str | bytes, kind: type[T]) -> T:
     """Read JSON as a type; ValueError where it is none, or of another."""
     with _learning:
         try:
-            return msgspec.json.decode(content, type=kind)
+            return msgspec.json.decode(content, type=kind, dec_hook=_packed)
         except msgspec.ValidationError:
             return restored(msgspec.json.decode(content), kind)
 
@@ -84,6 +85,19 @@ def _unpacked(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} is no part of a result")
+
+
+def _packed(kind: Any, value: Any) -> Any:
+    """Return an array of the numbers that it was made of, NaN for None; a path of its text."""
+    if kind is Path:
+        return Path(value)
+    if kind is object or isinstance(value, np.ndarray):
+        return value
+    numbers = np.array(value, dtype=np.float64)
+    (number,) = typing.get_args(typing.get_args(kind)[1])
+    if issubclass(number, np.complexfloating):
+        return numbers[..., 0] + 1j * numbers[..., 1] if numbers.size else numbers.astype(number)
+    return numbers.astype(number)
 
 
 def _finite(value: Any, text: Callable[[str], str]) -> Any:

@@ -9,9 +9,7 @@ from typing import Literal
 import numpy as np
 
 from core.serialization import cleaned
-from pipeline.results.rotation import margins_report
-from pipeline.results.rotation_report import MarginsReport, Numbers
-from sysid.loops.loop import RateLoop
+from sysid.loops.loop import Margins, RateLoop
 from sysid.loops.proof import Proof
 from sysid.loops.responses import attitude_bandwidth
 from sysid.loops.safety import Aim
@@ -20,6 +18,8 @@ from sysid.loops.tuning import Tuning
 
 #: Frequencies and draws of the response that a page gets.
 _POINTS, _DRAWS = 180, 40
+
+Numbers = tuple[float | None, ...]
 
 #: Values by parameter before and after.
 _Changes = Mapping[str, tuple[float | None, float | None]]
@@ -49,7 +49,7 @@ class FlownLoop:
     parameters: Mapping[str, float]
     loop_rate_hz: float
     gyro_rate_hz: float
-    margins: MarginsReport
+    margins: Margins
     attitude_bandwidth_hz: float | None
     response: CraftResponse
 
@@ -59,7 +59,7 @@ class TunedLoop:
     """Proposed parameters of an axis, and its margins with them."""
 
     parameters: Mapping[str, float]
-    margins: MarginsReport
+    margins: Margins
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class AxisReport:
     axis: str
     refused: str | None
     flown: FlownLoop | None
-    measured_margins: MarginsReport | None
+    measured_margins: Margins | None
     tuned: TunedLoop | None
     worst_of_95: Mapping[str, float | None]
     actuator_noise_factor: float | None
@@ -143,10 +143,8 @@ def _axis(axis: AxisTuning) -> AxisReport:
         axis=axis.axis,
         refused=axis.refused,
         flown=None if flown is None else _loop(flown),
-        measured_margins=margins_report(flown.measured_margins) if flown is not None and measured else None,
-        tuned=None
-        if tuned is None
-        else TunedLoop(parameters=tuned.settings.parameters(), margins=margins_report(tuned.margins)),
+        measured_margins=flown.measured_margins if flown is not None and measured else None,
+        tuned=None if tuned is None else TunedLoop(parameters=tuned.settings.parameters(), margins=tuned.margins),
         worst_of_95=axis.worst,
         actuator_noise_factor=axis.noise,
     )
@@ -166,7 +164,7 @@ def _loop(loop: RateLoop) -> FlownLoop:
         parameters=loop.settings.parameters(),
         loop_rate_hz=controller.loop_rate,
         gyro_rate_hz=loop.settings.gyro.rate,
-        margins=margins_report(loop.margins),
+        margins=loop.margins,
         attitude_bandwidth_hz=attitude_bandwidth(loop),
         response=CraftResponse(
             hz=tuple(loop.hz[rows].tolist()),
