@@ -47,12 +47,6 @@ def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T
     return restored(plain(value, text), kind)
 
 
-def lessened(value: object, kind: type[T]) -> T:
-    """Return the part of a value that another type has, by the names of its fields."""
-    with _learning:
-        return msgspec.convert(value, kind, from_attributes=True, dec_hook=_packed)
-
-
 def recorded(value: Any, kind: type[T]) -> T:
     """Return a dataclass as its record, which has the same fields of what JSON can hold; TypeError where one lacks."""
     lost = {field.name for field in dataclasses.fields(value)} - set(typing.get_type_hints(kind))

@@ -10,8 +10,8 @@ from logparse import Vehicle
 from pipeline.errors import ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.entry import FlightEntry
-from pipeline.results.model_report import ModelInShort, ModelReport
-from pipeline.results.report import FleetReport, FlightInShort, FlightReport
+from pipeline.results.model_report import ModelReport
+from pipeline.results.report import FleetReport, FlightReport
 from pipeline.results.verdict import Trust, Verdict
 from reports.numbers.reading import read_report
 
@@ -56,7 +56,7 @@ def read_outcome(folder: Path) -> Outcome:
         report = read_report(folder / "report.json")
     except (OSError, ConfigError):
         return Outcome()
-    flights: Sequence[FlightReport | FlightInShort]
+    flights: Sequence[FlightReport]
     flights = [report] if isinstance(report, FlightReport) else report.flights
     groups = report.groups if isinstance(report, FleetReport) else ()
     crafts = dict.fromkeys(name for each in flights or groups if (name := _craft(each.vehicle)))
@@ -75,7 +75,7 @@ def read_outcome(folder: Path) -> Outcome:
     )
 
 
-def _flights(folder: Path, reports: Sequence[FlightReport | FlightInShort]) -> list[Flown]:
+def _flights(folder: Path, reports: Sequence[FlightReport]) -> list[Flown]:
     """Read the entries that were handed over, with what the reports say of them; none where none were."""
     try:
         entries = restored(json.loads((folder / FILE).read_bytes()), list[FlightEntry])
@@ -100,7 +100,7 @@ class Said:
     models: tuple[Judged, ...]
 
 
-def of_report(entry: FlightEntry, report: FlightReport | FlightInShort | Said | None) -> Flown:
+def of_report(entry: FlightEntry, report: FlightReport | Said | None) -> Flown:
     """Return a flight with what its report says."""
     return Flown(entry) if report is None else Flown(entry, answers(report), best(report.models))
 
@@ -110,12 +110,12 @@ def without_experiments(flown: Sequence[Flown]) -> list[Flown]:
     return [replace(each, entry=replace(each.entry, experiments=())) for each in flown]
 
 
-def answers(report: FlightReport | FlightInShort | Said) -> tuple[AnswerLine, ...]:
+def answers(report: FlightReport | Said) -> tuple[AnswerLine, ...]:
     """Return the first screen of a report."""
     return () if report.answer is None else tuple(report.answer.lines)
 
 
-def best(models: Iterable[ModelReport | ModelInShort | Judged]) -> Trust:
+def best(models: Iterable[ModelReport | Judged]) -> Trust:
     """Return the most that is said of one of several models."""
     return min((model.verdict.trust for model in models), key=_TRUST.index, default=Trust.UNKNOWN)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from logparse import Finding
 from pipeline.results.coverage import Linearity
@@ -60,8 +60,8 @@ class CoherenceReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ModelInShort:
-    """One of several models of the same motion, as tables over all flights need it."""
+class ModelReport:
+    """One of several models of the same motion, and what it is worth."""
 
     #: Which kind of model, as `pipeline.flight.kinds.KINDS` has it.
     key: str
@@ -72,17 +72,6 @@ class ModelInShort:
     rmse_average_m: ByOutput  #: Over held-out records; empty where there are none.
     kind: str  #: Of its coefficients; empty without a model.
     missing: str  #: Why there is no model, or no validation of it.
-
-    @property
-    def held_out(self) -> tuple[RmseRow, ...]:
-        """Errors on flight time that it was not fitted to."""
-        return tuple(row for row in self.rmse if row.part == "held-out")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelReport(ModelInShort):
-    """One of several models of the same motion, and what it is worth."""
-
     note: str  #: What the model describes, and what it cannot tell.
     horizons: tuple[HorizonRow, ...]
     validation: ValidationReport | None
@@ -90,6 +79,17 @@ class ModelReport(ModelInShort):
     coherence: CoherenceReport | None  #: None for models that are not linear.
     model: ModelRecord | None
     findings: tuple[Finding, ...]
+
+    @property
+    def held_out(self) -> tuple[RmseRow, ...]:
+        """Errors on flight time that it was not fitted to."""
+        return tuple(row for row in self.rmse if row.part == "held-out")
+
+    def in_short(self) -> ModelReport:
+        """Return what tables over all flights show."""
+        return replace(
+            self, horizons=(), validation=None, orders=None, coherence=None, model=None, findings=(), note=""
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ y east, z up, in metres from the first sample. What could not be determined is N
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from logparse import Finding, Severity, Vehicle
@@ -15,12 +15,11 @@ from pipeline.config import AnalysisConfig
 from pipeline.results.account import Account
 from pipeline.results.advice import Advice
 from pipeline.results.answer import Answer
-from pipeline.results.coverage import Coverage, Excitation, LogHealth, Wind
+from pipeline.results.coverage import Coverage, TimeMap
 from pipeline.results.drift import Drift
 from pipeline.results.envelope import Envelope
 from pipeline.results.loops import FlightLoops
 from pipeline.results.model_report import (
-    ModelInShort,
     ModelReport,
     ParameterRow,
     RmseRow,
@@ -28,7 +27,10 @@ from pipeline.results.model_report import (
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
-from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
+from sysid.rotors.thrust_record import ThrustReport
+
+#: Lines of an answer that tables over all flights show.
+_TABULATED = ("Happened", "Loops", "Parameters", "Predict ahead")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +117,40 @@ class FlightReport:
     findings: tuple[Finding, ...]
     missing: Mapping[str, str]
     timings_s: Mapping[str, float]  #: Seconds that each stage took.
+    folder: str = ""  #: Of its products, in the report of a folder of logs.
+
+    @property
+    def happened(self) -> str:
+        """What happened, in a few words."""
+        return "" if self.account is None else self.account.in_short
+
+    def in_short(self, folder: str) -> FlightReport:
+        """Return what tables over all flights show; the report.json in its folder has the rest."""
+        coverage, account, answer = self.coverage, self.account, self.answer
+        if coverage is not None:
+            quantities = {name: replace(each, seconds=()) for name, each in coverage.quantities.items()}
+            coverage = replace(coverage, quantities=quantities, map=TimeMap(cells=()))
+        if account is not None:
+            account = Account(flight=account.flight, story=account.story, headline=account.headline)
+        if answer is not None:
+            answer = replace(answer, lines=tuple(each for each in answer.lines if each.purpose in _TABULATED))
+        return replace(
+            self,
+            folder=folder,
+            vehicle=replace(self.vehicle, motors=()),
+            rmse=(),
+            models=tuple(each.in_short() for each in self.models),
+            thrust=None if self.thrust is None else replace(self.thrust, per_motor={}, effort={}, findings=()),
+            parameters=None,
+            trajectory=None,
+            coverage=coverage,
+            account=account,
+            rotation=None,
+            loops=None,
+            answer=answer,
+            advice=(),
+            findings=tuple(replace(each, reason="", advice="", evidence={}) for each in self.findings),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,67 +176,6 @@ class CraftReport:
     missing: Mapping[str, str]
     timings_s: Mapping[str, float]
     folder: str = ""  #: Of its products, in the report of a folder of logs.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Percentiles:
-    """How a quantity was spread over a flight."""
-
-    title: str
-    unit: str
-    min: float
-    p05: float
-    median: float
-    p95: float
-    max: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoverageInShort:
-    """What one flight covered, without how it came about."""
-
-    seconds: float
-    quantities: Mapping[str, Percentiles]
-    wind: Wind | None
-    excitation: Excitation
-    health: LogHealth
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ThrustInShort:
-    """Common thrust coefficient, and the mean command that carries the weight."""
-
-    common: ThrustCoefficient
-    hover_command: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FindingInShort:
-    """Which finding, without its words."""
-
-    id: str
-    severity: Severity
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightInShort:
-    """A flight as tables over all flights show it, without its motors; its report.json, in `folder`, has the rest."""
-
-    name: str
-    folder: str = ""
-    log: LogReport
-    vehicle: Vehicle
-    motor_count: int = 0
-    flight: FlownReport | None
-    verdict: Verdict
-    models: tuple[ModelInShort, ...]
-    thrust: ThrustInShort | None
-    coverage: CoverageInShort | None
-    happened: str = ""  #: In a few words.
-    answer: Answer | None
-    findings: tuple[FindingInShort, ...]
-    missing: Mapping[str, str]
-    timings_s: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,7 +206,7 @@ class FleetReport:
     rotorid: str
     config: AnalysisConfig
     groups: tuple[CraftReport, ...]
-    flights: tuple[FlightInShort, ...]
+    flights: tuple[FlightReport, ...]  #: See `FlightReport.in_short`.
     findings: tuple[CommonFinding, ...]
     #: Logs that gave nothing, files that were not used, copies, and logs that an earlier run knew and this did not
     #: find.

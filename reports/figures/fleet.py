@@ -12,7 +12,7 @@ from pipeline.results.answer import Tone
 from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from pipeline.results.envelope import Envelope, RangeFlown
-from pipeline.results.report import FlightInShort
+from pipeline.results.report import FlightReport
 from reports.figures.figure import (
     COLORS,
     Drawn,
@@ -46,7 +46,7 @@ _TONES = {
 }
 
 
-def flights_over_time(flights: Sequence[FlightInShort]) -> Figure | None:
+def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
     """Draw the duration of each flight over its date, or over its place where dates are not known."""
     flown = [(each, each.flight) for each in flights if each.flight is not None]
     if len(flown) < 2:
@@ -73,7 +73,7 @@ def flights_over_time(flights: Sequence[FlightInShort]) -> Figure | None:
     return plot.figure("first-flights", "The flights over time.", 330)
 
 
-def _tone(flight: FlightInShort) -> Tone:
+def _tone(flight: FlightReport) -> Tone:
     lines = () if flight.answer is None else flight.answer.lines
     return next((each.tone for each in lines if each.purpose == "Happened"), Tone.UNKNOWN)
 

@@ -18,10 +18,10 @@ from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
 from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import ModelsFile
-from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
 from reports.files.fleet_markdown import fleet_markdown
 from reports.files.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
-from reports.numbers.fleet import common_findings, in_short
+from reports.numbers.fleet import common_findings
 from reports.pages import html
 from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
 
@@ -73,11 +73,11 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
     """Compose the report on all flights from the folders of their products."""
     found = _told_apart([_craft(store, folder) for folder in crafts])
     rows = [row for craft in found for row in craft.report.rmse]
-    short: list[FlightInShort] = []
+    short: list[FlightReport] = []
     findings: dict[str, tuple[Finding, ...]] = {}
     for folder in flights:  # those of many flights would not fit into memory
         report = from_json(store.read(f"{folder}/report.json"), FlightReport)
-        short.append(in_short(report, folder))
+        short.append(report.in_short(folder))
         findings[report.name] = report.findings
         rows += report.rmse
     numbers = cleaned(

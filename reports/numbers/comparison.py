@@ -22,7 +22,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.names import printable
 from pipeline.results.quantity import Mean, ParameterChange
-from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
+from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from pipeline.results.verdict import Trust
 from reports.numbers.rows import average
 
@@ -148,7 +148,7 @@ class Subject:
     name: str
     numbers: FlightReport | CraftReport
     config: AnalysisConfig
-    flights: Sequence[FlightReport | FlightInShort]
+    flights: Sequence[FlightReport]
     #: Value and sigma in each flight that determined a parameter, by parameter and method.
     points: Mapping[tuple[str, str], Sequence[tuple[float, float]]]
     units: Mapping[str, str]  #: By parameter.
@@ -183,7 +183,7 @@ def _of_flight(flight: FlightReport) -> Subject:
     )
 
 
-def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightInShort]) -> Subject:
+def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightReport]) -> Subject:
     followed = () if craft.drift is None else craft.drift.parameters
     return Subject(
         name=craft.name,

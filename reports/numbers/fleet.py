@@ -6,23 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from core.findings import WORST_FIRST
-from core.serialization import lessened
 from logparse import Finding
-from pipeline.results.report import CommonFinding, FlightInShort, FlightReport
-
-#: Lines of an answer that tables over all flights show.
-_TABULATED = ("Happened", "Loops", "Parameters", "Predict ahead")
-
-
-def in_short(flight: FlightReport, folder: str) -> FlightInShort:
-    """Keep of a flight's report what tables over all flights show; its folder, such as ``flights/a``, has the rest."""
-    vehicle = replace(flight.vehicle, motors=())
-    happened = "" if flight.account is None else flight.account.in_short
-    answer = flight.answer
-    if answer is not None:
-        answer = replace(answer, lines=tuple(each for each in answer.lines if each.purpose in _TABULATED))
-    short = lessened(replace(flight, vehicle=vehicle), FlightInShort)
-    return replace(short, folder=folder, motor_count=len(flight.vehicle.motors), happened=happened, answer=answer)
+from pipeline.results.report import CommonFinding
 
 
 def common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:

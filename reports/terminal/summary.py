@@ -11,7 +11,7 @@ from rich.text import Text
 from core.quantity import number
 from core.table import TONES, Cell, Row, Table
 from pipeline.results.answer import Answer
-from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport
+from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import summary
 from reports.views.fleet_answer import fleet_answer
 from reports.views.model_uses import holding
@@ -69,7 +69,7 @@ def _said(shown: ShownAnswer) -> str:
     return " ".join(part for part in (shown.line.word, shown.number, shown.line.text) if part)
 
 
-def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
+def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
     """Tabulate what each flight tells, by purpose."""
     longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
     rows = []
@@ -84,7 +84,7 @@ def _flights(flights: Sequence[FlightInShort], narrow: bool) -> RenderableType:
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
 
 
-def _reasons(flights: Sequence[FlightInShort]) -> list[str]:
+def _reasons(flights: Sequence[FlightReport]) -> list[str]:
     """Return why flights have no model, each reason once: ``No model: no GPS (march1 and 4 more)``."""
     without = [flight for flight in flights if summary.best(flight.models) is None]
     reasons = summary.alike([_first_clause(summary.first_reason(flight), flight.name) for flight in without])
@@ -125,8 +125,8 @@ def _first_clause(reason: str, name: str) -> str:
 def no_model(numbers: FlightReport | FleetReport) -> str:
     """Explain why no analysed log gave a thrust or a model; empty where one did, or all failed anyway."""
     if isinstance(numbers, FlightReport):
-        flights: Sequence[FlightReport | FlightInShort] = [numbers]
-        every: Sequence[FlightReport | FlightInShort | CraftReport] = flights
+        flights: Sequence[FlightReport] = [numbers]
+        every: Sequence[FlightReport | CraftReport] = flights
     else:
         flights, every = numbers.flights, [*numbers.flights, *numbers.groups]
     if not flights or any(each.thrust is not None or any(result.kind for result in each.models) for each in every):

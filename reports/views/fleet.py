@@ -8,12 +8,12 @@ from urllib.parse import quote
 
 from core.quantity import counted, duration, number
 from core.table import Row, Table
-from pipeline.results.report import FleetReport, FlightInShort
+from pipeline.results.report import FleetReport, FlightReport
 from reports.views import summary
 from reports.views.summary import BriefAnswer
 
 
-def links(flights: Sequence[FlightInShort]) -> dict[str, str]:
+def links(flights: Sequence[FlightReport]) -> dict[str, str]:
     """Return the page of every flight, by its name."""
     return {flight.name: f"{quote(flight.folder)}/report.html" for flight in flights}
 
@@ -83,7 +83,7 @@ def flight_rows(numbers: FleetReport, pages: Mapping[str, str]) -> list[FlightRo
     return [_flight_row(flight, pages[flight.name], parts.get(flight.name, "")) for flight in numbers.flights]
 
 
-def _flight_row(flight: FlightInShort, page: str, part: str) -> FlightRow:
+def _flight_row(flight: FlightReport, page: str, part: str) -> FlightRow:
     flown, thrust = flight.flight, summary.thrust_of(flight.answer)
     return FlightRow(
         name=flight.name,

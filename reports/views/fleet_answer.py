@@ -11,7 +11,7 @@ from core.quantity import counted, duration, number, uncertain
 from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.drift import History, Step
 from pipeline.results.model_report import ModelReport
-from pipeline.results.report import CraftReport, FleetReport, FlightInShort
+from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from pipeline.results.verdict import PredictionUse
 from reports.views import summary
 from reports.views.summary import ShownAnswer, thrust_known, thrust_of
@@ -93,13 +93,13 @@ def _flown(numbers: FleetReport) -> ShownAnswer:
     return _line("Flown", "", Tone.GOOD, f"{counted(len(numbers.flights), 'flight')},", text)
 
 
-def _said(flights: Sequence[FlightInShort], purpose: str) -> list[tuple[str, ShownAnswer]]:
+def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[str, ShownAnswer]]:
     """Return the answers for a purpose with the names of their flights."""
     found = ((flight.name, summary.answers(flight.answer).get(purpose)) for flight in flights)
     return [(name, shown) for name, shown in found if shown is not None]
 
 
-def _health(flights: Sequence[FlightInShort]) -> ShownAnswer:
+def _health(flights: Sequence[FlightReport]) -> ShownAnswer:
     """Answer with how many flights were in danger, and the worst."""
     said = [(flight, summary.answers(flight.answer).get("Happened")) for flight in flights]
     tones = [(flight, shown.line.tone) for flight, shown in said if shown is not None]
@@ -114,7 +114,7 @@ def _health(flights: Sequence[FlightInShort]) -> ShownAnswer:
     return _line("Happened", "", Tone.GOOD, "", f"Nothing happened in {counted(len(known), 'flight')}.")
 
 
-def _loops(flights: Sequence[FlightInShort]) -> ShownAnswer | None:
+def _loops(flights: Sequence[FlightReport]) -> ShownAnswer | None:
     """Answer with an oscillation, else the least margin, else the slowest attitude; None where nothing is known."""
     said = [(name, shown) for name, shown in _said(flights, "Loops") if shown.line.value is not None]
     swinging = [each for each in said if each[1].line.tone is Tone.BAD and each[1].line.unit == "Hz"]

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 from core.quantity import joined, uncertain
 from pipeline.results.answer import Answer, AnswerLine, Tone
-from pipeline.results.model_report import ModelInShort, ModelReport, ParameterRow
-from pipeline.results.report import CraftReport, FleetReport, FlightInShort, FlightReport, LeftOut
+from pipeline.results.model_report import ModelReport, ParameterRow
+from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
 from reports.views.log_words import FORMATS as FORMATS
 from reports.views.log_words import UNKNOWN as UNKNOWN
 from reports.views.log_words import craft as craft
@@ -77,7 +77,7 @@ class BriefAnswer:
     ahead: Brief  #: How far ahead a model predicts.
 
 
-def brief(flight: FlightInShort) -> BriefAnswer:
+def brief(flight: FlightReport) -> BriefAnswer:
     """Return the answers of a flight in as few words as a table of flights has room for."""
     said = answers(flight.answer)
     happened, loops, ahead = (said.get(purpose) for purpose in ("Happened", "Loops", "Predict ahead"))
@@ -178,7 +178,7 @@ def thrust_conditions(thrust: ThrustReport) -> str:
     return f"{at}, in standard sea-level air"
 
 
-def first_reason(numbers: FlightReport | FlightInShort) -> str:
+def first_reason(numbers: FlightReport) -> str:
     """Return the first reason why a flight has no validated model."""
     reasons = [*numbers.missing.values(), *(result.missing for result in numbers.models)]
     return next((str(reason) for reason in reasons if reason), "no model")
@@ -201,7 +201,7 @@ def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
     return found
 
 
-Model = TypeVar("Model", bound=ModelInShort)
+Model = TypeVar("Model", bound=ModelReport)
 
 
 def best(models: Sequence[Model]) -> Model | None:
@@ -219,7 +219,7 @@ def best(models: Sequence[Model]) -> Model | None:
     return min(judged, key=rank, default=None)
 
 
-def predicts(result: ModelInShort) -> str:
+def predicts(result: ModelReport) -> str:
     """Write how far ahead a model's predictions are worth having in every axis: ``5 s``; a dash where nowhere."""
     horizon = result.uses.prediction.horizon_s
     return "–" if horizon is None else f"{horizon:g} s"

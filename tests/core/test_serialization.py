@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from core.serialization import as_json, cleaned, from_json, lessened, plain, recorded, restored
+from core.serialization import as_json, cleaned, from_json, plain, recorded, restored
 
 
 class Curve(msgspec.Struct, frozen=True, tag_field="kind", tag="curve"):
@@ -71,15 +71,6 @@ def test_what_is_of_another_type_is_refused(change):
         restored(whole | change, Result)
     with pytest.raises(ValueError, match="missing"):
         restored({"name": "a"}, Result)
-
-
-def test_a_part_is_taken_by_the_names_of_its_fields():
-    @dataclasses.dataclass(frozen=True)
-    class Short:
-        name: str
-        value: float
-
-    assert lessened(Result("a", 1.0, None, (1.0, "x"), {}), Short) == Short("a", 1.0)
 
 
 def test_a_record_that_lacks_a_field_is_refused():

@@ -21,7 +21,6 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.loops import FlightLoops
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
-from reports.numbers.fleet import in_short
 from reports.numbers.flight import flight_report
 from reports.pages.fleet import Craft, fleet_page
 from reports.pages.flight import flight_page
@@ -255,7 +254,7 @@ def test_a_reason_that_many_flights_share_is_said_once(flight):
     """A folder of old logs filled the terminal with one column of broken words."""
     reason = "the horizontal position is not known because no receiver had a fix for more than a second"
     bare = dataclasses.replace(flight_report(flight), models=(), missing={"trajectory": reason})
-    flights = [in_short(bare, f"flights/{k}") for k in range(3)]
+    flights = [bare.in_short(f"flights/{k}") for k in range(3)]
     console = Console(width=110, record=True, file=io.StringIO())
     console.print(overview(made(FleetReport, flights=flights), 110))
     text = " ".join(console.export_text().split())
@@ -264,7 +263,7 @@ def test_a_reason_that_many_flights_share_is_said_once(flight):
 
 
 def test_a_folder_tells_first_how_many_flights_ended_badly(kinds):
-    flights = [dataclasses.replace(in_short(flight_report(each), name), name=name) for name, each in kinds.items()]
+    flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
     numbers = made(FleetReport, flights=flights)
     assert [flight.happened for flight in flights][:2] == ["nothing", "motor fault, crash"]
     first = fleet_answer(numbers)[0].line
@@ -292,7 +291,7 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
     }
     history = {"parameter": "thrust over mass", "unit": "m/s^2", "method": "headline", "flights": points, "step": step}
     drift = {"order": "date", "flights": ["f0", "f1", "f2", "f3"], "parameters": [history]}
-    flights = [in_short(flight_report(kinds["good"]), "good")]
+    flights = [flight_report(kinds["good"]).in_short("good")]
     numbers = made(FleetReport, flights=flights, groups=[{"name": "quad", "drift": drift}])
     first = fleet_answer(numbers)[0].line
     assert first.text == "Thrust over mass fell by 32 ± 3 % between 10 November 2014 and 14 November 2014."
@@ -302,7 +301,7 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
 
 
 def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
-    flights = [dataclasses.replace(in_short(flight_report(kinds["good"]), "good"), name="good")]
+    flights = [dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name="good")]
     said = {each.line.purpose: each for each in fleet_answer(made(FleetReport, flights=flights))}
     own = summary.answers(kinds["good"].answer)
     assert said["Loops"].number == own["Loops"].number == "52 ± 2°"

@@ -11,7 +11,6 @@ from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.report import FleetReport
-from reports.numbers.fleet import in_short
 from reports.numbers.flight import flight_report
 from reports.numbers.reading import read_report
 from reports.terminal import inspection
@@ -62,14 +61,14 @@ def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sig
         unit="m/s²",
     )
     answer = Answer(lines=(line,), picture=Picture.ALTITUDE)
-    entry = replace(in_short(flight_report(flight), ""), answer=answer)
+    entry = replace(flight_report(flight).in_short(""), answer=answer)
     row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[3]
     assert row.rstrip().endswith(cell)
 
 
 def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
     missing = {"experiment": "flight01: no motor outputs; set RCOUT"}
-    numbers = replace(in_short(flight_report(flight), ""), models=(), answer=None, missing=missing)
+    numbers = replace(flight_report(flight).in_short(""), models=(), answer=None, missing=missing)
     text = shown(terminal.overview(made(FleetReport, flights=[numbers, numbers])), 120)
     assert "No model: no motor outputs (flight01 and 1 more)" in text
 
@@ -103,7 +102,7 @@ def test_no_model_from_any_log_is_said_with_the_reason(flight):
     bare = replace(numbers, models=(), thrust=None, missing={"experiment": "no motor outputs"})
     assert terminal.no_model(numbers) == ""
     assert terminal.no_model(bare) == "no model could be identified: no motor outputs"
-    short, none = in_short(numbers, ""), in_short(bare, "")
+    short, none = numbers.in_short(""), bare.in_short("")
     assert terminal.no_model(made(FleetReport, flights=[none, short])) == ""
     assert terminal.no_model(made(FleetReport, flights=[none, none])).endswith("no motor outputs")
     assert terminal.no_model(made(FleetReport)) == ""
