@@ -71,13 +71,15 @@ def from_json(content: str | bytes, kind: type[T]) -> T:
 
 
 def _unpacked(value: Any) -> Any:
-    """Return what arrays, their numbers, and paths are made of."""
+    """Return what arrays, their numbers, tables and paths are made of."""
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, complex):
         return [value.real, value.imag]
     if hasattr(value, "tolist"):
         return value.tolist()
+    if hasattr(value, "reset_index"):
+        return value.reset_index().to_dict("records")
     raise TypeError(f"{type(value).__name__} is no part of a result")
 
 

@@ -1,4 +1,4 @@
-"""Tunings and proofs as their files: what tuning.json holds, and what ``rotorid prove --json`` writes."""
+"""Tunings as their file: what tuning.json holds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from core.serialization import cleaned
 from sysid.loops.loop import Margins, RateLoop
-from sysid.loops.proof import Proof
 from sysid.loops.responses import attitude_bandwidth
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
@@ -20,9 +19,6 @@ from sysid.loops.tuning import Tuning
 _POINTS, _DRAWS = 180, 40
 
 Numbers = tuple[float | None, ...]
-
-#: Values by parameter before and after.
-_Changes = Mapping[str, tuple[float | None, float | None]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,21 +86,6 @@ class TuningReport:
     axes: tuple[AxisReport, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProofReport:
-    """What ``rotorid prove --json`` writes, see `sysid.loops.proof.Proof`."""
-
-    kind: Literal["proof"] = "proof"
-    before: tuple[str, ...]
-    after: tuple[str, ...]
-    refused: str | None
-    verdict: str
-    changed: _Changes
-    changed_beyond_the_loops: _Changes
-    table: tuple[Mapping[str, str | float | None], ...]  #: A row for each axis and quantity.
-    remarks: tuple[str, ...]
-
-
 def tuning_report(tuning: Tuning) -> TuningReport:
     """Return a tuning as tuning.json holds it."""
     found = TuningReport(
@@ -118,22 +99,6 @@ def tuning_report(tuning: Tuning) -> TuningReport:
         axes=tuple(map(_axis, tuning.axes)),
     )
     return cleaned(found, TuningReport)
-
-
-def proof_report(proof: Proof) -> ProofReport:
-    """Return a proof as it is written."""
-    rows = proof.table.reset_index().to_dict("records") if proof.refused is None else []
-    found = ProofReport(
-        before=proof.before,
-        after=proof.after,
-        refused=proof.refused,
-        verdict=proof.verdict,
-        changed=proof.changed,
-        changed_beyond_the_loops=proof.beyond,
-        table=tuple({str(name): value for name, value in row.items()} for row in rows),
-        remarks=proof.remarks,
-    )
-    return cleaned(found, ProofReport)
 
 
 def _axis(axis: AxisTuning) -> AxisReport:

@@ -124,6 +124,9 @@ def tune(
         typer.echo(out / "tuning.html")
     raise typer.Exit(OK if result.refused is None else NOT_POSSIBLE)
 
+#: What ``--json`` writes of a proof.
+_WRITTEN = ("before", "after", "refused", "verdict", "changed", "beyond", "table", "remarks")
+
 
 def prove(
     before: Annotated[
@@ -141,13 +144,13 @@ def prove(
     """
     from core.quantity import uncertain
     from core.serialization import as_json as strict_json
-    from reports.numbers.loops import proof_report
     from sysid.loops.proof import WANTED, WORSE
     from sysid.loops.proof import prove as compare
 
     proof = compare(open_log(before), open_log(after))
     if as_json:
-        typer.echo(strict_json(proof_report(proof)), nl=False)
+        numbers = {name: getattr(proof, name) for name in _WRITTEN}
+        typer.echo(strict_json({"kind": "proof"} | numbers), nl=False)
     elif proof.refused is not None:
         typer.echo(f"not comparable: {proof.refused}")
     else:

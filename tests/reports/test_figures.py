@@ -62,19 +62,3 @@ def test_a_missing_table_costs_only_its_own_plot(flight, missing):
     changed = {missing: GROUNDED if missing in ("trajectory", "flight") else None}
     figures = flight_figures(dataclasses.replace(flight, **changed))
     assert len(figures) >= 2
-
-
-def test_nothing_known_gives_no_plots(flight):
-    empty = dataclasses.replace(
-        flight,
-        trajectory=GROUNDED,
-        gps=None,
-        baro=None,
-        motors=None,
-        modes=None,
-        flight=GROUNDED,
-        signals=GROUNDED,
-        experiments={},
-        models=(),
-    )
-    assert flight_figures(empty) == []

@@ -1,13 +1,24 @@
-"""Plots of models: what Plotly accepts, and bands only where something is known."""
+"""Plots of models: what Plotly accepts, bands only where something is known, poles that can be told apart."""
 
 import dataclasses
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
+import pytest
 
-from reports.figures.models import horizon_figure, response_figures
+import logparse
+from pipeline.results.entry import ResponseCurve
+from pipeline.results.model_report import ModelReport
+from reports.figures.frequency import pole_figure, pole_map, response_overlays
+from reports.figures.models import horizon_figure, model_board, off_by_default, response_figures
 from reports.numbers.flight import flight_report
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from sysid import TransferFunction, frequency
 from tests.reports.builders import themed
+from tests.reports.conftest import made_flight
+from tests.reports.made import made
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):
@@ -51,3 +62,105 @@ def test_the_horizon_plot_shows_the_guesses_beside_the_models(flight):
     names = [trace["name"] for trace in figure.data if trace["showlegend"]]
     assert names == ["constant position", "constant velocity", "motor PWM"]
     assert horizon_figure([]) is None
+
+
+def test_the_board_offers_every_model_and_axis_once_in_each_place():
+    flight = made_flight()
+    board = model_board(flight.models, set())
+    values = [value for value, _ in board.choices]
+    assert len(values) == len(set(values)) > 0
+    ids = {figure.id for figure in board.figures}
+    assert ids == {f"{place}-{value}" for place in board.captions for value in values}
+    assert {figure.place for figure in board.figures} == set(board.captions) == {"bode", "roots"}
+
+
+def test_only_models_beside_better_ones_are_off_at_first():
+    def model(key, trust, model=True):
+        return made(ModelReport, key=key, verdict={"trust": trust}, kind="rigid_body" if model else "")
+
+    assert off_by_default([model("a", "no"), model("b", "limited")]) == {"a"}
+    assert off_by_default([model("a", "no"), model("b", "no")]) == set()
+    assert off_by_default([model("a", "no"), model("b", "yes", model=False)]) == set()
+
+
+def function(*poles: complex) -> TransferFunction:
+    den = np.real(np.poly(poles))
+    return TransferFunction(num=np.array([1.0]), den=den, covariance=1e-12 * np.eye(len(den)))
+
+
+def marks(figure) -> dict[str, complex]:
+    found = {}
+    for trace in figure.data:
+        if trace["mode"] == "markers":
+            found |= {text: complex(x, y) for text, x, y in zip(trace["text"], trace["x"], trace["y"], strict=True)}
+    return found
+
+
+def test_one_fast_pole_does_not_squeeze_the_slow_ones_together():
+    figure = pole_map({"m1": function(-250.0, -1.0 + 2.0j, -1.0 - 2.0j, -0.4)}, "x")
+    places = marks(figure)
+    slow, swing, fast = (places[f"{each} i rad/s"] for each in ("-0.4 + 0", "-1 + 2", "-250 + 0"))
+    (left, right), (low, high) = (figure.layout[axis]["range"] for axis in ("xaxis", "yaxis"))
+    assert all(left < each.real < right and low < each.imag < high for each in places.values())
+    # Parted by more than a twentieth of the frame (a hundredth and less on a linear scale), damping kept.
+    assert abs(slow - swing) > 0.05 * (right - left)
+    assert np.angle(swing) == pytest.approx(np.angle(-1.0 + 2.0j), abs=1e-3)
+    assert abs(fast) > 2.0 * abs(swing)
+    assert {note["text"] for note in figure.layout["annotations"]} >= {"1", "10", "100"}
+    assert "logarithmic" in figure.caption
+
+
+def test_poles_of_one_size_stand_on_a_linear_scale():
+    figure = pole_map({"m1": function(-5.0, -1.0 + 2.0j, -1.0 - 2.0j)}, "x")
+    assert marks(figure)["-5 + 0 i rad/s"] == pytest.approx(-5.0)
+    assert "logarithmic" not in figure.caption
+
+
+def test_an_unstable_pole_is_within_the_frame():
+    figure = pole_map({"m1": function(2.0, -3.0)}, "x")
+    assert figure.layout["xaxis"]["range"][1] > 2.0
+
+
+def test_a_lightly_damped_mode_is_within_the_scale(tmp_path: Path) -> None:
+    """Scaled by its distance along the real axis only, a mode at 115 rad/s lay outside of the figure."""
+    plant = AxisPlant(gain=300.0, lag=0.03, flex_hz=18.0, flex_damping=0.04, flex_share=0.25, filter_hz=60.0)
+    shaken = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.3, noise=0.005)
+    run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), shaken, 3)
+    write_rate_log(tmp_path / "mode.BIN", {"roll": run}, rate=200.0, filter_hz=60.0)
+    fit = frequency.fit(frequency.response(logparse.read_log(tmp_path / "mode.BIN"), "roll"))
+    figure = pole_figure([("roll", fit)])
+    assert figure is not None
+    poles = fit.transfer_function().poles
+    assert np.max(poles.imag) > 100.0
+    (left, right), (low, high) = (figure.layout[axis]["range"] for axis in ("xaxis", "yaxis"))
+    drawn = [trace for trace in figure.data if trace["mode"] == "markers"]
+    marks = [place for trace in drawn for place in zip(trace["x"], trace["y"], strict=True)]
+    assert len(marks) == len(poles)
+    assert all(left < x < right and low < y < high for x, y in marks)
+
+
+CURVE = ResponseCurve(
+    flight="a",
+    axis="roll",
+    unit="rad/s",
+    source="",
+    hz=(1.0, 2.0, 4.0),
+    gain_db=(30.0, 24.0, 18.0),
+    phase_deg=(270.0,) * 3,
+)
+
+
+def test_two_flights_of_an_axis_make_a_figure_and_one_makes_none():
+    curves = [CURVE, replace(CURVE, flight="b", phase_deg=(-90.0,) * 3), replace(CURVE, axis="yaw")]
+    (figure,) = response_overlays(curves, "craft-")
+    assert figure.id == "craft-responses-roll"
+    gains = [trace for trace in figure.data if trace["yaxis"] == "y"]
+    phases = [trace["y"] for trace in figure.data if trace["yaxis"] == "y2"]
+    assert [trace["name"] for trace in gains] == ["a", "b"]
+    assert phases == [[-90.0] * 3] * 2  # a turn apart is the same
+
+
+def test_motor_outputs_are_not_laid_over_the_controllers():
+    curves = [CURVE, replace(CURVE, flight="b"), replace(CURVE, flight="c", source="motor outputs to gyros")]
+    (figure,) = response_overlays(curves)
+    assert {trace["name"] for trace in figure.data} == {"a", "b"}

@@ -75,15 +75,6 @@ def test_one_sentence_says_what_the_coherence_says(above, says):
     assert view.table.heads == ["x", "z", "chance"]
 
 
-def test_reasons_stand_where_there_is_no_coherence():
-    view = coherence(
-        [made(ModelReport, title="motor PWM → position", coherence={"missing": "9 s of 8 inputs are too short"})]
-    )
-    assert view.table is None
-    assert view.sentences == ["Motor PWM → position: 9 s of 8 inputs are too short."]
-    assert coherence([made(ModelReport, title="rigid body")]) is None
-
-
 def test_page_json_and_models_have_both(flight, tmp_path):
     (index := pd.MultiIndex.from_tuples([("thrust over mass", "rotor"), ("motor lag", "rotor")])).names = [
         "parameter",

@@ -4,12 +4,10 @@ import math
 import re
 from dataclasses import replace
 
-import pytest
 from rich.console import Console
 
 from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
-from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.report import FleetReport
 from reports.numbers.flight import flight_report
 from reports.numbers.reading import read_report
@@ -38,39 +36,6 @@ def test_narrow_terminals_keep_every_number(fleet):
     assert len(cells) > 3
     assert all(cell in narrow for cell in cells)
     assert max(map(len, narrow.splitlines())) <= 80
-
-
-@pytest.mark.parametrize(
-    ("value", "sigma", "cell"),
-    [
-        (2.55771, 0.0007, "2.558 m/s²"),
-        (2.55771, 0.03, "2.56 m/s²"),
-        (0.5, 2.0, "0.5 m/s²"),
-        (2.55771, 1e-9, "2.558 m/s²"),
-        (None, 1, "–"),
-    ],
-)
-def test_coefficients_in_a_cell_have_no_more_than_four_digits(flight, value, sigma, cell):
-    line = AnswerLine(
-        purpose="Parameters",
-        word="partly",
-        tone=Tone.CARE,
-        text="thrust/mass per motor",
-        value=value,
-        sigma=sigma,
-        unit="m/s²",
-    )
-    answer = Answer(lines=(line,), picture=Picture.ALTITUDE)
-    entry = replace(flight_report(flight).in_short(""), answer=answer)
-    row = shown(terminal.overview(made(FleetReport, flights=[entry])), 120).splitlines()[3]
-    assert row.rstrip().endswith(cell)
-
-
-def test_a_reason_that_begins_with_the_flights_name_is_a_reason(flight):
-    missing = {"experiment": "flight01: no motor outputs; set RCOUT"}
-    numbers = replace(flight_report(flight).in_short(""), models=(), answer=None, missing=missing)
-    text = shown(terminal.overview(made(FleetReport, flights=[numbers, numbers])), 120)
-    assert "No model: no motor outputs (flight01 and 1 more)" in text
 
 
 def test_markup_in_names_is_text(flight):
