@@ -98,29 +98,18 @@ def answers_of(report: FlightReport) -> list[Quantity]:
 def health_of(report: FlightReport) -> list[HealthEvent]:
     """List what happened in a flight, and what the log and the fits had to say of it."""
     happenings = () if report.account is None else report.account.happenings
-    found = [
-        HealthEvent(
-            id=event.id,
-            severity=str(event.severity),
-            t_s=event.t,
-            end_s=event.end,
-            reason=event.reason,
-            advice=event.advice,
-            provenance=_provenance(report, "account of the flight"),
-        )
-        for event in happenings
-    ]
-    return found + [
+    return [
         HealthEvent(
             id=each.id,
             severity=str(each.severity),
-            t_s=None,
-            end_s=None,
+            t_s=each.t if timed else None,
+            end_s=each.end if timed else None,
             reason=each.reason,
             advice=each.advice,
-            provenance=_provenance(report, "findings"),
+            provenance=_provenance(report, "account of the flight" if timed else "findings"),
         )
-        for each in report.findings
+        for found, timed in ((happenings, True), (report.findings, False))
+        for each in found
     ]
 
 

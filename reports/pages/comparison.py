@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -132,27 +132,15 @@ def unpaired(numbers: Comparison) -> str:
     return f"Not compared, {'; '.join(parts)}." if parts else ""
 
 
-@dataclass(frozen=True, slots=True)
-class ShownPair:
-    """A craft before and after, as the page shows it."""
-
-    heading: str
-    flights: str
-    sentences: Sequence[str]
-    figure: Figure | None
-    tables: Sequence[tuple[str, Table]]
-
-
 def comparison_page(numbers: Comparison) -> str:
     """Render the page."""
-    pairs = [
-        ShownPair(
-            heading(pair), flights(pair), pair.sentences, _intervals(pair, f"changes-{place}"), list(tables(pair))
-        )
-        for place, pair in enumerate(numbers.pairs)
+    drawn = [_intervals(pair, f"changes-{place}") for place, pair in enumerate(numbers.pairs)]
+    shown = [
+        (heading(pair), flights(pair), pair.sentences, figure, list(tables(pair)))
+        for pair, figure in zip(numbers.pairs, drawn, strict=True)
     ]
-    figures = [pair.figure for pair in pairs if pair.figure is not None]
-    return render("comparison.html", figures, title=_title(numbers), pairs=pairs, unpaired=unpaired(numbers))
+    figures = [figure for figure in drawn if figure is not None]
+    return render("comparison.html", figures, title=_title(numbers), pairs=shown, unpaired=unpaired(numbers))
 
 
 def _title(numbers: Comparison) -> str:

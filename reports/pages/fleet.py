@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from logparse import Finding, Severity
-from pipeline.results.advice import Advice
+from logparse import Severity
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.figure import Figure
 from reports.figures.fleet import (
@@ -47,20 +46,6 @@ class Craft:
     report: CraftReport
     board: Board | None = None
     predictions: Mapping[str, Figure] = field(default_factory=dict)  #: Measured and predicted position by flight.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownCraft:
-    """What fleet.html shows of a craft; its own page has the rest."""
-
-    id: str
-    name: str
-    page: str
-    sentences: Sequence[str]
-    holding: Sequence[tuple[str, str]]  #: Models that predict, and for what they are of use.
-    drift_findings: Sequence[Finding]
-    courses: Sequence[Figure]  #: Parameters over the flights.
-    advice: Sequence[Advice]
 
 
 def craft_file(place: int) -> str:
@@ -124,8 +109,10 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
     told = insight(numbers)
     first = _insight_figure(told) or flights_over_time(numbers.flights)
     firsts = [] if first is None else [first]
-    shown = [_shown(each, place) for place, each in enumerate(crafts, start=1)]
-    figures = [*firsts, *(figure for each in shown for figure in each.courses)]
+    courses = [drift_figures(each.report.drift, f"{place}-")[0] for place, each in enumerate(crafts, start=1)]
+    drawn = zip(crafts, courses, strict=True)
+    shown = [_shown(craft.report, place, figures) for place, (craft, figures) in enumerate(drawn, start=1)]
+    figures = [*firsts, *(figure for some in courses for figure in some)]
     return html.render(
         "fleet.html",
         figures,
@@ -161,24 +148,21 @@ def _insight_figure(told: Insight | None) -> Figure | None:
     return None if figure is None else replace(figure, caption="Flight by flight.", height=_FIRST_HEIGHT)
 
 
-def _shown(craft: Craft, place: int) -> ShownCraft:
-    report = craft.report
-    courses, _ = drift_figures(report.drift, f"{place}-")
+def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[str, object]:
+    """Return what the page on all flights shows of a craft; its own page has the rest."""
     findings = () if report.drift is None else report.drift.findings
     told = [summary.sentence(finding.reason) for finding in findings]
-    return ShownCraft(
-        id=f"craft-{place}",
-        name=report.name,
-        page=craft_file(place),
-        sentences=[
-            *summary.joint_sentences(report)[:1],
-            *(sentence for sentence in drift_sentences(report.drift) if sentence not in told),
-        ],
-        holding=holding(report.models),
-        drift_findings=findings,
-        courses=courses,
-        advice=report.advice[:MOST_ADVICE],
-    )
+    changes = [sentence for sentence in drift_sentences(report.drift) if sentence not in told]
+    return {
+        "id": f"craft-{place}",
+        "name": report.name,
+        "page": craft_file(place),
+        "sentences": [*summary.joint_sentences(report)[:1], *changes],
+        "holding": holding(report.models),
+        "drift_findings": findings,
+        "courses": courses,
+        "advice": report.advice[:MOST_ADVICE],
+    }
 
 
 def _choice(place: str, figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]) -> Choice | None:
