@@ -124,6 +124,7 @@ def tune(
         typer.echo(out / "tuning.html")
     raise typer.Exit(OK if result.refused is None else NOT_POSSIBLE)
 
+
 #: What ``--json`` writes of a proof.
 _WRITTEN = ("before", "after", "refused", "verdict", "changed", "beyond", "table", "remarks")
 
