@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,26 +14,26 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.signals import Panel, Peak, Spectrum
 from pipeline.results.span import Span
 from reports.figures.figure import (
+    COLORS,
     Drawn,
     Figure,
-    Trace,
+    Plot,
     band,
     band_label,
-    layout_of,
-    limit_line,
     line,
     margin,
+    mark_line,
     plotly_text,
     time_axis,
 )
 
 #: Unit shown and factor, by the unit kept.
 _SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
-#: Colours of several signals of one panel; asked and flown have their own.
-_COLORS = ("@c1", "@c2", "@c3", "@c4")
 #: Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
 _ROTORS_REACH = 600.0
 _OWN = {"asked": "@own", "flown": "@ink"}
+#: How the axis of a panel of which nothing is negative begins.
+_POSITIVE: Mapping[bool, Drawn] = {True: {"rangemode": "nonnegative"}, False: {}}
 
 _CAPTIONS = {
     "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
@@ -97,42 +97,32 @@ def signal_figure(result: FlightResult, name: str, most: int) -> Figure | None:
     return _stacked(name, panels, result.flight, _marks(result)) if panels else None
 
 
-def _stacked(name: str, panels: Sequence[Panel], flight: Span, marks: list[Drawn]) -> Figure:
+def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequence[Drawn]) -> Figure:
     """Draw panels below each other over one axis of time."""
-    data: list[Trace] = []
-    axes: Drawn = {}
-    shapes = list(marks)
-    row = 1.0 / len(panels)
+    axes: list[Drawn] = []
+    for panel in panels:
+        unit, _ = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        title = plotly_text(f"{panel.title} ({unit})" if unit else panel.title)
+        positive = all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals)
+        axes.append({"title": {"text": title, "font": {"size": 11}}, "nticks": 5} | _POSITIVE[positive])
+    plot = Plot(*axes, x=time_axis(margin(flight)))
+    plot.shapes += happened
     named: set[str] = set()
     for level, panel in enumerate(panels):
-        suffix = "" if level == 0 else str(level + 1)
-        unit, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        _, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        several = len(panel.signals) > 1
         for place, signal in enumerate(panel.signals):
-            color = _OWN.get(signal.name, _COLORS[place % len(_COLORS)] if len(panel.signals) > 1 else "@ink")
-            trace = line(signal.t, factor * signal.y, signal.name, color, width=1.2, most=len(signal.t))
-            shown = len(panel.signals) > 1 and signal.name not in named
+            color = _OWN.get(signal.name, COLORS[place % len(COLORS)] if several else "@ink")
+            drawn = line(signal.t, factor * signal.y, signal.name, color, width=1.2, most=len(signal.t))
+            plot.add(drawn, level, legend=several and signal.name not in named)
             named.add(signal.name)
-            data.append(trace | {"yaxis": f"y{suffix}", "showlegend": shown})
         # A limit far above what was measured would flatten the line.
         top = max(float(np.nanmax(signal.y)) for signal in panel.signals)
         for limit in panel.limits.values():
             if limit < 3.0 * top or limit == min(panel.limits.values()):
-                shapes.append(limit_line(factor * limit, f"y{suffix}"))
-        title = f"{panel.title} ({unit})" if unit else panel.title
-        upper = 1.0 - level * row
-        axes[f"yaxis{suffix}"] = {
-            "domain": [upper - 0.86 * row, upper],
-            "title": {"text": plotly_text(title), "font": {"size": 11}},
-            "nticks": 5,
-        }
-        if all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals):
-            axes[f"yaxis{suffix}"]["rangemode"] = "nonnegative"
-    axes["xaxis"] = time_axis(margin(flight)) | {"anchor": f"y{len(panels)}" if len(panels) > 1 else "y"}
-    layout = layout_of(**axes, shapes=shapes)
-    caption = _CAPTIONS[name]
-    if name in _ALONE and "asked" not in named:
-        caption = _ALONE[name]
-    return Figure(f"health-{name}", caption, data, layout, 120 + 110 * len(panels))
+                plot.limit(factor * limit, level)
+    caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]
+    return plot.figure(f"health-{name}", caption, 120 + 110 * len(panels), time=True)
 
 
 def _sag(result: FlightResult) -> Parameter | None:
@@ -144,74 +134,30 @@ def _marks(result: FlightResult) -> list[Drawn]:
     """Draw each notable happening as a line where it began."""
     account = present(result.account)
     times = sorted({round(each.t, 1) for each in (() if account is None else account.notable) if each.t is not None})
-    return [
-        {
-            "type": "line",
-            "xref": "x",
-            "yref": "paper",
-            "x0": t,
-            "x1": t,
-            "y0": 0,
-            "y1": 1,
-            "line": {"color": "@judged", "width": 1, "dash": "dot"},
-        }
-        for t in times[:40]
-    ]
+    return [mark_line(t, "@judged") for t in times[:40]]
 
 
 def _spectrum(spectrum: Spectrum) -> Figure:
     unit, factor = _SHOWN.get(spectrum.unit, (spectrum.unit, 1.0))
-    data: list[Trace] = []
-    for place, (axis, amplitude) in enumerate(spectrum.amplitudes.items()):
+    last = float(spectrum.hz[-1])
+    axis = {"title": {"text": "frequency (Hz)"}, "range": [0.0, min(last, _ROTORS_REACH)]}
+    plot = Plot({"title": {"text": f"amplitude ({unit})"}, "type": "log"}, x=axis)
+    for place, (name, amplitude) in enumerate(spectrum.amplitudes.items()):
         hover = "%{x:.0f} Hz: %{y:.3g}"
-        trace = line(spectrum.hz, factor * amplitude, axis, _COLORS[place], width=1.2, decimals=6, hover=hover)
-        data.append(trace)
-    shapes: list[Drawn] = [
-        band(Span(notch.low, min(notch.high, float(spectrum.hz[-1]))), "@judged", 0.18) for notch in spectrum.notches
-    ]
-    marks = [(name, hz, "@judged") for name, hz in spectrum.filters.items()]
-    labels: list[Drawn] = []
-    for name, hz, color in marks:
-        shapes.append(
-            {
-                "type": "line",
-                "xref": "x",
-                "yref": "paper",
-                "x0": hz,
-                "x1": hz,
-                "y0": 0,
-                "y1": 1,
-                "line": {"color": color, "width": 1, "dash": "dash"},
-            }
-        )
-        labels.append(band_label(Span(hz, hz), name))
+        plot.add(line(spectrum.hz, factor * amplitude, name, COLORS[place], width=1.2, decimals=6, hover=hover))
+    plot.shapes += [band(Span(notch.low, min(notch.high, last)), "@judged", 0.18) for notch in spectrum.notches]
+    plot.shapes += [mark_line(hz, "@judged", dash="dash") for hz in spectrum.filters.values()]
+    labels = [band_label(Span(hz, hz), name) for name, hz in spectrum.filters.items()]
     labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
     # Below each other: filters and notches lie close together.
-    labels = [label | {"y": 0, "yshift": 14 * k} for k, label in enumerate(labels)]
+    plot.notes += [label | {"y": 0, "yshift": 14 * k} for k, label in enumerate(labels)]
     highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
-    labels += [
-        {
-            "text": plotly_text(_peak_name(peak)),
-            "x": peak.hz,
-            "y": float(np.log10(min(factor * peak.amplitude, highest))),
-            "xref": "x",
-            "yref": "y",
-            "showarrow": True,
-            "arrowhead": 0,
-            "ax": 0,
-            "ay": -18,
-            "font": {"size": 10},
-        }
-        for peak in spectrum.peaks
-    ]
-    layout = layout_of(
-        xaxis={"title": {"text": "frequency (Hz)"}, "range": [0.0, min(float(spectrum.hz[-1]), _ROTORS_REACH)]},
-        yaxis={"title": {"text": f"amplitude ({unit})"}, "type": "log"},
-        shapes=shapes,
-        annotations=labels,
-    )
+    arrow = {"xref": "x", "yref": "y", "showarrow": True, "arrowhead": 0, "ax": 0, "ay": -18, "font": {"size": 10}}
+    for peak in spectrum.peaks:
+        at = {"x": peak.hz, "y": float(np.log10(min(factor * peak.amplitude, highest)))}
+        plot.notes.append(arrow | at | {"text": plotly_text(_peak_name(peak))})
     caption = f"Spectrum of the angular rates ({spectrum.source}). {peaks_in_words(spectrum)}"
-    return Figure("health-spectrum", caption, data, layout, 330, time=False)
+    return plot.figure("health-spectrum", caption, 330)
 
 
 def _peak_name(peak: Peak) -> str:
