@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from logparse import Finding
@@ -34,6 +35,18 @@ class RmseRow:
     rmse_mean_m: ByOutput
     rmse_constant_position_m: ByOutput
     scored_from_s: float | None  #: What lies before it gave the initial state.
+
+
+def average(rows: Sequence[Mapping[str, float | None]]) -> dict[str, float]:
+    """Average errors over flights, output by output.
+
+    NaN for an output of which a flight has no number.
+    """
+    outputs = list(rows[0]) if rows else []
+    return {
+        output: sum(math.nan if (value := row[output]) is None else value for row in rows) / len(rows)
+        for output in outputs
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -12,16 +12,16 @@ from typing import Any, Protocol
 
 from scipy.io import loadmat, savemat
 
+from core.findings import WORST_FIRST
 from core.serialization import as_json, cleaned, from_json
 from logparse import Finding
 from pipeline.fleet.result import FleetResult
 from pipeline.names import printable
 from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import ModelsFile
-from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
+from pipeline.results.report import CommonFinding, CraftReport, FleetReport, FlightReport, LeftOut
 from reports.files.fleet_markdown import fleet_markdown
 from reports.files.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
-from reports.numbers.fleet import common_findings
 from reports.pages import html
 from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
 
@@ -85,7 +85,7 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
             facts,
             groups=tuple(craft.report for craft in found),
             flights=tuple(short),
-            findings=common_findings(findings),
+            findings=_common_findings(findings),
         ),
         FleetReport,
         printable,
@@ -107,6 +107,27 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
         store.write(craft_file(place), page.encode())
     store.write("report.html", page_or_excuse(lambda: fleet_page(numbers, found), "report.html").encode())
     return numbers
+
+
+def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:
+    """Gather the findings of all flights, by name, by what they are about, worst and most frequent first."""
+    found: dict[str, CommonFinding] = {}
+    for flight, findings in flights.items():
+        for finding in findings:
+            key = f"{finding.severity} {finding.id}"
+            entry = found.setdefault(
+                key,
+                CommonFinding(
+                    id=finding.id,
+                    severity=finding.severity,
+                    reason=finding.reason,
+                    advice=finding.advice,
+                    example=flight,
+                    flights=(),
+                ),
+            )
+            found[key] = replace(entry, flights=tuple(dict.fromkeys((*entry.flights, flight))))
+    return tuple(sorted(found.values(), key=lambda each: (WORST_FIRST.index(each.severity), -len(each.flights))))
 
 
 def _craft(store: Products, folder: str) -> Craft:

@@ -19,11 +19,11 @@ from pipeline.results.model_report import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports.figures.figure import Figure
 from reports.figures.models import Board, joint_predictions, model_board, off_by_default
-from reports.files.parameters import write_parameters
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
 from reports.pages.flight import MODELS_PAGE, flight_page, models_page
+from sysid.rigid_body.physical import quantity
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
 _LOG = logging.getLogger("rotorid.reports")
@@ -34,6 +34,8 @@ SHARED_SCRIPT = "plotly.min.js"
 _BACK = "../../"
 #: Columns of ``coefficients.csv``.
 _COEFFICIENTS = ["owner", "model", "output", "input", "part", "power", "value", "std", "relative", "determined"]
+#: Columns of ``parameters.csv``: every physical parameter by every method, a row each.
+PARAMETERS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "determined", "reason")
 
 
 def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
@@ -93,7 +95,7 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
     (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
     (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
     _write_exports(result, folder)
-    write_parameters(result, folder)
+    _write_parameters(report, folder)
     return path
 
 
@@ -151,3 +153,23 @@ def _write_exports(result: FlightResult | GroupResult, folder: Path) -> None:
     table = pd.concat(tables)[_COEFFICIENTS] if tables else pd.DataFrame(columns=_COEFFICIENTS)
     table.to_csv(folder / "coefficients.csv", index=False, float_format="%.9g")
     write_mat(matrices, folder / "models.mat")
+
+
+def _write_parameters(report: FlightReport | CraftReport, folder: Path) -> None:
+    """Write ``parameters.csv``; only its head where no method could be applied.
+
+    A parameter comes in SI units where mass (and arm) were given, otherwise in those in which motion alone gives it,
+    and is called accordingly: thrust in newtons, thrust over mass in m/s^2.
+    """
+    own = isinstance(report, FlightReport)
+    frame = " ".join(part for part in (report.vehicle.frame_class, report.vehicle.frame_type) if part)
+    owner = as_cell(frame if own else report.name), as_cell(report.name) if own else ""
+    rows = []
+    for row in report.parameters or ():
+        si = row.si_value is not None
+        value, sigma, unit = (row.si_value, row.si_sigma, row.si_unit) if si else (row.value, row.sigma, row.unit)
+        name, divisor = quantity(row.parameter, unit)
+        called = row.parameter if not si else f"{name} over {divisor}" if divisor else name
+        known = value is not None
+        rows.append((*owner, called, value, sigma if known else None, unit, row.method, known, row.note))
+    pd.DataFrame(rows, columns=list(PARAMETERS)).to_csv(folder / "parameters.csv", index=False, float_format="%.9g")

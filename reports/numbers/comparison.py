@@ -21,10 +21,10 @@ from core.quantity import number, uncertain
 from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.names import printable
+from pipeline.results.model_report import average
 from pipeline.results.quantity import Mean, ParameterChange
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from pipeline.results.verdict import Trust
-from reports.numbers.rows import average
 
 #: Chance of calling any parameter of a pair changed when none did.
 SIGNIFICANCE = 0.05

@@ -27,6 +27,7 @@ from pipeline.results.model_report import (
     OwnedModels,
     ParameterRow,
     RmseRow,
+    average,
 )
 from pipeline.results.report import (
     CraftReport,
@@ -38,7 +39,6 @@ from pipeline.results.report import (
     TrajectoryReport,
 )
 from pipeline.results.span import Span
-from reports.numbers.rows import average
 from sysid.rigid_body.model_record import RigidBodyRecord
 from sysid.rotors.thrust_record import ThrustReport
 from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport

@@ -14,6 +14,7 @@ from reports.figures.figure import Figure, Plot, digits, marks
 from reports.numbers.comparison import Comparison, Facts, Pair, change
 from reports.pages.html import render
 from reports.views import summary
+from reports.views.drift import chance
 
 _WORDS = {True: "changed", False: "no change seen"}
 
@@ -88,13 +89,6 @@ def _setting(value: object) -> str:
     if isinstance(value, float):
         return number(value, 4)
     return "–" if value is None or value == "" else str(value)
-
-
-def chance(p: float | None) -> str:
-    """Write a probability: three digits are more than anybody needs."""
-    if p is None:
-        return "–"
-    return "< 0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
 def tables(pair: Pair) -> Iterator[tuple[str, Table]]:

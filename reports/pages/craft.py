@@ -9,9 +9,8 @@ from core.table import Row, Table
 from pipeline.results.craft_review import CraftReview, Note
 from reports.figures.fleet import drift_figures
 from reports.pages import html
-from reports.pages.comparison import chance
 from reports.views import summary
-from reports.views.drift import drift_sentences, drift_table
+from reports.views.drift import chance, drift_sentences, drift_table
 
 
 def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from core.quantity import column, counted, number
 from core.table import Row, Table
 from logparse import Vehicle
-from pipeline.results.model_report import ByOutput, ModelReport
+from pipeline.results.model_report import ByOutput, ModelReport, average
 from pipeline.results.report import CraftReport
-from reports.numbers.rows import average
 from reports.views import summary
 from reports.views.tables import rmse_heads, rmse_lines
 

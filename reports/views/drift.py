@@ -21,9 +21,9 @@ def drift_table(drift: Drift | None) -> Table | None:
             _written(each.mean, each.mean_sigma, degrees),
             number(each.between * degrees, 2),
             "–" if trend is None else _written(trend.per_flight, trend.per_flight_sigma, degrees),
-            "–" if trend is None else _chance(trend.p_adjusted),
+            "–" if trend is None else chance(trend.p_adjusted),
             "–" if step is None else _written(step.change, step.sigma, degrees),
-            "–" if step is None else _chance(step.p_adjusted),
+            "–" if step is None else chance(step.p_adjusted),
         ]
         label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
         rows.append(Row(label, cells, "" if each.change is None else "strong"))
@@ -55,5 +55,8 @@ def _written(value: float, sigma: float, factor: float) -> str:
     return uncertain(factor * value, factor * sigma)
 
 
-def _chance(p: float) -> str:
-    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+def chance(p: float | None) -> str:
+    """Write a probability: three digits are more than anybody needs."""
+    if p is None:
+        return "–"
+    return "< 0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"

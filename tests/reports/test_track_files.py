@@ -8,9 +8,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
+import reports
 from core.findings import Severity
 from pipeline.results.failure import Failure
-from reports.files.parameters import COLUMNS, write_parameters
+from reports.files.folder import PARAMETERS
 from reports.files.tracks import FILES, write_track
 from tests.reports.accounts import account, happening
 
@@ -62,7 +63,8 @@ def test_without_a_position_there_is_no_track_and_an_old_one_goes(eventful, tmp_
 
 
 def test_parameters_without_a_fit_are_a_head_only(eventful, tmp_path):
-    file = write_parameters(dataclasses.replace(eventful, parameters=Failure("parameters", "no IMU")), tmp_path)
+    reports.write(dataclasses.replace(eventful, parameters=Failure("parameters", "no IMU")), tmp_path)
+    file = tmp_path / "parameters.csv"
     with file.open(newline="", encoding="utf-8") as stream:
         rows = list(csv.reader(stream))
-    assert rows == [list(COLUMNS)]
+    assert rows == [list(PARAMETERS)]
