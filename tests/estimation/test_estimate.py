@@ -118,14 +118,6 @@ def test_without_gps_the_sigma_says_that_position_drifts(flight):
     assert sigma["p_d"] < 2.0
 
 
-def test_imu_alone_gives_attitude_rates(flight):
-    alone = Tables(imu=flight.tables.imu)
-    result = estimate(alone)
-    assert [f.evidence["what"] for f in result.findings] == ["gps", "mag", "baro"]
-    assert np.isnan(result.origin.lat)
-    assert np.degrees(compare(result, settled(flight)).tilt) < 5.0
-
-
 @pytest.mark.parametrize("attitude", [True, False])
 def test_a_log_that_starts_in_the_air(flight, attitude):
     tables = later(flight.tables, 30.0)
@@ -207,15 +199,6 @@ def test_nothing_to_estimate_from_is_said_with_what_to_set(flight):
         estimate(Tables())
     with pytest.raises(MissingDataError, match="too short"):
         estimate(replace(flight.tables, imu=flight.tables.imu.iloc[:40]))
-
-
-def test_a_steady_hover_is_not_taken_for_the_ground(flight):
-    """The log starts at rest, but the motors carry: tilt is then not to be read off the accelerometer."""
-    t = flight.tables.imu.index
-    hover = pd.DataFrame(1450.0, index=t[::5], columns=["m1", "m2", "m3", "m4"])
-    result = estimate(replace(flight.tables, motors=hover))
-    assert result.diagnostics["aligned_still"] == [False]
-    assert compare(result, settled(flight)).horizontal_velocity < 0.1
 
 
 def test_each_segment_takes_its_own_imu(flight):

@@ -4,18 +4,14 @@ A simulated flight is spoilt in one way; the estimate must come out as good as f
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimation import compare, errors, estimate, nees
 from estimation.timing import ACCEL, GYRO
-from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
 
-LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
-needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 SETTLED = 15.0
 VELOCITY = ("v_n", "v_e", "v_d")
 
@@ -92,17 +88,6 @@ def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     assert error.yaw < 1.5 * clean.yaw
 
 
-@needs_logs
-def test_a_receivers_clock_is_found_behind_a_nearer_peak():
-    """The 8 kg craft's mission to and fro is likely at 0.1 s too: velocities were 81 sigma off, and withdrawn."""
-    tables = read_log(LOGS / "octa11_auto_8kg.BIN").tables
-    gps = tables.gps
-    assert gps is not None
-    result = estimate(replace(tables, gps=gps.assign(t_valid=gps["t_valid"] + 1.0)), rate=10.0)
-    assert result.diagnostics["lags"]["gps"] == pytest.approx(0.98, abs=0.03)
-    assert [f.id for f in result.findings] == ["sensor-doubtful"]
-
-
 @pytest.mark.parametrize("time_constant", [1.0, 2.0])
 def test_a_barometer_behind_a_slow_filter_bends_no_clock(flight, truth, clean, time_constant):
     """It lags by no one time; the receiver was taken for early, and positions were 8 sigma off without a finding."""
@@ -173,15 +158,6 @@ def test_forces_of_another_unit_or_sign_are_no_bias(flight, factor):
     imu[ACCEL] *= factor
     result = estimate(replace(flight.tables, imu=imu), rate=10.0)
     assert "trajectory-inconsistent" in [f.id for f in result.findings]
-
-
-def test_barometer_spikes_leave_no_trace(flight, truth, clean):
-    baro = flight.tables.baro.copy()
-    baro.iloc[np.random.default_rng(1).choice(len(baro), 20, replace=False), 0] = 210.0
-    error = compare(estimate(replace(flight.tables, baro=baro), rate=10.0), truth)
-    # Twenty of a thousand readings are missing then, and the noise is matched to the others.
-    assert error.vertical_position == pytest.approx(clean.vertical_position, rel=0.05)
-    assert error.vertical_velocity == pytest.approx(clean.vertical_velocity, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [41, 42])

@@ -109,9 +109,6 @@ def test_settings_come_from_yaml_and_toml(tmp_path):
     [
         ("a.yaml", "wind: [1, 2", "not well-formed YAML: .*line 1"),
         ("a.toml", "wind = = 3", "not well-formed TOML"),
-        ("a.yaml", "- wind\n- mass\n", "a name and a value in each line"),
-        ("a.yaml", "just words", "a name and a value in each line"),
-        ("a.yaml", "\x00", "not well-formed YAML"),
     ],
 )
 def test_malformed_files_are_told(name, text, message, tmp_path):
@@ -125,25 +122,14 @@ def test_malformed_files_are_told(name, text, message, tmp_path):
     [
         ("motion-wind", {"wnd": 3}, r"no setting 'wnd' \(did you mean wind\?\)"),
         ("motion-wind", {"mass": "heavy"}, "mass must be a number, not 'heavy'"),
-        ("motion-wind", {"mass": float("nan")}, "mass must be a finite number"),
-        ("motion-wind", {"mass": True}, "mass must be a number"),
         ("motion-wind", {"target": "1,2"}, "target must be three numbers"),
-        ("motion-wind", {"target": [1, 2, "x"]}, "target must be a number, not 'x'"),
         ("octa01_zurich_calm", {"seed": 1.5}, "seed must be a whole number"),
-        ("octa01_zurich_calm", {"points": 7}, "list of points"),
         ("octa01_zurich_calm", {"points": "90000,0,9"}, "within 20 km of the take-off"),
         ("octa01_zurich_calm", {"points": "9000,0,9;0,0,9"}, r"would take \d+ s, and 3600 s are the most"),
-        ("octa01_zurich_calm", {"seed": -1}, "seed -1 must lie in"),
         ("octa01_zurich_calm", {"mass": 12}, "12 kg cannot be flown"),
-        ("octa01_zurich_calm", {"mass": -1}, "mass must be positive"),
-        ("octa01_zurich_calm", {"step": 0.5}, "step 0.5 s must lie in"),
-        ("octa01_zurich_calm", {"altitude": 20000}, "outside the standard troposphere"),
         ("kim-recovery", {"voltage": 20}, "covers 13 to 16 V"),
-        ("kim-recovery", {"roll": 120}, "within 85 deg"),
         ("guntur-profile", {"motor": "Duracell"}, "no motor called 'Duracell'"),
         ("guntur-profile", {"payload": 2}, r"payload 2 must lie in 0\.\.1"),
-        ("guntur-profile", {"step": 0.03}, "step 0.03 s be 0.01"),
-        ("guntur-profile", {"discharge": -1}, "cannot be negative"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(case, changes, message):

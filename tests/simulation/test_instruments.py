@@ -11,7 +11,7 @@ from simulation import elhesasy2024, fly
 from simulation.fly import Setup
 from simulation.mission import CHIRP_AXES, Chirp, Mission, Wait
 from simulation.place import Place
-from simulation.sensors import Gps, Inertial, Navigation, Sensors, SpeedControllers
+from simulation.sensors import Gps, Inertial, Navigation, Sensors
 
 SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)
 OCTA = elhesasy2024.octocopter()
@@ -51,16 +51,6 @@ def test_receiver_holds_its_last_place_during_an_outage():
     assert rows["lat_deg"][out].nunique() == 1
     assert (rows.loc[out, ["v_n", "v_e", "v_d"]] == 0.0).all().all()
     assert rows["lat_deg"][~out].nunique() > 30
-
-
-def test_speed_controllers_report_speed_and_share_the_current():
-    t = pd.Index(np.arange(0.0, 2.0, 0.01), name="t")
-    truth = pd.DataFrame({"w1": 500.0, "w2": 400.0, "current": 10.0}, index=t)
-    rows = SpeedControllers(rate=50.0, resolution=10.0).sample(truth, 2)
-    assert len(rows) == 100
-    assert rows["rpm1"].iloc[0] == round(500.0 * 60.0 / (2.0 * math.pi) / 10.0) * 10.0
-    assert rows["current1"].iloc[0] / rows["current2"].iloc[0] == pytest.approx((500.0 / 400.0) ** 3)
-    assert rows[["current1", "current2"]].sum(axis=1).to_numpy() == pytest.approx(np.full(100, 10.0))
 
 
 def test_chirp_sweeps_between_its_frequencies():

@@ -166,21 +166,6 @@ def test_gps_outage_is_logged_as_one(logs, truths):
     assert np.ptp(lat[out]) == 0.0
 
 
-def test_speed_controllers_report_what_lifts_the_craft(logs, truths):
-    """K w^2 of the logged turns per minute carries the weight in hover, to half a per cent."""
-    truth = truths["quad01_davos_esc"]
-    t, motor, rpm = column(logs["quad01_davos_esc"], "ESC", "Instance", "RPM")
-    squares = [np.square(rpm[motor == k] * 2.0 * math.pi / 60.0) for k in range(4)]
-    t = t[motor == 0]
-    t_imu, acc_z = column(logs["quad01_davos_esc"], "IMU", "AccZ")
-    start, end = (1e6 * s for s in truth["time_s"]["airborne"])
-    inside = (t > start + 5e6) & (t < end - 1e6)
-    density = truth["place"]["air_density_airborne_mean_kg_m3"] / truth["vehicle"]["reference_density_kg_m3"]
-    thrust = truth["vehicle"]["thrust_coefficient_n_s2"] * density * sum(squares)[inside].mean()
-    force = -truth["vehicle"]["mass_kg"] * acc_z[(t_imu > start + 5e6) & (t_imu < end - 1e6)].mean()
-    assert thrust == pytest.approx(force, rel=0.01)
-
-
 def test_chirps_move_the_craft_as_its_inertia_says(logs, truths):
     """Roll acceleration per normalised torque, from RATE at 400 Hz around 5 Hz, against rotors, arms and inertia.
 

@@ -43,18 +43,6 @@ def test_prediction_errs_as_much_as_theory_says():
         assert np.sqrt(np.mean(error**2)) == pytest.approx(expected, rel=0.08)
 
 
-def test_predictions_see_neither_the_future_nor_free_runs_the_output():
-    model = fit_arx([arx_record(1)], 2, 2)
-    record = arx_record(5, samples=300)
-    y = record.y.copy()
-    y[150:] += 9.0
-    changed = Experiment.from_arrays(
-        record.t, record.u, y, name="changed", input_trim=record.input_trim, output_trim=record.output_trim
-    )
-    np.testing.assert_array_equal(model.predict(record, 1.0)[:160], model.predict(changed, 1.0)[:160])
-    np.testing.assert_array_equal(model.simulate(record)[31:], model.simulate(changed)[31:])
-
-
 def test_an_unstable_estimate_is_made_stable_and_said():
     rng = np.random.default_rng(0)
     growing = np.exp(0.02 * np.arange(300)) + 0.01 * rng.standard_normal(300)

@@ -48,13 +48,3 @@ def test_ellipses_hold_the_roots_of_draws():
     assert zero.value.real == pytest.approx(-5.0)
     assert zero.sigma == pytest.approx(values.std(), rel=0.05)
     assert zero.determined
-
-
-def test_what_is_not_determined_is_marked():
-    num, den = np.array([1.0]), np.array([1.0, 0.5])
-    vague = TransferFunction(num, den, np.diag([0.01, 4.0]))
-    (pole,) = poles(vague)
-    assert not pole.determined
-    response = frequency_response(vague, np.array([0.01, 50.0]))
-    # The pole does not matter far above it.
-    assert response.determined.tolist() == [False, True]

@@ -97,17 +97,6 @@ def test_every_channel_has_its_own_order_and_may_have_none():
     assert np.abs(model.simulate(record) - y)[40:].max() < 0.01
 
 
-def test_a_record_shorter_than_the_slowest_pole_is_said():
-    """Ten seconds of a system with a time constant of 200 s: the pole acts as an integrator, and the fit says so."""
-    samples = 100
-    u = inputs(np.random.default_rng(8), 1)[:samples]
-    y = response([1.0], [1.0, 0.005], u[:, 0])
-    model = fit_transfer_functions([record_of(y, u, 0, 0.002)], 1, 0)
-    (said,) = [finding for finding in model.findings if "longer than the longest record" in finding.reason]
-    assert said.id == "not-determined"
-    assert model.transfer_functions["y1"]["u1"].poles[0].real < 0.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
