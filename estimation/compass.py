@@ -15,13 +15,14 @@ from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
 from estimation.attitude import euler_from_quat, matrix_from_quat
 from estimation.filter import COARSE, Problem, assemble, run
+from estimation.lags import DECISIVE
 from estimation.observations import Observations
 from estimation.place import World
 from estimation.smoother import smooth
 from estimation.states import FIELD, HARD_IRON, SensorNoise
 from estimation.timing import InertialSignal
 from estimation.trust import inconsistent
-from estimation.tuning import DECISIVE, Tuned, relinearised, settled, window
+from estimation.tuning import Tuned, relinearised, settled, window
 from logparse import Finding, Severity
 
 #: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...

@@ -9,7 +9,7 @@ import numpy as np
 from estimation import _kernels
 from estimation.alignment import Alignment, with_priors
 from estimation.filter import Problem
-from estimation.tuning.lags import Passes, climb, nearest
+from estimation.lags import Passes, climb, nearest
 
 #: Gain that a noise setting must bring to be believed quieter than its class: very strong evidence on the scale of
 #: Kass & Raftery (1995), ``2 ln B > 10``.

@@ -1,4 +1,9 @@
-"""The search for a log's own settings: lags, noise and scales by maximum likelihood of the innovations."""
+"""What a log itself says about its sensors: lags and noise settings by maximum likelihood of the innovations.
+
+Nothing here looks at truth or at the autopilot's estimate. Each setting climbs a ladder of values, one after the other,
+by the log-likelihood that the filter reaches on a window of the flight. A lag other than the documented one must earn
+it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,26 +15,8 @@ from estimation._kernels import ForwardPass
 from estimation.alignment import Alignment, with_priors
 from estimation.attitude import error_rotation, turned_by
 from estimation.filter import COARSE, LOUDEST, Problem, assemble, matched_scale, run
-from estimation.observations import Observations
-from estimation.place import World
-from estimation.shocks import believed
-from estimation.smoother import smooth
-from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
-from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
-from estimation.trust import LATE
-from estimation.tuning.lags import (
-    DECISIVE,
-    ENDS,
-    FAR_LAGS,
-    FINE_LAGS,
-    LAGGING,
-    RECEIVERS,
-    Passes,
-    climb,
-    find_lag,
-    refine_lag,
-)
-from estimation.tuning.noise import (
+from estimation.lags import DECISIVE, ENDS, FAR_LAGS, FINE_LAGS, LAGGING, RECEIVERS, Passes, climb, find_lag, refine_lag
+from estimation.noise import (
     FAR_APART,
     GPS_ERROR_SHARES,
     GPS_HEIGHT_SHARES,
@@ -39,6 +26,13 @@ from estimation.tuning.noise import (
     set_noise,
     split_gps_error,
 )
+from estimation.observations import Observations
+from estimation.place import World
+from estimation.shocks import believed
+from estimation.smoother import smooth
+from estimation.states import ACCEL_BIAS, ATTITUDE, SensorNoise
+from estimation.timing import GYRO_MOVING, TURNING, InertialSignal
+from estimation.trust import LATE
 
 #: Tilt and the accelerometer's bias are known to begin with if their 1-sigma is below this, rad and m/s^2.
 TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
