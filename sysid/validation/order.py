@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from core.serialization import plain, restored
 from core.summary import Summarised, listed
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
-from sysid.validation.assessment import MARGIN, table_rows, validate
+from sysid.validation.assessment import MARGIN, validate
 from sysid.validation.report import Order, OrderRow, OrdersReport
 
 #: (poles, zeros) that are tried, simplest first, so that a time limit costs the largest ones.
@@ -39,10 +38,9 @@ Progress = Callable[[str, float], None]
 class OrderScan(Summarised):
     """What each order achieves."""
 
-    #: A row for each order and output: ``poles zeros output parameters rmse aic bic rmse_held_out rmse_mean condition
-    #: undetermined converged seconds``. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
+    #: A row for each order and output. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
     #: part held back, averaged over its records, ``rmse_mean`` what always predicting the mean achieves there.
-    table: pd.DataFrame
+    rows: tuple[OrderRow, ...]
     recommended: tuple[int, int] | None  #: Poles and zeros; None when no order beats always predicting the mean.
     reason: str  #: Why, in a sentence.
     held_out: tuple[str, ...]  #: What was held back.
@@ -56,10 +54,15 @@ class OrderScan(Summarised):
             "held out": listed(self.held_out),
         }
 
+    @property
+    def table(self) -> pd.DataFrame:
+        """The rows as a table."""
+        return pd.DataFrame(self.rows)
+
     def report(self) -> OrdersReport:
         """Return the table and the recommendation as files hold them."""
         return OrdersReport(
-            table=restored(plain(table_rows(self.table)), tuple[OrderRow, ...]),
+            table=self.rows,
             recommended=None
             if self.recommended is None
             else Order(poles=self.recommended[0], zeros=self.recommended[1]),
@@ -102,7 +105,7 @@ def scan_orders(
     seen, unseen = _divide(records)
     report = progress or (lambda stage, fraction: None)
     deadline = time.monotonic() + time_limit
-    rows: list[dict[str, object]] = []
+    rows: list[OrderRow] = []
     findings: list[Finding] = []
     skipped: dict[str, str] = {}
     for number, (poles, zeros) in enumerate(orders):
@@ -134,10 +137,9 @@ def scan_orders(
                 "allow more time (--time-limit)",
             )
         )
-    table = pd.DataFrame(rows)
-    recommended, reason = recommend(table)
+    recommended, reason = recommend(pd.DataFrame(rows))
     return OrderScan(
-        table=table,
+        rows=tuple(rows),
         recommended=recommended,
         reason=reason,
         held_out=tuple(record.name for record in unseen),
@@ -200,30 +202,28 @@ def _divide(records: Sequence[Experiment]) -> tuple[list[Experiment], list[Exper
     return [seen for seen, _ in parts], [unseen for _, unseen in parts]
 
 
-def _judge(
-    model: TransferFunctionModel, seen: Sequence[Experiment], unseen: Sequence[Experiment]
-) -> list[dict[str, object]]:
+def _judge(model: TransferFunctionModel, seen: Sequence[Experiment], unseen: Sequence[Experiment]) -> list[OrderRow]:
     table = validate(model, unseen, horizons=()).table
     samples = sum(len(record.t) for record in seen)
-    rows: list[dict[str, object]] = []
+    rows = []
     for output in model.output_names:
         fit, held = model.reports[output], table[table["output"] == output]
         loss = samples * math.log(max(fit.rmse, 1e-300) ** 2)
         rows.append(
-            {
-                "poles": model.poles,
-                "zeros": model.zeros,
-                "output": output,
-                "parameters": fit.parameters,
-                "rmse": fit.rmse,
-                "aic": loss + 2.0 * fit.parameters,
-                "bic": loss + fit.parameters * math.log(samples),
-                "rmse_held_out": float(held["rmse"].mean()),
-                "rmse_mean": float(held["rmse_mean"].mean()),
-                "condition": fit.condition,
-                "undetermined": fit.undetermined,
-                "converged": fit.converged,
-                "seconds": fit.seconds,
-            }
+            OrderRow(
+                poles=model.poles,
+                zeros=model.zeros,
+                output=output,
+                parameters=fit.parameters,
+                rmse=fit.rmse,
+                aic=loss + 2.0 * fit.parameters,
+                bic=loss + fit.parameters * math.log(samples),
+                rmse_held_out=float(held["rmse"].mean()),
+                rmse_mean=float(held["rmse_mean"].mean()),
+                condition=fit.condition,
+                undetermined=fit.undetermined,
+                converged=fit.converged,
+                seconds=fit.seconds,
+            )
         )
     return rows

@@ -50,7 +50,7 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (ResidualTest, ResidualReport, {}, {"output"}),
-        (OrderScan, OrdersReport, {}, {"findings"}),
+        (OrderScan, OrdersReport, {"rows": "table"}, {"findings"}),
         (
             SixDofModel,
             SixDofReport,

@@ -66,8 +66,6 @@ def test_motors_that_are_not_logged_leave_thrust_open_by_every_method(record):
         ("roll inertia over mass and arm", "m", "roll inertia", "mass and arm"),
         ("roll inertia over mass and arm", "kg m (inertia over arm)", "roll inertia", "arm"),
         ("roll inertia over mass and arm", "kg m^2", "roll inertia", ""),
-        ("linear drag over mass", "1/s, mean of body x and y", "linear drag", "mass"),
-        ("linear drag over mass", "N s/m", "linear drag", ""),
         ("thrust over mass at hover", "N at the command flown on average", "thrust at hover", ""),
         ("yaw torque over inertia", "rad/s^2, one motor at full command", "yaw torque over inertia", ""),
     ],
