@@ -14,7 +14,7 @@ import numpy as np
 from core.parameter import Parameter
 from sysid.frequency.axes import AXES, Axis, FrequencyError
 from sysid.frequency.chirp_records import chirp_record
-from sysid.frequency.estimate import coherent_up_to, response_of_records
+from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.records import AxisRecord
@@ -55,8 +55,7 @@ def coupling(logs: GivenSignals, own: FrequencyResponse, other: str, within: Wit
             f"{own.axis} to {other}: the logs excite one of both axes only; fly chirps, or sticks, on both"
         )
     across = replace(answering, input=commanded.input)
-    upto = coherent_up_to(own)
-    cross = response_of_records(records, across, gyro_filter_hz=own.gyro_filter_hz, refined=False, upto=upto)
+    cross = response_of_records(records, across, gyro_filter_hz=own.gyro_filter_hz, refined=False)
     return Coupling(axis=own.axis, other=other, ratio=_ratio(own, cross), response=cross)
 
 

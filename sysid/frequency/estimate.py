@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
-from sysid.frequency.response import OVER_FREQUENCY, Floats, FrequencyResponse
+from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.spectra import (
     RecordWindows,
@@ -66,12 +66,8 @@ _FOLDED = 2.0
 #: flights logged at 50 Hz by 0.5 ms.
 _DELAY, _DELAY_OF_STEP = 0.1e-3, 0.03
 
-#: Most times that the model is taken out again.
-_PASSES = 7
-
-#: Coherence from which on a frequency may yet count with better models, and how far above the highest such frequency
-#: that is tried: of 349 responses none became coherent beyond.
-_HINTED, _BEYOND = 0.3, 1.25
+#: Most times that the model is taken out again, and standard deviations by which nothing moves any more.
+_PASSES, _STAYS = 7, 0.3
 
 #: Roughness of a response, in its stated errors, above which they are too small: random errors that are correlated over
 #: a spectral window leave 0.37 (40 simulated flights, closed loop, three kinds of noise), independent ones 0.9.
@@ -133,8 +129,7 @@ def response(
             )
         )
     findings += limits_of(records, logs)
-    upto = np.inf if like is None else coherent_up_to(like.responses[0])
-    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like, upto=upto)
+    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
     ordinary = any(record.band == ORDINARY_BAND for record in records)
     rounded = _ROUNDED_BY_STICKS if ordinary else _ROUNDED
     rounded = rounded if any(log.tables.has("motors") for log in logs) else 0.0
@@ -257,11 +252,6 @@ def _chirped(
     return records
 
 
-def _rows_of(below: FrequencyResponse, above: FrequencyResponse) -> dict[str, Any]:
-    """Return the values over frequency of two responses, one above the other."""
-    return {name: np.concatenate([getattr(below, name), getattr(above, name)]) for name in OVER_FREQUENCY}
-
-
 def _aborted(log: FlightLog, axis: Axis, chirp: Chirp) -> Finding:
     return Finding(
         "not-determined",
@@ -280,7 +270,6 @@ def response_of_records(
     gyro_filter_hz: float | None = None,
     refined: bool = True,
     like: FrequencyFit | None = None,
-    upto: float = np.inf,
 ) -> FrequencyResponse:
     """Estimate the response of the first input of uniform records."""
     records = [record for record in records if len(record.output) > 18 or not axis.attitude]
@@ -305,60 +294,18 @@ def response_of_records(
     thin = [thinned(record, high) for record in records]
     if axis.attitude:  # a rate axis integrates
         thin = [record.difference() for record in thin]
-    asked = _Asked.of(hz, upto)
-    windows = _windows(thin, hz, longest, float(asked.hz[-1]))
-    found = _found(thin, axis, asked, windows, gyro_filter_hz, like, refined=refined)
+    windows = _windows(thin, hz, longest)
+    found = _composite(thin, windows, axis, hz, gyro_filter_hz, None)
+    if refined:
+        with suppress(FrequencyError):  # what no structure can be fitted to stays as it is
+            found = _without_bends(thin, windows, axis, found, fit(found) if like is None else refit(like, found))
     return replace(found, step=step, duration=float(sum(record.duration for record in records)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
-    """Frequencies that are asked for."""
-
-    hz: Floats  #: Those and some above, with which the noise and coherence of the highest are averaged, Hz.
-    upto: float  #: Highest, Hz.
-
-    @classmethod
-    def of(cls, hz: Floats, upto: float) -> _Asked:
-        return cls(hz[: np.count_nonzero(hz <= upto) + 2 * _BESIDE], upto)
-
-
-def _found(
-    records: Sequence[AxisRecord],
-    axis: Axis,
-    asked: _Asked,
-    windows: Sequence[_Windows],
-    gyro_filter_hz: float | None,
-    like: FrequencyFit | None,
-    *,
-    refined: bool,
-) -> FrequencyResponse:
-    """Estimate the response from windows of records, and without what windows bend where it is to be refined."""
-    first = _composite(records, windows, axis, asked, gyro_filter_hz, None)
-    if not refined:
-        return first
-    try:
-        model = fit(first) if like is None else refit(like, first)
-    except FrequencyError:
-        return first
-    known = _Asked.of(asked.hz, min(coherent_up_to(first), asked.upto))
-    count = len(known.hz)
-    windows = [each.below(count) for each in windows if each.mask[:count].any()]
-    found = _without_bends(records, windows, axis, known, first, model)
-    return replace(found, **_rows_of(found, first.between(np.nextafter(known.upto, np.inf), np.inf)))
-
-
-def coherent_up_to(frf: FrequencyResponse) -> float:
-    """Return the frequency [Hz] above which neither better models nor other parts of the data show anything."""
-    hinted = frf.hz[frf.coherence >= _HINTED]
-    return _BEYOND * float(hinted[-1] if len(hinted) else frf.hz[-1])
 
 
 def _without_bends(
     records: Sequence[AxisRecord],
     windows: Sequence[_Windows],
     axis: Axis,
-    asked: _Asked,
     first: FrequencyResponse,
     model: FrequencyFit,
 ) -> FrequencyResponse:
@@ -367,20 +314,19 @@ def _without_bends(
     What windows bend is the steep and the resonant; of the remainder to a model that has it, little is left to bend.
     A resonance that windows have flattened is found sharper each time.
     """
-    first, gyro_filter_hz = first.between(0.0, asked.upto), first.gyro_filter_hz
     remainders = [record.remainders() for record in records]
-    left = [without(model.response) for without in remainders]
-    found = _composite(left, windows, axis, asked, gyro_filter_hz, model)
-    for _ in range(_PASSES):
-        if np.max(np.abs(np.log(found.response / first.response)) / found.sigma, where=found.usable, initial=0.0) < 0.3:
+    for _ in range(_PASSES + 1):
+        left = [without(model.response) for without in remainders]
+        found = _composite(left, windows, axis, first.hz, first.gyro_filter_hz, model)
+        moved = np.abs(np.log(found.response / first.response)) / found.sigma
+        first = found
+        if np.max(moved, where=found.usable, initial=0.0) < _STAYS:
             break
         try:
             model = refit(model, found)
         except FrequencyError:
             break
-        left = [without(model.response) for without in remainders]
-        first, found = found, _composite(left, windows, axis, asked, gyro_filter_hz, model)
-    return found
+    return first
 
 
 def _of_neighbours(coherence: Floats) -> Floats:
@@ -419,27 +365,19 @@ class _Windows:
     of_records: tuple[RecordWindows | None, ...]
     regression: Regression
 
-    def below(self, count: int) -> _Windows:
-        """Return the part of the lowest `count` of all frequencies."""
-        mask = self.mask[:count]
-        served = int(np.count_nonzero(mask))
-        cuts = tuple(None if cut is None else cut.below(served) for cut in self.of_records)
-        return _Windows(self.length, mask, cuts, self.regression.below(served))
 
-
-def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float, upto: float) -> list[_Windows]:
+def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[_Windows]:
     lengths = window_lengths(longest, float(hz[0]), float(hz[-1]))
-    asked = hz <= upto
     masks = [(float(length), band_of_window(float(length), lengths, hz)) for length in lengths]
-    masks = [(length, mask) for length, mask in masks if (mask & asked).any()]
+    masks = [(length, mask) for length, mask in masks if mask.any()]
     served, lengths_used = [hz[mask] for _, mask in masks], [length for length, _ in masks]
-    cuts = zip(*(windows_of(record, served, lengths_used, upto) for record in records), strict=True)
+    cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
     found = []
     for (length, mask), cut in zip(masks, cuts, strict=True):
         sums = [each.driving for each in cut if each is not None]
         regression = Regression.of(reduce(add, sums)) if sums else None
         if regression is not None:
-            found.append(_Windows(length, mask[asked], cut, regression))
+            found.append(_Windows(length, mask, cut, regression))
     return found
 
 
@@ -447,12 +385,11 @@ def _composite(
     records: Sequence[AxisRecord],
     windows: Sequence[_Windows],
     axis: Axis,
-    asked: _Asked,
+    hz: Floats,
     gyro_filter_hz: float | None,
     model: FrequencyFit | None,
 ) -> FrequencyResponse:
     """Merge windows of several lengths, of the records as they are or of what a first `model` has left of them."""
-    hz = asked.hz
     known = None if model is None else model.response(hz)
     outputs = [ThinnedSignals(record.output[:, None]) for record in records]
     parts = []
@@ -476,7 +413,7 @@ def _composite(
     instruments = sorted({record.instrument for record in records} - {""})
     covered = np.any([_covered(record, hz) for record in records], axis=0)
     coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
-    found = FrequencyResponse(
+    return FrequencyResponse(
         axis=axis.name,
         input=axis.input,
         output=axis.output,
@@ -499,4 +436,3 @@ def _composite(
         source=records[0].source,
         trim=float(np.mean(trims)) if (trims := [r.trim for r in records if r.trim is not None]) else None,
     )
-    return found.between(0.0, asked.upto)

@@ -169,16 +169,6 @@ class RecordWindows:
     halvings: int  #: Of the record's rate.
     driving: DrivingSums
 
-    def below(self, count: int) -> RecordWindows:
-        """Return the part of the lowest `count` frequencies."""
-        phase = self.phase.reshape(len(self.phase), 2, -1)[:, :, :count]
-        return replace(
-            self,
-            columns=np.ascontiguousarray(self.columns[..., :count]),
-            phase=phase.reshape(len(phase), -1),
-            differenced=self.differenced[:count],
-        )
-
     def sums(self, output: ThinnedSignals) -> AnswerSums:
         """Sum the products with an output."""
         y = _transforms(output.at(self.halvings), self.starts, self.phase)
@@ -191,14 +181,12 @@ class RecordWindows:
         )
 
 
-def windows_of(
-    record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float], upto: float = np.inf
-) -> Iterator[RecordWindows | None]:
+def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float]) -> Iterator[RecordWindows | None]:
     """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it."""
     driving, instruments = _driving(record)
     signals = ThinnedSignals(driving)
     for length, served in zip(lengths, hz, strict=True):
-        yield _windows_of(record, signals, instruments, served, length, upto)
+        yield _windows_of(record, signals, instruments, served, length)
 
 
 def _driving(record: AxisRecord) -> tuple[Logged, list[int]]:
@@ -211,12 +199,12 @@ def _driving(record: AxisRecord) -> tuple[Logged, list[int]]:
 
 
 def _windows_of(
-    record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], served: Floats, length: float, upto: float
+    record: AxisRecord, every_rate: ThinnedSignals, instruments: list[int], hz: Floats, length: float
 ) -> RecordWindows | None:
-    m, hz = record.inputs.shape[1], served[served <= upto]
-    halvings = _halvings(record, float(served[-1]))
+    m = record.inputs.shape[1]
+    halvings = _halvings(record, float(hz[-1]))
     signals, dt = every_rate.at(halvings), record.dt * 2**halvings
-    usable = _bridged(record.usable, _GAP / (record.dt * float(served[-1])))[:: 2**halvings]
+    usable = _bridged(record.usable, _GAP / (record.dt * float(hz[-1])))[:: 2**halvings]
     size = round(length / dt)
     if size < 16 or size > len(signals):
         return None
@@ -360,11 +348,6 @@ class Regression:
             windows=sums.windows,
             independent=sums.independent,
         )
-
-    def below(self, count: int) -> Regression:
-        """Return the part of the lowest `count` frequencies."""
-        over = ("inverse", "direct", "xx", "noise_gain", "own")
-        return replace(self, **{name: getattr(self, name)[:count] for name in over})
 
     def responses(self, sums: AnswerSums, length: float, known: Complex | None = None) -> WindowEstimate:
         """Estimate responses from products with an output.

@@ -26,6 +26,10 @@ _BY_THEMSELVES = (
     "MOT_THST_HOVER",
 )
 
+#: Columns of the table, and a row of it, which begins with axis and quantity and ends with the unit.
+_NUMBERS = ("predicted", "predicted_sigma", "measured", "measured_sigma")
+Row = tuple[str, str, float | None, float | None, float | None, float | None, str]
+
 #: Values before and after by parameter.
 Changes = dict[str, tuple[float, float]]
 
@@ -88,7 +92,7 @@ def prove(before: GivenLogs, after: GivenLogs) -> Proof:
     """
     firsts, seconds = logs_of(before), logs_of(after)
     names = tuple(log.name for log in firsts), tuple(log.name for log in seconds)
-    empty = pd.DataFrame(columns=["predicted", "predicted_sigma", "measured", "measured_sigma", "unit"])
+    empty = pd.DataFrame(columns=[*_NUMBERS, "unit"])
 
     def refuse(reason: str) -> Proof:
         return Proof(*names, empty, "", reason, {}, {}, {})
@@ -116,7 +120,7 @@ def prove(before: GivenLogs, after: GivenLogs) -> Proof:
     if other is not None:
         return refuse(other)
     changed, beyond = _changes(firsts[0], seconds[0])
-    rows: list[dict[str, object]] = []
+    rows: list[Row] = []
     loops: dict[str, tuple[RateLoop, RateLoop]] = {}
     reasons: list[str] = []
     remarks: list[str] = []
@@ -149,7 +153,8 @@ def prove(before: GivenLogs, after: GivenLogs) -> Proof:
         return refuse("; ".join(dict.fromkeys(reasons)))
     if shaking is None and unmeasured == set(loops):
         return refuse("; ".join(remarks))
-    table = pd.DataFrame(rows).set_index(["axis", "quantity"])
+    table = pd.DataFrame(rows, columns=["axis", "quantity", *_NUMBERS, "unit"]).set_index(["axis", "quantity"])
+    table = table.astype(dict.fromkeys(_NUMBERS, np.float64))
     measured = {axis: pair for axis, pair in loops.items() if axis not in unmeasured}
     verdict = WORSE if shaking is not None else _verdict(table, measured)
     if shaking is not None:
@@ -164,9 +169,7 @@ def _limits(predicted: RateLoop, second: RateLoop) -> list[str]:
     return [each for each in (level, two_ways_apart(second)) if each is not None]
 
 
-def _rows(
-    axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog], *, measured: bool
-) -> list[dict[str, object]]:
+def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog], *, measured: bool) -> list[Row]:
     """Compare margins, attitude bandwidth and the answer to the sticks of one axis.
 
     What the later flight measured is its own response through its own controller. The loop straight from its chirp is
@@ -174,42 +177,19 @@ def _rows(
     runs bend it by some percent (`RateLoop.measured_margins`).
     """
     foretold, found = predicted.margins, second.own_margins
-    rows: list[dict[str, object]] = []
+    rows: list[Row] = []
     for name, (unit, _) in MARGINS.items():
         a, b = getattr(foretold, name), getattr(found, name) if measured else Parameter(None, None, unit)
-        rows.append(_row(axis, name, unit, a.value, a.sigma, b.value, b.sigma))
+        rows.append((axis, name, a.value, a.sigma, b.value, b.sigma, unit))
     if not measured:
         return rows
     bandwidth = [attitude_bandwidth(loop) for loop in (predicted, second)]
-    rows.append(_row(axis, "attitude_bandwidth_hz", "Hz", bandwidth[0], None, bandwidth[1], None))
+    rows.append((axis, "attitude_bandwidth_hz", bandwidth[0], None, bandwidth[1], None, "Hz"))
     fits = [fit for log in logs if (fit := flown_fit(predicted, log)) is not None]
     own = [fit for log in logs if (fit := flown_fit(second, log)) is not None]
     if fits and own:
-        rows.append(_row(axis, "step_fit", "%", float(np.mean(fits)), None, float(np.mean(own)), None))
+        rows.append((axis, "step_fit", float(np.mean(fits)), None, float(np.mean(own)), None, "%"))
     return rows
-
-
-def _row(
-    axis: str,
-    quantity: str,
-    unit: str,
-    predicted: float | None,
-    predicted_sigma: float | None,
-    measured: float | None,
-    measured_sigma: float | None,
-) -> dict[str, object]:
-    def number(value: float | None) -> float:
-        return float("nan") if value is None else value
-
-    return {
-        "axis": axis,
-        "quantity": quantity,
-        "predicted": number(predicted),
-        "predicted_sigma": number(predicted_sigma),
-        "measured": number(measured),
-        "measured_sigma": number(measured_sigma),
-        "unit": unit,
-    }
 
 
 def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -> str:

@@ -50,31 +50,19 @@ class Tuning(Summarised):
     made: str  #: UTC.
 
     def proposed_file(self) -> str:
-        """Return the text of ``proposed.param``.
-
-        Raises
-        ------
-        LoopError
-            Where nothing is proposed.
-        """
-        if self.refused is not None:
-            raise LoopError(f"nothing is proposed: {self.refused}")
-        return parameter_file(self.proposed, (*self._provenance("proposed"), *self._promises()))
+        """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
+        return self._file(self.proposed, "proposed", *self._promises())
 
     def rollback_file(self) -> str:
-        """Return the text of ``rollback.param``: the values as flown.
+        """Return the text of ``rollback.param``, the values as flown; LoopError where nothing is proposed."""
+        return self._file(self.rollback, "as flown: load this to go back")
 
-        Raises
-        ------
-        LoopError
-            Where nothing is proposed.
-        """
+    def _file(self, values: Mapping[str, float], what: str, *more: str) -> str:
         if self.refused is not None:
             raise LoopError(f"nothing is proposed: {self.refused}")
-        return parameter_file(self.rollback, self._provenance("as flown: load this to go back"))
-
-    def _provenance(self, what: str) -> tuple[str, ...]:
-        return (f"rotorid tune: {what}", f"from {', '.join(self.logs)}, made {self.made}")
+        return parameter_file(
+            values, (f"rotorid tune: {what}", f"from {', '.join(self.logs)}, made {self.made}", *more)
+        )
 
     def _promises(self) -> tuple[str, ...]:
         lines = []

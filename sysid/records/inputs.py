@@ -81,7 +81,8 @@ class Inputs:
     signals: pd.DataFrame
     units: Mapping[str, str]
     title: str  #: What they are, for messages.
-    restarts: Floats  #: Times between which the signals may be used in one piece, s.
+    #: Times between which the signals may be used in one piece, s.
+    restarts: Floats = field(default_factory=lambda: np.empty(0))
     #: shape (K, 2): Times [s] and sizes of jumps within a piece.
     steps: Floats = field(default_factory=lambda: np.empty((0, 2)))
     findings: tuple[Finding, ...] = ()
@@ -114,7 +115,6 @@ def _motors(tables: Tables) -> Inputs:
         signals=motors,
         units={str(column): "us" for column in motors.columns},
         title="motor outputs",
-        restarts=np.empty(0),
     )
 
 
@@ -127,7 +127,6 @@ def _rotor_speeds(tables: Tables) -> Inputs:
         signals=esc[list(names)].rename(columns=names),
         units=dict.fromkeys(names.values(), "rad/s"),
         title="rotor speeds",
-        restarts=np.empty(0),
     )
 
 
@@ -139,7 +138,6 @@ def _mixer(tables: Tables, vehicle: Vehicle | None) -> Inputs:
         signals=signals,
         units={str(column): "1" for column in signals.columns},
         title="motor outputs",
-        restarts=np.empty(0),
     )
 
 
@@ -175,7 +173,6 @@ def _rate_outputs(tables: Tables) -> Inputs:
         signals=signals,
         units=dict.fromkeys(columns.values(), "1"),
         title="rate controller outputs",
-        restarts=np.empty(0),
         findings=tuple(findings),
     )
 
@@ -274,7 +271,6 @@ def _velocity_reference(tables: Tables) -> Inputs:
         signals=signals,
         units=dict.fromkeys(signals.columns, "m/s"),
         title="velocity targets",
-        restarts=np.empty(0),
         findings=findings,
     )
 

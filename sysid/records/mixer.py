@@ -97,12 +97,7 @@ def _allocation(motors: pd.DataFrame, vehicle: Vehicle) -> tuple[list[str], list
             f"no output is logged for {', '.join(absent)}, and without it the thrust, roll, pitch and yaw of the "
             "others are unknown; check SERVOn_FUNCTION of these motors"
         )
-    factors = {
-        "thrust": np.ones(len(names)),
-        "roll": np.array([motor.roll for motor in vehicle.motors]),
-        "pitch": np.array([motor.pitch for motor in vehicle.motors]),
-        "yaw": np.array([motor.yaw for motor in vehicle.motors]),
-    }
+    factors = {"thrust": np.ones(len(names)), **dict(zip(("roll", "pitch", "yaw"), factors_of(vehicle).T, strict=True))}
     made = [name for name, values in factors.items() if np.max(np.abs(values)) > INDEPENDENT]
     allocation = np.column_stack([factors[name] for name in made])
     if np.linalg.matrix_rank(allocation, tol=INDEPENDENT * np.linalg.norm(allocation)) < len(made):

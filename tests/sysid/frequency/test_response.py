@@ -65,17 +65,6 @@ def test_a_record_of_nearly_nothing_but_a_hole_is_refused() -> None:
         on_uniform_clock(t, [np.sin(t)])
 
 
-def test_frequencies_that_nobody_asks_for_change_nothing_below() -> None:
-    """Fits of held-out flying and couplings ask for the coherent band alone; windows stay what they are."""
-    record = noise_driven(1, noise=0.3)
-    whole = response_of_records([record], AXES["roll"], refined=False)
-    below = response_of_records([record], AXES["roll"], refined=False, upto=5.0)
-    known = whole.hz <= 5.0
-    np.testing.assert_array_equal(below.hz, whole.hz[known])
-    assert below.response == pytest.approx(whole.response[known], rel=1e-9)
-    assert below.coherence == pytest.approx(whole.coherence[known], rel=1e-9)
-
-
 def test_signals_in_single_precision_have_the_same_response() -> None:
     record = noise_driven(1, noise=0.3)
     single = replace(
