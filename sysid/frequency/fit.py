@@ -155,7 +155,6 @@ class FrequencyFit(Summarised):
             delay=float(own[-1]),
             covariance=np.asarray(slope @ covariance @ slope.T),
             cost=self.costs[which],
-            gyro_filter_hz=self.responses[which].gyro_filter_hz,
         )
 
     def summary(self) -> dict[str, str]:

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 
 from sysid.frequency.response import Complex, Floats
-from sysid.frequency.structures import low_pass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +31,6 @@ class RationalModel:
     delay: float  #: s.
     covariance: Floats = field(repr=False)  #: Of ``(num, den without its leading 1, delay)``.
     cost: float  #: J of the response that it was fitted to.
-    gyro_filter_hz: float | None = None  #: Filter of the measurement that was taken out.
 
     @property
     def poles(self) -> Complex:
@@ -62,13 +60,6 @@ class RationalModel:
         """Return the matrices of a state-space form."""
         a, b, c, d = scipy.signal.tf2ss(self.num, self.den)
         return StateSpace(np.asarray(a), np.asarray(b), np.asarray(c), np.asarray(d), self.delay)
-
-    def response(self, hz: Floats) -> Complex:
-        """Evaluate at frequencies [Hz] with the filter of the measurement, shape (n,)."""
-        hz = np.asarray(hz, dtype=np.float64)
-        s = 2j * np.pi * hz
-        ratio = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-self.delay * s)
-        return np.asarray(ratio * low_pass(hz, self.gyro_filter_hz))
 
 
 def _roots(polynomial: Floats) -> Complex:

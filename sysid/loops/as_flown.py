@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 
 from logparse import FlightLog
-from sysid.frequency.axes import axis_of
-from sysid.frequency.chirp_records import below_folding
+from sysid.frequency.axes import FrequencyError, axis_of
+from sysid.frequency.chirp_records import FEWEST_ROWS, below_folding, chirp_spline
 from sysid.frequency.excitation import Chirp, find_chirps
 from sysid.frequency.rate_signals import rate_signals
 from sysid.frequency.records import on_uniform_clock
@@ -54,9 +54,6 @@ _SCALED, _ROWS = 0.1, 64
 
 #: Time [s] over which signals are faded at the ends of a chirp.
 _TAPER = 0.4
-
-#: Order of the spline through rows of SIDD (see `signals`).
-_ORDER = 13
 
 #: Gyro filters [Hz] among which the one that flew is named.
 _CORNERS = np.geomspace(5.0, 250.0, 120)
@@ -310,35 +307,31 @@ def _gyro_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Sign
     which, table = axis_of(settings.axis), log.tables.systemid
     if table is None or "RATE" not in log.messages or which.output not in table:
         return None
-    before = table[which.output].to_numpy(np.float64)
-    times = table.index.to_numpy(np.float64)
-    inside = (times >= chirp.start) & (times <= chirp.stop) & np.isfinite(before)
     rates = rate_signals(log)
-    if np.count_nonzero(inside) < 4 * _ORDER or not np.any(before[inside]) or which.output not in rates.columns:
+    try:
+        times, before = chirp_spline(log, chirp, which.output)
+    except FrequencyError:
         return None
-    shown = below_folding(log, chirp, max(rates.step, float(np.median(np.diff(times[inside])))))
-    rows = (rates.t >= max(shown.start, times[inside][0])) & (rates.t <= min(shown.stop, times[inside][-1]))
+    if not np.any(before(times)) or which.output not in rates.columns:
+        return None
+    shown = below_folding(log, chirp, max(rates.step, float(np.median(np.diff(times)))))
+    rows = rates.within(max(shown.start, times[0]), min(shown.stop, times[-1]))
     t = rates.t[rows]
-    spline = scipy.interpolate.make_interp_spline(times[inside], before[inside], k=_ORDER)
-    columns = {"before": np.asarray(spline(t), np.float64), "behind": rates.columns[which.output][rows]}
+    behind = np.asarray(rates.columns[which.output][rows], np.float64)
+    columns = {"before": np.asarray(before(t), np.float64), "behind": behind}
     return _aligned(log, chirp, t, columns)
 
 
 def _aligned(log: FlightLog, chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | None:
-    """Bring signals within a chirp, or what of it their rows show, and the chirp itself to one uniform clock.
-
-    A spline through rows that end where the chirp is fast swings beyond all bounds there: all rows of it are taken.
-    """
-    table = log.tables.systemid
-    assert table is not None
-    times = table.index.to_numpy(np.float64)
-    inside = (times >= chirp.start) & (times <= chirp.stop)
-    if len(t) < 4 * _ORDER or np.count_nonzero(inside) < 4 * _ORDER:
+    """Bring signals within a chirp, or what of it their rows show, and the chirp itself to one uniform clock."""
+    try:
+        times, spline = chirp_spline(log, chirp)
+    except FrequencyError:
         return None
-    added = scipy.interpolate.make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)(
-        np.clip(t, times[inside][0], times[inside][-1])
-    )
-    if not all(np.isfinite(each).sum() > 4 * _ORDER for each in columns.values()):
+    if len(t) < FEWEST_ROWS:
+        return None
+    added = spline(np.clip(t, times[0], times[-1]))
+    if not all(np.isfinite(each).sum() > FEWEST_ROWS for each in columns.values()):
         return None
     clock, values, _ = on_uniform_clock(t, [np.asarray(added, np.float64), *columns.values()])
     found = dict(zip(columns, values[:, 1:].T, strict=True))

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from logparse import FlightLog
-from sysid.frequency.axes import axis_of
-from sysid.frequency.chirp_records import below_folding, chirp_record, record_of_chirp
+from sysid.frequency.axes import FrequencyError, axis_of
+from sysid.frequency.chirp_records import below_folding, chirp_record, chirp_spline, record_of_chirp
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.rate_signals import RateSignals, rate_signals
@@ -23,9 +22,6 @@ _LAGS = np.arange(-8, 9) * 1.25e-3
 
 #: Rows of PID messages that must share their time stamp with rows of RATE.
 _SHARED = 0.9
-
-#: Order of the spline through the logged chirp: at 0.4 of the logging rate a cubic is wrong by 20 %, this one by 0.3 %.
-_ORDER = 13
 
 #: Times closer than this [s] are one.
 _SAME = 2e-4
@@ -76,15 +72,14 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     tells when the chirp entered, which is then subtracted.
     """
     which = axis_of(axis)
-    table = log.tables.systemid
-    assert table is not None
-    times = table.index.to_numpy(np.float64)
-    # A spline through rows that end where the chirp is fast swings beyond all bounds there: it takes the whole chirp.
-    inside = (times >= chirp.start) & (times <= chirp.stop)
+    try:
+        times, added = chirp_spline(log, chirp)
+    except FrequencyError:
+        return None
+    first, last = times[0], times[-1]
     chirp = below_folding(log, chirp, signals.step)
     rows = signals.within(chirp.start, chirp.stop)
     t, total = signals.t[rows], signals.columns[which.input][rows]
-    added = scipy.interpolate.make_interp_spline(times[inside], table["target"].to_numpy(np.float64)[inside], k=_ORDER)
     pid = _pid_sum(log, f"PID{which.letter}")
     if pid is None or len(t) < 16:
         return None
@@ -93,7 +88,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     if not signals.with_chirp or same.sum() < 16:
         return None
     chirped = total[same] - pid[1][nearest[same]]
-    inner = (t[same] > times[inside][0] + 0.02) & (t[same] < times[inside][-1] - 0.02)
+    inner = (t[same] > first + 0.02) & (t[same] < last - 0.02)
     misfits = [float(np.sum((chirped[inner] - added(t[same][inner] + lag)) ** 2)) for lag in _LAGS]
     lag = float(_LAGS[int(np.argmin(misfits))])
     if min(misfits) > 0.05 * float(np.sum(chirped[inner] ** 2)):
@@ -102,8 +97,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
         back = np.full(len(t), np.nan)
         back[same] = pid[1][nearest[same]]
     else:
-        back = total - np.where((t + lag >= times[inside][0]) & (t + lag <= times[inside][-1]), added(t + lag), 0.0)
-    first, last = times[inside][0], times[inside][-1]
+        back = total - np.where((t + lag >= first) & (t + lag <= last), added(t + lag), 0.0)
     return record_of_chirp(log, chirp, t, [total], back, lambda at: added(np.clip(at, first, last))[:, None])
 
 

@@ -1,14 +1,12 @@
 """Input sets and frames: what each holds, where it may be used, and what is said when it is missing."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from estimation import estimate
-from logparse import Geodetic, MissingDataError, Tables, Vehicle, read_log
+from logparse import Geodetic, MissingDataError, Tables, Vehicle
 from logparse.craft.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
@@ -174,20 +172,6 @@ def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
     np.testing.assert_allclose(velocity.y[:, 0], 3.0, atol=1e-3)
 
 
-def test_a_heading_that_is_held_changes_nothing_but_the_names():
-    tables = Tables(rates=rates(out_roll=0.01 * T, out_pitch=-0.02 * T))
-    turned = Experiment.from_flight(*made(tables), inputs="rate_outputs", frame="heading")
-    kept = Experiment.from_flight(*made(tables), inputs="rate_outputs")
-    np.testing.assert_allclose(turned.u, kept.u[:, [1, 0, 2, 3]] * [-1.0, 1.0, 1.0, 1.0], atol=1e-12)
-    reference = Tables(setpoints=hold())
-    one, other = (
-        Experiment.from_flight(*made(reference, north=path, yaw=1.0), inputs="reference", frame=frame_)
-        for frame_ in ("earth", "heading")
-    )
-    np.testing.assert_array_equal(one.u, other.u)
-    np.testing.assert_array_equal(one.y, other.y)
-
-
 def test_a_motor_lost_for_a_while_ends_the_piece():
     motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
     motors.loc[15.0:20.0, "m2"] = np.nan
@@ -284,19 +268,3 @@ def test_a_flight_through_several_modes_keeps_the_longest_time_with_a_position_h
     record = Experiment.from_flight(*sitl("octa09_systemid_mixer"), inputs="reference")
     assert record.duration == pytest.approx(88.9, abs=0.5)
     assert "gap-in-table" in {finding.id for finding in record.findings}
-
-
-@cache
-def sample():
-    log = read_log(SAMPLES / "octa01_zurich_calm.bin")
-    return log, estimate(log.tables)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("inputs", ["motors", "mixer", "rate_outputs", "reference", "velocity_reference"])
-def test_sample_flights_have_every_input_set(inputs):
-    outputs = "velocity" if inputs.startswith("velocity") else "position"
-    record = Experiment.from_flight(*sample(), inputs=inputs, outputs=outputs)
-    assert record.duration > 30.0
-    assert np.isfinite(record.u).all()
-    assert set(record.input_names) <= set(record.units)

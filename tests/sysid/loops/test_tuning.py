@@ -27,7 +27,7 @@ from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
 from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
-from sysid.loops.search import AxisTuning, tune_axis
+from sysid.loops.search import tune_axis
 from sysid.loops.unseen import unseen_mode
 from tests.sysid.loops.flown import bending, flown_loop, fly_chirp, loop_of_flight
 
@@ -202,14 +202,6 @@ def test_the_gyro_filter_is_not_opened_over_an_axis_that_nobody_saw_beyond_a_low
     axis, gains = AxisPlant(gain=300.0, lag=0.01, filter_hz=30.0), LoopGains(P=0.12, I=0.1, D=0.003)
     assert not others_keep([flown_loop(axis, gains, 1, band=(0.5, 20.0))], 1.5)
     assert others_keep([], 1.5)
-
-
-def test_a_gyro_filter_that_saves_an_axis_is_worth_more_than_one_that_does_not():
-    """An axis without a proposal at the flown filter ended in an overflow."""
-    none = AxisTuning("roll", "no gains keep the aim")
-    loop = flown_loop(AxisPlant(gain=300.0, lag=0.02, filter_hz=30.0), LoopGains(P=0.07, I=0.07, D=0.002), 1)
-    some = AxisTuning("roll", None, loop, loop, score=0.1)
-    assert tuning.worth_of({"roll": some}) > tuning.worth_of({"roll": none})
 
 
 def test_a_craft_that_rings_above_the_logged_band_is_refused(tmp_path):
