@@ -51,7 +51,7 @@ def measure(
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
-    context = shared_context(experiments, trajectory, log.tables, t)
+    context = shared_context([each.context for each in experiments], trajectory, log.tables, t)
     position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
     missing: dict[str, str] = {}
     series: dict[str, Floats] = {

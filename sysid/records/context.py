@@ -21,7 +21,7 @@ Columns of `Experiment.context`, all on the experiment's `t`:
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -47,18 +47,6 @@ RATE_COLUMNS = {
 
 #: International standard atmosphere, sea level.
 _PRESSURE_0, _TEMPERATURE_0, _LAPSE, _GAS, _EXPONENT = 101325.0, 288.15, 0.0065, 287.053, 5.25588
-
-
-class Clocked(Protocol):
-    """What has a clock, and perhaps a context: an experiment."""
-
-    @property
-    def t(self) -> Floats:
-        """Seconds, shape (N,)."""
-
-    @property
-    def context(self) -> pd.DataFrame | None:
-        """What physical models read, on the same clock."""
 
 
 def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
@@ -99,9 +87,11 @@ def angles_of(quaternions: Floats) -> dict[str, Floats]:
     return {"roll": np.unwrap(roll), "pitch": pitch, "yaw": np.unwrap(yaw)}
 
 
-def shared_context(experiments: Iterable[Clocked], trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    """Return the context of that of the same flight's experiments that has the clock `t`; else a new one."""
-    same = (each.context for each in experiments if each.context is not None and np.array_equal(each.t, t))
+def shared_context(
+    contexts: Iterable[pd.DataFrame | None], trajectory: Trajectory, tables: Tables, t: Floats
+) -> pd.DataFrame:
+    """Return that of the same flight's contexts which has the clock `t` (N,) [s]; else a new one."""
+    same = (each for each in contexts if each is not None and np.array_equal(each.index, t))
     found = next(same, None)
     return flight_context(trajectory, tables, t) if found is None else found
 

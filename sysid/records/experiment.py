@@ -214,7 +214,8 @@ class Experiment(Summarised):
         MissingDataError
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
-        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, beside, within)
+        contexts = [each.context for each in beside]
+        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, contexts, within)
         return cls.from_arrays(
             piece.t,
             piece.u,

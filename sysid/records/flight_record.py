@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.arrays import MIN_SAMPLES, Floats
-from sysid.records.context import Clocked, has_pressure, resample_frame, shared_context
+from sysid.records.context import has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import project, rounding
-from sysid.records.mixer_curve import MIXER_DIFFERS, mixer_differs
+from sysid.records.mixer_curve import mixer_differs
 from sysid.records.resampling import resample
 
 if TYPE_CHECKING:
@@ -50,22 +50,6 @@ OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
 
 
-class Recorded(Clocked, Protocol):
-    """Another record of the same flight: an experiment."""
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-
-    @property
-    def units(self) -> Mapping[str, str]:
-        """Units of inputs and outputs."""
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was found of the record."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPiece:
     """A piece of a flight on one clock; attributes as those of `sysid.records.experiment.Experiment`."""
@@ -89,14 +73,14 @@ def record_flight(
     outputs: str,
     frame: str,
     name: str | None,
-    beside: Iterable[Recorded] = (),
+    contexts: Iterable[pd.DataFrame | None] = (),
     within: tuple[float, float] | None = None,
 ) -> FlightPiece:
     """Cut the piece; errors are those of `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
-    label, beside = name or log.path.name, tuple(beside)
+    label = name or log.path.name
     if log.flight is None:
         raise MissingDataError(f"{label}: the craft never left the ground, so that there is nothing to identify")
     if trajectory.inconsistency:
@@ -120,7 +104,7 @@ def record_flight(
         )
     t = start + np.arange(int((stop - start) * rate + 1e-9) + 1) / rate
     u = resample(piece.index.to_numpy(np.float64), piece.to_numpy(np.float64), t)
-    context = shared_context(beside, trajectory, log.tables, t)
+    context = shared_context(contexts, trajectory, log.tables, t)
     if "height" not in context and (ground := _ground(states["p_d"], log.flight)) is not None:
         context = context.assign(height=ground - resample_frame(states[["p_d"]], t)[:, 0])
     if not has_pressure(log.tables) and context["density"].notna().all():
@@ -145,7 +129,8 @@ def record_flight(
             )
         )
     if inputs in ("motors", "mixer"):
-        more += _of_outputs(beside, log, start, stop)
+        more += _rounded(log.tables.motors, log.vehicle, start, stop)
+        more += mixer_differs(log.tables, log.vehicle, start, stop)
     more += _steps(source, start, stop)
     motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs in ("motors", "rotor_speeds"))
     y = resample_frame(motion, t)
@@ -212,19 +197,6 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
             "use the DataFlash log of the flight; its PSCN, PSCE and PSCD have the path",
             {"steps": len(inside), "largest": float(inside.max())},
         )
-    ]
-
-
-def _of_outputs(beside: Sequence[Recorded], log: FlightLog, start: float, stop: float) -> list[Finding]:
-    """Report what motor outputs do not show; a record of them that spans the same time knows it."""
-    for each in beside:
-        step = (each.t[-1] - each.t[0]) / (len(each.t) - 1)
-        spans = each.t[0] == start and each.t[-1] <= stop < each.t[-1] + step
-        if spans and {each.units.get(name) for name in each.input_names} == {"us"}:
-            return [finding for finding in each.findings if finding.id in (BELOW_ROUNDING, MIXER_DIFFERS)]
-    return [
-        *_rounded(log.tables.motors, log.vehicle, start, stop),
-        *mixer_differs(log.tables, log.vehicle, start, stop),
     ]
 
 
