@@ -78,7 +78,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         beside, name = [axis.reference], "rate target"
     others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
     # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
-    outside = [] if target is None else [partial(_at_rows, target)]
+    outside = [] if target is None else [partial(at_rows, target)]
     clock, values, usable = signals.evenly([axis.input, axis.output, *others, *beside], start, stop, *outside)
     lost = lost_one_by_one(t, float(clock[1] - clock[0]))
     refuse_scattered(log, lost)
@@ -147,7 +147,7 @@ def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tu
     return table.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
 
 
-def _at_rows(target: tuple[Floats, Floats, str], t: Floats) -> Floats:
+def at_rows(target: tuple[Floats, Floats, str], t: Floats) -> Floats:
     """Interpolate a target at the times of evenly spaced rows."""
     times, wanted, _ = target
     # What the target has above half of the rows' rate would fold onto what of the outputs folds.

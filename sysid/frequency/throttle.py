@@ -12,12 +12,12 @@ import pandas as pd
 
 from logparse import FlightLog
 from logparse.canonical.dataflash_control import throttle_output
+from sysid.frequency.antialias import below
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.flight_records import flight_span
+from sysid.frequency.flight_records import at_rows, flight_span
 from sysid.frequency.lift_asked import lift_asked
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, on_uniform_clock
-from sysid.frequency.response import Floats
 from sysid.frequency.sources import FASTER, motor_patterns, step_of
 
 #: Least throttle output [1] of a motor that turns.
@@ -30,8 +30,7 @@ _FEWEST = 64
 def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
     """Cut the record of a flight: throttle output, specific force along the thrust, and what asked for lift.
 
-    All are averaged over the step of the throttle's rows, so that the average cancels in their ratio and vibration does
-    not fold.
+    What is faster than the throttle's rows is taken below half of their rate, so that vibration does not fold.
     """
     name = log.path.name
     imu = log.tables.imu
@@ -46,11 +45,8 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
     if len(rows) < 64:
         raise FrequencyError(f"{name}: too few rows of throttle in the air")
     asked_t, asked, instrument = lift_asked(log, start, stop)
-    columns = [
-        _averaged(times, output.to_numpy(np.float64), rows, step),
-        _averaged(imu.index.to_numpy(np.float64), -imu["accel_z"].to_numpy(np.float64), rows, step),
-        _averaged(asked_t, asked, rows, step),
-    ]
+    felt = below(imu.index.to_numpy(np.float64), -imu[["accel_z"]].to_numpy(np.float64), rows, step)[:, 0]
+    columns = [np.interp(rows, times, output.to_numpy(np.float64)), felt, at_rows((asked_t, asked, instrument), rows)]
     clock, values, usable = on_uniform_clock(rows, columns)
     turning = values[:, 0] > _TURNING
     if np.count_nonzero(turning) < 64:
@@ -81,17 +77,3 @@ def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
     felt = step_of(imu)
     steps = [max(step_of(each[0]), felt) for each in found]
     return found[-1] if steps[-1] * FASTER <= steps[0] else found[0]
-
-
-def _averaged(times: Floats, values: Floats, at: Floats, width: float) -> Floats:
-    """Average a signal, straight between its samples, over `width` [s] about the times `at`."""
-    known = np.isfinite(values) & np.concatenate([[True], np.diff(times) > 0.0])
-    times, values = times[known], values[known]
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times))])
-    grid = np.concatenate([at - 0.5 * width, at + 0.5 * width])
-    # Between samples the integral of a straight line is a parabola.
-    k = np.clip(np.searchsorted(times, grid) - 1, 0, len(times) - 2)
-    past = np.clip(grid, times[0], times[-1]) - times[k]
-    slope = (values[k + 1] - values[k]) / (times[k + 1] - times[k])
-    whole = integral[k] + values[k] * past + 0.5 * slope * past**2
-    return np.asarray((whole[len(at) :] - whole[: len(at)]) / width)
