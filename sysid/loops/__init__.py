@@ -1,7 +1,7 @@
 """The autopilot's own loops: controllers and filters as firmware runs them, margins, tuning, proof, next flights."""
 
 from sysid.loops.chirps import Limits
-from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, PidTerms, RateController
+from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, RateController
 from sysid.loops.design import Design, design
 from sysid.loops.loop import Margins, RateLoop, rate_loop
 from sysid.loops.ordinary import ordinary_loop
@@ -20,7 +20,6 @@ __all__ = [
     "LoopError",
     "LoopSettings",
     "Margins",
-    "PidTerms",
     "Proof",
     "RateController",
     "RateLoop",

@@ -16,7 +16,6 @@ import numpy as np
 
 from logparse import RotoridError
 from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, first_order, second_order
-from sysid.records.filtering import lfilter
 
 #: Axes and how ArduPilot's parameters spell them.
 AXES: Mapping[str, str] = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
@@ -31,22 +30,6 @@ _GAINS = ("P", "I", "D", "FF", "D_FF")
 
 class LoopError(RotoridError):
     """The log does not describe the loop: unknown firmware, missing parameters or signals, another craft."""
-
-
-@dataclass(frozen=True, slots=True)
-class PidTerms:
-    """Terms of the controller's output, each of shape (N,); their sum goes to the mixer."""
-
-    P: Floats
-    I: Floats  # noqa: E741 -- the field's letter
-    D: Floats
-    FF: Floats
-    DFF: Floats
-
-    @property
-    def total(self) -> Floats:
-        """Output of the controller."""
-        return self.P + self.I + self.D + self.FF + self.DFF
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,40 +68,16 @@ class RateController:
         forward = self.FF + self.D_FF * rate * (1.0 - back)
         return np.asarray(first_order(rate, self.FLTT).response(hz) * (self.error_response(hz) + forward))
 
-    def run(self, target: Floats, rate: Floats) -> PidTerms:
-        """Run the controller over samples of its loop, from rest; limits (SMAX, PDMX) are not reached.
-
-        Parameters
-        ----------
-        target, rate : ndarray, shape (N,)
-            rad/s at every loop; `target` is before its filter.
-        """
-        filtered = first_order(self.loop_rate, self.FLTT).run(target)
-        return self.run_error(first_order(self.loop_rate, self.FLTE).run(filtered - rate), filtered)
-
-    def run_error(self, error: Floats, target: Floats) -> PidTerms:
-        """Run the controller over the filtered error and target (PIDR.Err and .Tar), rad/s at every loop."""
-        change = np.diff(error, prepend=error[:1]) * self.loop_rate
-        integral = np.clip(lfilter([self.I / self.loop_rate], [1.0, -1.0], error), -self.IMAX, self.IMAX)
-        return PidTerms(
-            P=self.P * error,
-            I=np.asarray(integral, np.float64),
-            D=self.D * first_order(self.loop_rate, self.FLTD).run(change),
-            FF=self.FF * target,
-            DFF=self.D_FF * np.diff(target, prepend=target[:1]) * self.loop_rate,
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleController:
     """Proportional angle controller: rate target = P (angle target - angle), near zero where it is linear.
 
-    Beyond `linear` [rad] ArduPilot's square-root law takes over, which only lowers the gain. It runs after the rate
+    For larger angles ArduPilot's square-root law takes over, which only lowers the gain. It runs after the rate
     controller, which sees its target `late` [s], in the next loop (12 firmware flights: 2.4 to 2.6 ms at 400 Hz).
     """
 
     P: float
-    linear: float = float("inf")
     late: float = 0.0
 
     def rate_response(self, hz: Floats) -> Complexes:

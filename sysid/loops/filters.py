@@ -1,4 +1,4 @@
-"""The autopilot's digital filters: frequency responses, and the same filters run over samples.
+"""Frequency responses of the autopilot's digital filters.
 
 Each filter is a rational function of z^-1 at its sample rate. Responses are complex, shape of `hz`, and hold below half
 of the sample rate. Sources: ArduPilot libraries/Filter (LowPassFilter, LowPassFilter2p, NotchFilter,
@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from sysid.records.filtering import lfilter
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -35,10 +33,6 @@ class DigitalFilter:
         """Compute the frequency response."""
         delay = np.exp(-2j * np.pi * np.asarray(hz, np.float64) / self.rate)
         return np.asarray(np.polyval(self.b[::-1], delay) / np.polyval(self.a[::-1], delay), np.complex128)
-
-    def run(self, samples: Floats) -> Floats:
-        """Filter samples from rest, one after the other."""
-        return np.asarray(lfilter(self.b, self.a, samples), np.float64)
 
 
 def low_pass_alpha(rate: float, cutoff: float) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog
-from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, PidTerms, RateController
+from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, RateController
 from sysid.loops.filters import Complexes, DigitalFilter, Floats, first_order
 
 #: Versions whose rate controller is this one.
@@ -48,18 +48,6 @@ class Px4RateController(RateController):
         """Compute the response from the rate target to torque, at constant rate."""
         through = first_order(self.loop_rate, self.output_filter).response(hz)
         return np.asarray((self._part(hz, 0.0) + self.FF) * through)
-
-    def run(self, target: Floats, rate: Floats) -> PidTerms:
-        """Run the controller over samples of its loop, from rest; limits are not reached, nor is the yaw filter run."""
-        error = target - rate
-        change = first_order(self.loop_rate, self.FLTD).run(np.diff(rate, prepend=rate[:1]) * self.loop_rate)
-        return PidTerms(
-            P=self.K * self.P * error,
-            I=np.clip(self.K * self.I * np.cumsum(error) / self.loop_rate, -self.IMAX, self.IMAX),
-            D=-self.K * self.D * change,
-            FF=self.FF * target,
-            DFF=np.zeros(len(target)),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +86,7 @@ def read_px4(log: FlightLog, axis: str) -> Px4Settings:
             f"{log.path.name} lacks {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}: without the "
             "parameters the loop is unknown"
         )
-    p, loop_rate = parameters[f"MC_{name}_P"], parameters.get("IMU_GYRO_RATEMAX", 0.0) or _LOOP_RATE
-    most = math.radians(parameters.get(f"MC_{name}RATE_MAX", 0.0))
+    loop_rate = parameters.get("IMU_GYRO_RATEMAX", 0.0) or _LOOP_RATE
     remarks = []
     if int(parameters.get("IMU_GYRO_DNF_EN", 0.0)):
         remarks.append(f"{axis}: the gyro's dynamic notches (IMU_GYRO_DNF_EN) are left out: the true lag is larger")
@@ -115,7 +102,7 @@ def read_px4(log: FlightLog, axis: str) -> Px4Settings:
             output_filter=parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
             loop_rate=loop_rate,
         ),
-        angle=AngleController(P=p, linear=most / p if most > 0.0 and p > 0.0 else math.inf),
+        angle=AngleController(P=parameters[f"MC_{name}_P"]),
         gyro=GyroPath(parameters["IMU_GYRO_CUTOFF"], _GYRO_RATE, _notches(parameters)),
         remarks=tuple(remarks),
     )

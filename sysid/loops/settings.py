@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -94,7 +93,6 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     gyro, remarks = _gyro_path(log)
     angle = AngleController(
         P=parameters[f"ATC_ANG_{letters}_P"],
-        linear=_linear_angle(parameters, axis, letters),
         late=1.0 / parameters["SCHED_LOOP_RATE"],
     )
     return LoopSettings(
@@ -104,15 +102,6 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
         gyro=gyro,
         remarks=remarks,
     )
-
-
-def _linear_angle(parameters: Mapping[str, float], axis: str, letters: str) -> float:
-    """Return the error [rad] beyond which the square-root law lowers the angle controller's gain."""
-    limit = parameters.get(f"ATC_ACCEL_{axis[0].upper()}_MAX", 0.0)
-    p = parameters[f"ATC_ANG_{letters}_P"]
-    if limit <= 0.0 or p <= 0.0:
-        return math.inf
-    return math.radians(0.01 * 0.5 * limit) / p**2
 
 
 def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
