@@ -15,8 +15,7 @@ from logparse.canonical.dataflash_control import throttle_output
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.flight_records import at_rows, flight_span
-from sysid.frequency.lift_asked import lift_asked
+from sysid.frequency.flight_records import at_rows, flight_span, lift_asked
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, on_uniform_clock
 from sysid.frequency.sources import FASTER, motor_patterns, step_of
 

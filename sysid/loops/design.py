@@ -22,7 +22,7 @@ from sysid.loops.chirps import (
 )
 from sysid.loops.controller import LoopError
 from sysid.loops.loop import RateLoop, rate_loop
-from sysid.loops.lua import multisine_script
+from sysid.loops.lua import Multisine, multisine_script, orthogonal_multisines
 from sysid.loops.missions import (
     Leg,
     drag_errors,
@@ -32,7 +32,6 @@ from sysid.loops.missions import (
     thrust_legs,
     waypoints,
 )
-from sysid.loops.multisine import Multisine, orthogonal_multisines
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.settings import firmware_version, read_copter
 

@@ -11,8 +11,7 @@ from logparse.craft.frames import motor_table
 from sysid import Experiment
 from sysid.records.mixer_curve import MIXER_DIFFERS
 from sysid.records.motor_signals import motor_signals
-from sysid.records.resampling import logged_rate
-from sysid.records.slow_rows import join_rows
+from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import Law, lagged
 from sysid.rigid_body.body_parameters import held_against_torque, rotation_doubt
 from sysid.rigid_body.model_record import BodyParameter

@@ -11,8 +11,7 @@ from core.recent import Recent
 from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
-from sysid.records.resampling import logged_rate
-from sysid.records.slow_rows import join_rows
+from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
 from sysid.rigid_body.motion._rigid_kernels import accelerations, path
 
