@@ -66,3 +66,12 @@ class MessageSource:
     def parameters(self, boot: Boot) -> Mapping[str, float] | None:
         """Return the autopilot's parameters where the format keeps them outside its messages."""
         return None
+
+
+def clean_text(raw: bytes) -> str:
+    """Text up to the first NUL; UTF-8, or Latin-1 where that fails."""
+    raw = raw.partition(b"\0")[0]
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")

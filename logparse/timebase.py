@@ -5,7 +5,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import numpy.typing as npt
 
-from logparse.dataflash import _decode
+from core.compiled import njit
+from core.kernel_types import Vector
 
 _GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 
@@ -34,12 +35,22 @@ def utc_from_gps(week: int, milliseconds: float) -> datetime:
     return gps - timedelta(seconds=leap)
 
 
+@njit(cache=True, nogil=True)
+def is_orderly(t: Vector, low: float, high: float, odd_step: float) -> bool:
+    """Whether times lie within a span and never step back by more than `odd_step`."""
+    # Counted rather than left at the first bad one, so that several are compared at once.
+    good = 0
+    for k in range(1, t.size):
+        good += (t[k] >= t[k - 1] - odd_step) & (t[k] >= low) & (t[k] <= high)
+    return good == t.size - 1 and low <= t[0] <= high if t.size > 0 else True
+
+
 def mend_times(t: npt.NDArray[np.float64], low: float, high: float) -> tuple[npt.NDArray[np.float64], int]:
     """Replace time stamps that cannot be by interpolation over the rows; return how many, too.
 
     `t` are those of one message type in file order, s: small steps back are usual and stay.
     """
-    if _decode.is_orderly(t, low - _ODD_STEP, high + _ODD_STEP, _ODD_STEP):
+    if is_orderly(t, low - _ODD_STEP, high + _ODD_STEP, _ODD_STEP):
         return t, 0
     odd = (t < low - _ODD_STEP) | (t > high + _ODD_STEP) | ~np.isfinite(t)
     if odd.all():

@@ -12,15 +12,24 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from logparse.craft.frames import Vehicle
 
-if TYPE_CHECKING:
-    from logparse.log import FlightLog
-
 #: Formats that were received by radio.
 TELEMETRY = ("tlog", "mavlink-raw")
+
+
+class _Logged(Protocol):
+    """What is known of a log here, whose type stands above this folder."""
+
+    format: str
+
+    @property
+    def vehicle(self) -> Vehicle: ...
+
+    @property
+    def parameters(self) -> Mapping[str, float]: ...
 
 
 class Need(StrEnum):
@@ -220,7 +229,7 @@ def how_to_log(
     return f"{setting.sentence()}. {bit.name} logs {bit.logs}."
 
 
-def bit_to_set(need: Need, log: FlightLog) -> str:
+def bit_to_set(need: Need, log: _Logged) -> str:
     """Return a clause on how to log one thing, without a value: that is for who knows all that is lacking."""
     if log.format in TELEMETRY:
         return f"log {need} on board: this came by radio"

@@ -602,13 +602,3 @@ def neighbouring_times(
                         break
             if direction == 1:
                 known = index
-
-
-@njit(cache=True, nogil=True)
-def is_orderly(t: Vector, low: float, high: float, odd_step: float) -> bool:
-    """Whether times lie within a span and never step back by more than `odd_step`."""
-    # Counted rather than left at the first bad one, so that several are compared at once.
-    good = 0
-    for k in range(1, t.size):
-        good += (t[k] >= t[k - 1] - odd_step) & (t[k] >= low) & (t[k] <= high)
-    return good == t.size - 1 and low <= t[0] <= high if t.size > 0 else True

@@ -16,15 +16,15 @@ import pandas as pd
 
 from core.errors import LogError
 from core.findings import Finding
-from logparse.boots import Span
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
+from logparse.dataflash.boots import Span
 from logparse.dataflash.chain import Chain, Slot
 from logparse.dataflash.columns import Layout
 from logparse.dataflash.findings import crowded_names, scan_findings
-from logparse.dataflash.format import FMT_ID, HEADER, UnitTable, clean_text
+from logparse.dataflash.format import FMT_ID, HEADER, UnitTable
 from logparse.file_findings import mended_times
-from logparse.source import Boot, MessageSource
+from logparse.source import Boot, MessageSource, clean_text
 from logparse.timebase import mend_times
 
 #: Times so far outside a boot, us, are not taken for neighbours.

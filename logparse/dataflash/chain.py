@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer, MappedPages
 from logparse.dataflash import _decode
+from logparse.dataflash.boots import Span, boot_spans
 from logparse.dataflash.format import FMT, FMT_ID, FMT_LENGTH, Definition, Field, UnitTable, boot_clock
 
 _CHUNK = 1 << 22

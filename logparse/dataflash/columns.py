@@ -11,7 +11,8 @@ import pyarrow as pa
 
 from logparse.dataflash import _decode
 from logparse.dataflash.chain import Slot
-from logparse.dataflash.format import UnitTable, clean_text
+from logparse.dataflash.format import UnitTable
+from logparse.source import clean_text
 
 _COPY = {1: _decode.COPY_1, 2: _decode.COPY_2, 4: _decode.COPY_4, 8: _decode.COPY_8}
 _SCALE = {

@@ -12,6 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from logparse.source import clean_text
+
 HEADER = b"\xa3\x95"
 HEADER_LENGTH = 3
 FMT_ID = 128
@@ -214,15 +216,6 @@ class Definition:
 
 
 FMT = Definition(FMT_ID, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
-
-
-def clean_text(raw: bytes) -> str:
-    """Text up to the first NUL; UTF-8, or Latin-1 where that fails."""
-    raw = raw.partition(b"\0")[0]
-    try:
-        return raw.decode()
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
 
 
 def boot_clock(name: str, fields: Sequence[Field]) -> tuple[Field | None, int]:

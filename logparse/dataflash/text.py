@@ -16,9 +16,9 @@ import pandas as pd
 
 from core.errors import LogError
 from core.findings import Finding, info, warning
-from logparse.boots import Span, boot_spans
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
+from logparse.dataflash.boots import Span, boot_spans
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
 from logparse.file_findings import listed, mended_times, several_boots
 from logparse.source import Boot, MessageSource

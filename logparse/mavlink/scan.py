@@ -1,6 +1,5 @@
 """The walk over a telemetry stream: where the intact frames of each message lie, and what was met on the way."""
 
-import mmap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from logparse.containers import Buffer
+from logparse.containers import MappedPages
 from logparse.mavlink import _decode
 from logparse.mavlink.dialect import MessageDefinition, definitions
 
@@ -18,8 +17,6 @@ _CHUNK_FRAMES = 1 << 14
 _MOST_UNKNOWN = 64
 #: Clock windows, ms of boot time: shorter where there is no logger time to tell the time between.
 _WINDOW_MS, _RAW_WINDOW_MS = 1000, 100
-#: Bytes of a mapped file that are kept in memory before they are given back.
-_KEEP = 1 << 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +90,7 @@ class Scan:
         self._open_windows = np.zeros((_decode.LINKS, _decode.WINDOW_SIZE), np.int64)
         self._windows: list[npt.NDArray[np.int64]] = []
 
-    def run(self, release: "Release | None" = None) -> None:
+    def run(self, pages: MappedPages | None = None) -> None:
         """Walk to the end of the stream."""
         known = dialect_arrays()
         # Four bytes per frame where they do.
@@ -113,8 +110,8 @@ class Scan:
                 self.chunks.append(Chunk(int(offsets[0]), int(offsets[n - 1]), ordered, starts))
             if n_windows:
                 self._windows.append(windows[:n_windows].copy())
-            if release is not None:
-                release.up_to(int(self.state[_decode.POSITION]))
+            if pages is not None:
+                pages.release_up_to(int(self.state[_decode.POSITION]))
 
     @cached_property
     def chunk_begins(self) -> list[int]:
@@ -144,28 +141,3 @@ class Scan:
             np.add.at(timed, rows[:, 0], rows[:, 1 + _decode.SAMPLES])
         timed += self._open_windows[:, _decode.SAMPLES]
         return int((timed if timed.any() else self.link_frames).argmax())
-
-
-class Release:
-    """Returns mapped pages to the system behind a reader, so that a file larger than memory can be read."""
-
-    def __init__(self, buffer: Buffer):
-        self._buffer = buffer
-        self._able = isinstance(buffer, mmap.mmap) and len(buffer) > _KEEP and hasattr(mmap, "MADV_DONTNEED")
-        self._start = 0
-
-    def up_to(self, position: int) -> None:
-        """Release what lies before `position`, in large pieces."""
-        stop = position - position % mmap.ALLOCATIONGRANULARITY
-        if stop - self._start >= _KEEP:
-            self._drop(self._start, stop - self._start)
-            self._start = stop
-
-    def everything(self) -> None:
-        """Release all pages."""
-        self._drop(0, len(self._buffer))
-
-    def _drop(self, start: int, size: int) -> None:
-        if self._able:
-            assert isinstance(self._buffer, mmap.mmap)
-            self._buffer.madvise(mmap.MADV_DONTNEED, start, size)

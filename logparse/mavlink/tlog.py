@@ -21,14 +21,13 @@ import pyarrow as pa
 
 from core.errors import LogError
 from core.findings import Finding
-from logparse.containers import Buffer
-from logparse.dataflash.format import clean_text
+from logparse.containers import Buffer, MappedPages
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock, find_boots, logger_clock
 from logparse.mavlink.dialect import definitions
 from logparse.mavlink.findings import scan_findings
-from logparse.mavlink.scan import Release, Scan, dialect_arrays
-from logparse.source import Boot, MessageSource
+from logparse.mavlink.scan import Scan, dialect_arrays
+from logparse.source import Boot, MessageSource, clean_text
 
 _STAMP_BYTES = 8
 #: Bytes by which a stream with time stamps is told from one without.
@@ -105,18 +104,17 @@ class TlogSource(MessageSource):
     def __init__(self, buffer: Buffer):
         if not len(buffer):
             raise LogError("the file is empty")
-        self._buffer = buffer
         self._data = np.frombuffer(buffer, np.uint8)
         self.scan = Scan(self._data, _stamp_bytes(self._data))
-        self._release = Release(buffer)
-        self.scan.run(self._release)
+        self._pages = MappedPages(buffer)
+        self.scan.run(self._pages)
         if not self.scan.frames:
             raise LogError("no intact MAVLink frame in the file: it is damaged or not a telemetry log")
         self._stamped = self.scan.stamp_bytes > 0
         self.format = "tlog" if self._stamped else "mavlink-raw"
         self._autopilot = self.scan.autopilot()
         self.clock = self._find_boots()
-        self._release.everything()
+        self._pages.release()
         self._counts: dict[Boot, dict[str, int]] = {}
 
     @property
@@ -156,7 +154,7 @@ class TlogSource(MessageSource):
         sender = self._data[who].astype(np.int64) << 8 | self._data[who + 1]
         marks = marks[sender == self._autopilot]
         silence = np.abs(np.diff(self._stamps(marks)))
-        self._release.everything()
+        self._pages.release()
         return int(marks[int(silence.argmax()) + 1]) - _STAMP_BYTES
 
     def _stamps(self, marks: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
@@ -201,7 +199,7 @@ class TlogSource(MessageSource):
         names = list(dict.fromkeys(names))
         plan = _Plan(names, [counts.get(name, 0) for name in names])
         known = dialect_arrays()
-        release = Release(self._buffer)
+        self._pages.start_at(boot.start)
         autopilot = (self._autopilot & 0xFF) << 8 | self._autopilot >> 8
         clock_kind, clock_offset = known.clock_kind[plan.slots], known.clock_offset[plan.slots]
         for chunk in self.scan.chunks:
@@ -213,8 +211,8 @@ class TlogSource(MessageSource):
                 plan.field_offset, plan.field_width, plan.column, plan.t_column, plan.sender_column, plan.row,
                 *plan.arenas,
             )  # fmt: skip
-            release.up_to(chunk.last_mark)
-        release.everything()
+            self._pages.release_up_to(chunk.last_mark)
+        self._pages.release()
         return {name: self._frame(plan, k) for k, name in enumerate(names)}
 
     def _frame(self, plan: "_Plan", k: int) -> pd.DataFrame:

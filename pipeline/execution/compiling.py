@@ -12,6 +12,7 @@ import core._spline_kernels as splines
 import estimation._kernels as filter_and_smoother
 import estimation._splines as imu_splines
 import logparse.dataflash._decode as dataflash
+import logparse.timebase as timebase
 import sysid.frequency._window_kernels as windows
 import sysid.records._filter_kernels as filters
 import sysid.records._resampling_kernels as resampling
@@ -44,7 +45,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     filters.filtered,
     dataflash.locate,
     transfer_functions.combine,
-    dataflash.is_orderly,
+    timebase.is_orderly,
     dataflash.count,
 )
 
