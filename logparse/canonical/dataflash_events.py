@@ -62,6 +62,13 @@ def event_table(parts: Iterable[tuple[np.ndarray, Iterable[str], Iterable[str]]]
     return table[(table != table.shift()).any(axis=1)]
 
 
+def changes(frame: pd.DataFrame, state: np.ndarray, on: str, off: str) -> tuple[np.ndarray, list[str], list[str]]:
+    """Events where a state changes; the state at the start counts only when it is on."""
+    changed = np.append(state[:1], state[1:] != state[:-1])
+    names = [on if value else off for value in state[changed]]
+    return frame.index.to_numpy()[changed], names, ["" for _ in names]
+
+
 def events(messages: Messages) -> pd.DataFrame | None:
     """Events of EV, ERR, ARM and the texts of MSG."""
     parts: list[tuple[np.ndarray, Iterable[str], Iterable[str]]] = []

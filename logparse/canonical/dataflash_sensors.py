@@ -40,7 +40,7 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
             int(str(name)[3:]): numbers(frame, str(name)) for name in frame if re.fullmatch(r"Mot\d+", str(name))
         }
         wanted = [motor.number for motor in table] or sorted(outputs)
-        columns = {f"m{k}": _pulses(outputs[k], "MOT", remarks) for k in wanted if k in outputs}
+        columns = {f"m{k}": pulses(outputs[k], "MOT", remarks) for k in wanted if k in outputs}
         return series(frame.index, columns) if columns else None
 
     frame = messages["RCOU"]
@@ -53,11 +53,11 @@ def motors(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd
         name = f"m{motor.number}"
         for message in ("RCOU", "RCO2", "RCO3"):
             if message in messages and (column := _output(messages[message], motor.channel)) is not None:
-                pulses = _pulses(numbers(messages[message], column), message, remarks)
+                driven = pulses(numbers(messages[message], column), message, remarks)
                 if message == "RCOU":
-                    columns[name] = pulses
+                    columns[name] = driven
                 else:
-                    late[name] = series(messages[message].index, {name: pulses})
+                    late[name] = series(messages[message].index, {name: driven})
                 break
         else:
             remarks.add(unmapped(motor.number, "RCOU"))
@@ -86,13 +86,14 @@ def _output(frame: pd.DataFrame, channel: int) -> str | None:
     return next((name for name in (f"C{channel}", f"Ch{channel}", f"Chan{channel}") if name in frame), None)
 
 
-def _pulses(pulses: Array, message: str, remarks: Remarks) -> Array:
+def pulses(widths: Array, message: str, remarks: Remarks) -> Array:
     """Pulse widths [us]; 0 means no pulse, which is no error."""
     low, high = PULSE_RANGE
-    silent = pulses == 0.0
-    bad = ~((pulses >= low) & (pulses <= high)) & ~silent
-    pulses = np.where(silent, np.nan, pulses)
-    return remarks.remove(pulses, bad, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us")
+    silent = widths == 0.0
+    bad = ~((widths >= low) & (widths <= high)) & ~silent
+    return remarks.remove(
+        np.where(silent, np.nan, widths), bad, message, f"pulse of a motor outside {low:.0f}..{high:.0f} us"
+    )
 
 
 #: Rows of a fast message that are converted at a time.
@@ -314,6 +315,14 @@ def baro(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) 
     return pick(tables, "alt", int(parameters.get("BARO_PRIMARY", parameters.get("GND_PRIMARY", 0))))
 
 
+def standard_altitude(pressure: Array) -> Array:
+    """Altitude [m] in the troposphere of the international standard atmosphere (ISO 2533) at a pressure [Pa].
+
+    The temperature beside the pressure is that of the sensor's chip, which says little about the air.
+    """
+    return np.asarray(44330.77 * (1.0 - (pressure / 101325.0) ** 0.190263), dtype=np.float64)
+
+
 def mag(messages: Messages, parameters: Mapping[str, float], remarks: Remarks) -> Sensor:
     """Magnetic field, calibrated as the autopilot uses it: MAG, MAG2, MAG3 or MAG with its instance."""
     tables = []
@@ -377,8 +386,13 @@ def esc(messages: Messages, table: tuple[Motor, ...]) -> pd.DataFrame | None:
     if not tables:
         return None
     times = next(iter(tables.values())).index.to_numpy()
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    joined = {number: sample(table, times, gap=2.0 * step) for number, table in tables.items()}
+    return beside_each_other(tables, 2.0 * (float(np.median(np.diff(times))) if len(times) > 1 else 1.0))
+
+
+def beside_each_other(tables: Mapping[int, pd.DataFrame], gap: float) -> pd.DataFrame:
+    """Put the telemetry of ESCs, by motor number, on the times of the first."""
+    times = next(iter(tables.values())).index.to_numpy()
+    joined = {number: sample(table, times, gap=gap) for number, table in tables.items()}
     columns = {
         f"{kind}{number}": values[:, k]
         for k, kind in enumerate(("w", "voltage", "current"))

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from core.units import numbers
-from logparse.canonical.dataflash_events import event_table, mode_table
-from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes
+from logparse.canonical.dataflash_events import changes, event_table, mode_table
+from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, standard_altitude
 from logparse.canonical.modes import PX4_MODES
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.series import Array, euler_angles, join, sample, series
+from logparse.canonical.series import Array, euler_angles, join, sample, series, with_attitude
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Motor, Vehicle
 from logparse.tables import COLUMNS, Geodetic, Tables
@@ -172,8 +172,7 @@ def _baro(messages: Messages) -> pd.DataFrame | None:
         pressure = pressure * 100.0  # hPa in old sensor_baro
     alt = _values(frame, "baro_alt_meter", "altitude")
     if not np.isfinite(alt).any():
-        # International standard atmosphere.
-        alt = 44330.77 * (1.0 - (np.where(pressure > 0.0, pressure, np.nan) / 101325.0) ** 0.190263)
+        alt = standard_altitude(np.where(pressure > 0.0, pressure, np.nan))
     temperature = _values(frame, "baro_temp_celcius", "ambient_temperature", "temperature") + 273.15
     finite = alt[np.isfinite(alt)]
     if not len(finite):
@@ -256,12 +255,7 @@ def _ekf(messages: Messages, attitude: pd.DataFrame | None) -> pd.DataFrame | No
         valid = _values(frame, flag)
         for name, axis in zip(names, axes, strict=True):
             columns[name] = np.where(valid == 0.0, np.nan, _values(frame, axis))
-    table = series(frame.index, columns)
-    angles = ["roll", "pitch", "yaw"]
-    if attitude is None:
-        return table.reindex(columns=[*table.columns, *angles])
-    table[angles] = sample(attitude[angles], table.index.to_numpy(), gap=0.2, angles=True)
-    return table
+    return with_attitude(series(frame.index, columns), attitude, gap=0.2)
 
 
 def _origin(messages: Messages, gps: pd.DataFrame | None) -> Geodetic | None:
@@ -385,19 +379,12 @@ def _events(messages: Messages) -> pd.DataFrame | None:
     parts = []
     frame = _first(messages, "vehicle_status")
     if frame is not None and "arming_state" in frame:
-        parts.append(_changes(frame, frame["arming_state"].to_numpy() == 2, "ARMED", "DISARMED"))
+        parts.append(changes(frame, frame["arming_state"].to_numpy() == 2, "ARMED", "DISARMED"))
     frame = _first(messages, "vehicle_land_detected")
     if frame is not None and "landed" in frame:
-        parts.append(_changes(frame, frame["landed"].to_numpy() == 0, "TAKEOFF", "LAND_COMPLETE"))
+        parts.append(changes(frame, frame["landed"].to_numpy() == 0, "TAKEOFF", "LAND_COMPLETE"))
     frame = _first(messages, "logged_messages")
     if frame is not None and "message" in frame:
         texts = [str(text) for text in frame["message"]]
         parts.append((frame.index.to_numpy(), ["MESSAGE" for _ in texts], texts))
     return event_table(parts)
-
-
-def _changes(frame: pd.DataFrame, state: "np.ndarray", on: str, off: str) -> tuple["np.ndarray", list[str], list[str]]:
-    """Events where a state changes; the state at the start counts only when it is on."""
-    changed = np.append(state[:1], state[1:] != state[:-1])
-    names = [on if value else off for value in state[changed]]
-    return frame.index.to_numpy()[changed], names, ["" for _ in names]

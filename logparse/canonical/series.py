@@ -149,6 +149,14 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
     return pd.DataFrame(values, index=pd.Index(t, name="t", dtype=np.float64))
 
 
+def with_attitude(table: pd.DataFrame, attitude: pd.DataFrame | None, gap: float) -> pd.DataFrame:
+    """Add roll, pitch and yaw at the times of a table; NaN without an attitude."""
+    if attitude is None:
+        return table.reindex(columns=[*table.columns, *_ANGLES])
+    table[list(_ANGLES)] = sample(attitude[list(_ANGLES)], table.index.to_numpy(), gap=gap, angles=True)
+    return table
+
+
 def wrap(angle: npt.ArrayLike) -> Array:
     """Bring angles [rad] into (-pi, pi]."""
     angles = np.asarray(angle, dtype=np.float64)

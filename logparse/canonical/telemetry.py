@@ -13,12 +13,19 @@ import pymap3d
 from core.findings import Finding, Severity
 from core.units import numbers, quantity
 from logparse.canonical.dataflash_control import origin_of_fixes
-from logparse.canonical.dataflash_events import event_table, mode_table
-from logparse.canonical.dataflash_sensors import PULSE_RANGE, clean_fixes, gps_lag, unmapped
+from logparse.canonical.dataflash_events import changes, event_table, mode_table
+from logparse.canonical.dataflash_sensors import (
+    beside_each_other,
+    clean_fixes,
+    gps_lag,
+    pulses,
+    standard_altitude,
+    unmapped,
+)
 from logparse.canonical.instances import pick
 from logparse.canonical.modes import copter_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.series import Array, euler_angles, frozen, join, sample, series, wrap
+from logparse.canonical.series import Array, euler_angles, frozen, join, series, with_attitude, wrap
 from logparse.craft.frames import Motor, Vehicle
 from logparse.craft.vehicle import assumed_outputs, vehicle_heartbeats
 from logparse.tables import COLUMNS, Geodetic, Tables
@@ -103,19 +110,13 @@ def _motors(
     frame = sender.get("SERVO_OUTPUT_RAW")
     if "port" in frame:
         frame = frame[frame["port"] == 0]
-    low, high = PULSE_RANGE
     columns = {}
     for motor in table:
         column = f"servo{motor.channel}_raw"
         if motor.channel is None or column not in frame:
             remarks.add(unmapped(motor.number, "SERVO_OUTPUT_RAW"))
         else:
-            pulses = numbers(frame, column)
-            silent = pulses == 0.0
-            pulses = np.where(silent, np.nan, pulses)
-            bad = ~silent & ~((pulses >= low) & (pulses <= high))
-            why = f"pulse of a motor outside {low:.0f}..{high:.0f} us"
-            columns[f"m{motor.number}"] = remarks.remove(pulses, bad, "SERVO_OUTPUT_RAW", why)
+            columns[f"m{motor.number}"] = pulses(numbers(frame, column), "SERVO_OUTPUT_RAW", remarks)
     _remark_assumed(table, parameters, remarks)
     return series(frame.index, columns) if columns else None
 
@@ -230,21 +231,13 @@ def _baro(sender: Sender, parameters: Mapping[str, float], remarks: Remarks) -> 
         bad = ~((pressure > 100.0) & (pressure < 2e5))
         pressure = remarks.remove(pressure, bad, name, "pressure outside the atmosphere")
         ground = _ground_pressure(parameters, k + 1, pressure)
-        alt = _standard_altitude(pressure) - float(_standard_altitude(np.array([ground]))[0])
+        alt = standard_altitude(pressure) - float(standard_altitude(np.array([ground]))[0])
         warm = parameters.get("BARO_GND_TEMP", parameters.get("GND_TEMP", 0.0))
         if warm:
             # Air at the pilot's ground temperature [degC] instead of the standard one.
             alt = alt * (273.15 + warm) / (288.15 * (ground / 101325.0) ** 0.190263)
         tables.append((name, series(frame.index, {"alt": alt, "pressure": pressure, "temperature": temperature})))
     return pick(tables, "alt")
-
-
-def _standard_altitude(pressure: Array) -> Array:
-    """Altitude [m] in the troposphere of the international standard atmosphere (ISO 2533) at a pressure [Pa].
-
-    The temperature beside the pressure is that of the sensor's chip, which says little about the air.
-    """
-    return np.asarray(44330.77 * (1.0 - (pressure / 101325.0) ** 0.190263), dtype=np.float64)
 
 
 def _ground_pressure(parameters: Mapping[str, float], instance: int, pressure: Array) -> float:
@@ -284,16 +277,7 @@ def _esc(sender: Sender, table: tuple[Motor, ...]) -> pd.DataFrame | None:
     found = {m.number: groups[m.channel or m.number] for m in table if (m.channel or m.number) in groups}
     if not found:
         return None
-    times = next(iter(found.values())).index.to_numpy()
-    joined = {number: sample(part, times, gap=2.0) for number, part in found.items()}
-    return series(
-        times,
-        {
-            f"{kind}{number}": values[:, k]
-            for k, kind in enumerate(("w", "voltage", "current"))
-            for number, values in joined.items()
-        },
-    )
+    return beside_each_other(found, 2.0)
 
 
 def _attitude(sender: Sender) -> pd.DataFrame | None:
@@ -364,12 +348,7 @@ def _ekf(sender: Sender, attitude: pd.DataFrame | None, origin: Geodetic | None)
         columns |= {f"v_{axis}": quantity(frame, f"v{s}", "cm/s") for axis, s in zip("ned", "xyz", strict=True)}
     else:
         return None
-    table = series(frame.index, columns)
-    angles = ["roll", "pitch", "yaw"]
-    if attitude is None:
-        return table.reindex(columns=[*table.columns, *angles])
-    table[angles] = sample(attitude[angles], table.index.to_numpy(), gap=1.0, angles=True)
-    return table
+    return with_attitude(series(frame.index, columns), attitude, gap=1.0)
 
 
 def _setpoints(sender: Sender, origin: Geodetic | None, attitude: pd.DataFrame | None) -> pd.DataFrame | None:
@@ -470,9 +449,7 @@ def _events(sender: Sender) -> pd.DataFrame | None:
     if "HEARTBEAT" in sender:
         frame = sender.get("HEARTBEAT")
         armed = (frame["base_mode"].to_numpy(dtype=np.int64) & _ARMED) != 0
-        changed = np.append(armed[:1], armed[1:] != armed[:-1])
-        names = ["ARMED" if state else "DISARMED" for state in armed[changed]]
-        parts.append((frame.index.to_numpy()[changed], names, ["" for _ in names]))
+        parts.append(changes(frame, armed, "ARMED", "DISARMED"))
     if "STATUSTEXT" in sender:
         frame = sender.get("STATUSTEXT")
         texts = [str(text).strip("\x00 ") for text in frame["text"]]

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logparse import LogError
-from logparse.dataflash.binary import DataflashSource, looks_like
+from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.format import FIELD_TYPES, FMT, HEADER, Definition
 from logparse.dataflash.writer import DataflashWriter
 
@@ -371,16 +370,3 @@ def test_damaged_definitions_of_the_units_are_survived() -> None:
         for name in source.counts(source.boots[0]):
             assert source.decode(name, source.boots[0]) is not None
         assert source.findings is not None
-
-
-def test_no_message_is_refused() -> None:
-    for data in (b"", b"\xff" * 1000, b"\0" * 1000, HEADER * 400, b"hello" * 100):
-        with pytest.raises(LogError, match="no intact DataFlash message"):
-            DataflashSource(data)
-
-
-def test_looks_like_by_content() -> None:
-    assert looks_like(FMT.pack() * 2)
-    assert looks_like(b"\0" * 7 + FMT.pack() * 3)
-    assert not looks_like(b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n")
-    assert not looks_like(np.random.default_rng(1).bytes(65536))

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from logparse import LogError, RotoridError, read_log
-from logparse.dataflash.text import DataflashTextSource, looks_like
+from logparse import RotoridError, read_log
+from logparse.dataflash.text import DataflashTextSource
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
 TEXT = ["DigitalSarcasm-Quadcopter__nan.log", "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log"]
@@ -169,17 +169,6 @@ def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
         for name in source.counts(boot):
             source.decode(name, boot)
     assert source.findings is not None
-
-
-def test_no_row_is_refused() -> None:
-    with pytest.raises(LogError, match="no line"):
-        DataflashTextSource(b"hello\nworld\n")
-
-
-def test_looks_like_by_content() -> None:
-    assert looks_like(("some prelude\r\n" + HEAD.replace("\n", "\r\n")).encode())
-    assert not looks_like(b'{"FMT": 1}\n')
-    assert not looks_like(b"t,roll,pitch\n0,1,2\n")
 
 
 def test_firmware_of_2013_has_only_the_receivers_clock(tmp_path):
