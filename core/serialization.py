@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 
 T = TypeVar("T")
 
@@ -37,9 +36,9 @@ def restored(value: object, kind: type[T]) -> T:
     """
     with _learning:
         try:
-            return msgspec.convert(value, kind, dec_hook=_packed)
+            return msgspec.convert(value, kind)
         except msgspec.ValidationError:
-            return msgspec.convert(_with_nan(value, kind), kind, dec_hook=_packed)
+            return msgspec.convert(_with_nan(value, kind), kind)
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
@@ -65,7 +64,7 @@ def from_json(content: str | bytes, kind: type[T]) -> T:
     """Read JSON as a type; ValueError where it is none, or of another."""
     with _learning:
         try:
-            return msgspec.json.decode(content, type=kind, dec_hook=_packed)
+            return msgspec.json.decode(content, type=kind)
         except msgspec.ValidationError:
             return restored(msgspec.json.decode(content), kind)
 
@@ -81,19 +80,6 @@ def _unpacked(value: Any) -> Any:
     if hasattr(value, "reset_index"):
         return value.reset_index().to_dict("records")
     raise TypeError(f"{type(value).__name__} is no part of a result")
-
-
-def _packed(kind: Any, value: Any) -> Any:
-    """Return an array of the numbers that it was made of, NaN for None; a path of its text."""
-    if kind is Path:
-        return Path(value)
-    if kind is object or isinstance(value, np.ndarray):
-        return value
-    numbers = np.array(value, dtype=np.float64)
-    (number,) = typing.get_args(typing.get_args(kind)[1])
-    if issubclass(number, np.complexfloating):
-        return numbers[..., 0] + 1j * numbers[..., 1] if numbers.size else numbers.astype(number)
-    return numbers.astype(number)
 
 
 def _finite(value: Any, text: Callable[[str], str]) -> Any:

@@ -24,7 +24,7 @@ from pipeline.results.model_report import (
     ParameterRow,
     RmseRow,
 )
-from pipeline.results.rotation import RotationResult
+from pipeline.results.rotation_report import RotationReport
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
 from sysid.rotors.thrust_record import ThrustReport
@@ -110,7 +110,7 @@ class FlightReport:
     trajectory: TrajectoryReport | None
     coverage: Coverage | None
     account: Account | None
-    rotation: RotationResult | None
+    rotation: RotationReport | None
     loops: FlightLoops | None
     answer: Answer | None
     advice: tuple[Advice, ...]

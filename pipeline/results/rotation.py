@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.parameter import Parameter
-from logparse import Finding
-from sysid.frequency.coupling import Coupling
-from sysid.frequency.response import FrequencyResponse
-from sysid.frequency.time_domain import Verification
-from sysid.loops.loop import Margins
+from pipeline.results.rotation_report import (
+    AxisReport,
+    CheckReport,
+    CouplingReport,
+    Estimate,
+    FollowingReport,
+    LoopReport,
+    MarginsReport,
+    ResponseReport,
+    RotationReport,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from core.parameter import Parameter
+    from logparse import Finding
+    from sysid.frequency.coupling import Coupling
+    from sysid.frequency.response import FrequencyResponse
+    from sysid.frequency.time_domain import Verification
+    from sysid.loops.loop import Margins
 
 #: Margins that a loop should have (MIL-F-9490D, table III: 6 dB and 45 deg), dB and deg.
 LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 45.0
@@ -56,6 +71,34 @@ class FittedResponse:
         hz = self.measured.hz[self.measured.usable]
         return (float(hz[0]), float(hz[-1])) if len(hz) else None
 
+    def report(self) -> ResponseReport:
+        """Return what a report says of it."""
+        frf = self.measured
+        return ResponseReport(
+            input=frf.input,
+            output=frf.output,
+            unit=frf.unit,
+            method=frf.method,
+            instrument=frf.instrument,
+            source=frf.source,
+            seconds=frf.duration,
+            band_hz=self.band,
+            structure=self.structure,
+            parameters={
+                name: _estimate(known, insensitivity=self.insensitivity.get(name))
+                for name, known in self.parameters.items()
+            },
+            cost=self.cost,
+            verdict=self.verdict,
+            check=None if self.check is None else _check(self.check),
+            check_reason=self.check_reason,
+            hz=tuple(frf.hz.tolist()),
+            gain_db=tuple(frf.gain_db.tolist()),
+            phase_deg=tuple(np.degrees(frf.phase).tolist()),
+            coherence=tuple(frf.coherence.tolist()),
+            sigma=tuple(frf.sigma.tolist()),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeFollowing:
@@ -70,6 +113,15 @@ class AttitudeFollowing:
     def determined(self) -> bool:
         """Return whether bandwidth and delay are known."""
         return self.bandwidth.value is not None and self.phase_delay.value is not None
+
+    def report(self) -> FollowingReport:
+        """Return what a report says of it."""
+        return FollowingReport(
+            bandwidth=_estimate(self.bandwidth),
+            phase_delay=_estimate(self.phase_delay),
+            peak=_estimate(self.peak),
+            response=self.response.report(),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,6 +165,49 @@ class LoopMargins:
             else LoopState.UNKNOWN
         )
 
+    def report(self) -> LoopReport:
+        """Return what a report says of it."""
+        return LoopReport(
+            state=str(self.state),
+            gains=self.gains,
+            computed=margins_report(self.computed),
+            measured=None if self.measured is None else margins_report(self.measured),
+            remarks=self.remarks,
+        )
+
+
+#: Margins by name, as `Margins` has them.
+_MARGINS = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
+
+
+def _estimate(known: Parameter, insensitivity: float | None = None) -> Estimate:
+    return Estimate(
+        value=known.value, sigma=known.sigma, unit=known.unit, reason=known.reason, insensitivity=insensitivity
+    )
+
+
+def _check(check: Verification) -> CheckReport:
+    return CheckReport(
+        seconds=check.seconds,
+        fit_percent=check.fit_percent,
+        theil=check.theil,
+        correlation=check.correlation,
+        white=None if check.residuals is None else check.residuals.white,
+        verdict=check.verdict,
+    )
+
+
+def margins_report(margins: Margins) -> MarginsReport:
+    """Return margins with their errors and intervals as reports hold them."""
+    return MarginsReport(
+        stable=margins.stable,
+        unstable_part=margins.unstable,
+        **{
+            name: replace(_estimate(getattr(margins, name)), interval95=margins.intervals.get(name))
+            for name in _MARGINS
+        },
+    )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisRotation:
@@ -136,6 +231,19 @@ class AxisRotation:
     def determined(self) -> bool:
         """Return whether the answer to the controller, or to the attitude target, is known."""
         return self.rate_determined or (self.attitude is not None and self.attitude.determined)
+
+    def report(self) -> AxisReport:
+        """Return what a report says of it."""
+        return AxisReport(
+            axis=self.axis,
+            determined=self.determined,
+            rate=None if self.rate is None else self.rate.report(),
+            reason=self.reason,
+            attitude=None if self.attitude is None else self.attitude.report(),
+            attitude_reason=self.attitude_reason,
+            loop=None if self.loop is None else self.loop.report(),
+            loop_reason=self.loop_reason,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,3 +269,14 @@ class RotationResult:
     def loops(self) -> Mapping[str, LoopMargins]:
         """Return the margins that are known, by axis."""
         return {axis.axis: axis.loop for axis in self.axes if axis.loop is not None}
+
+    def report(self) -> RotationReport:
+        """Return what a report says of it."""
+        return RotationReport(
+            determined=self.determined,
+            axes=tuple(axis.report() for axis in self.axes),
+            vertical=None if self.vertical is None else self.vertical.report(),
+            couplings=tuple(
+                CouplingReport(axis=each.axis, other=each.other, ratio=_estimate(each.ratio)) for each in self.couplings
+            ),
+        )

@@ -69,7 +69,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             trajectory=_trajectory(result),
             coverage=present(result.coverage),
             account=present(result.account),
-            rotation=present(result.rotation),
+            rotation=None if isinstance(result.rotation, Failure) else result.rotation.report(),
             loops=present(result.loops),
             answer=present(result.answer),
             advice=result.advice,

@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from core.serialization import cleaned
-from sysid.loops.loop import Margins, RateLoop
+from pipeline.results.rotation import margins_report
+from pipeline.results.rotation_report import MarginsReport, Numbers
+from sysid.loops.loop import RateLoop
 from sysid.loops.responses import attitude_bandwidth
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
@@ -17,8 +19,6 @@ from sysid.loops.tuning import Tuning
 
 #: Frequencies and draws of the response that a page gets.
 _POINTS, _DRAWS = 180, 40
-
-Numbers = tuple[float | None, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class FlownLoop:
     parameters: Mapping[str, float]
     loop_rate_hz: float
     gyro_rate_hz: float
-    margins: Margins
+    margins: MarginsReport
     attitude_bandwidth_hz: float | None
     response: CraftResponse
 
@@ -55,7 +55,7 @@ class TunedLoop:
     """Proposed parameters of an axis, and its margins with them."""
 
     parameters: Mapping[str, float]
-    margins: Margins
+    margins: MarginsReport
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class AxisReport:
     axis: str
     refused: str | None
     flown: FlownLoop | None
-    measured_margins: Margins | None
+    measured_margins: MarginsReport | None
     tuned: TunedLoop | None
     worst_of_95: Mapping[str, float | None]
     actuator_noise_factor: float | None
@@ -108,8 +108,10 @@ def _axis(axis: AxisTuning) -> AxisReport:
         axis=axis.axis,
         refused=axis.refused,
         flown=None if flown is None else _loop(flown),
-        measured_margins=flown.measured_margins if flown is not None and measured else None,
-        tuned=None if tuned is None else TunedLoop(parameters=tuned.settings.parameters(), margins=tuned.margins),
+        measured_margins=margins_report(flown.measured_margins) if flown is not None and measured else None,
+        tuned=None
+        if tuned is None
+        else TunedLoop(parameters=tuned.settings.parameters(), margins=margins_report(tuned.margins)),
         worst_of_95=axis.worst,
         actuator_noise_factor=axis.noise,
     )
@@ -129,7 +131,7 @@ def _loop(loop: RateLoop) -> FlownLoop:
         parameters=loop.settings.parameters(),
         loop_rate_hz=controller.loop_rate,
         gyro_rate_hz=loop.settings.gyro.rate,
-        margins=loop.margins,
+        margins=margins_report(loop.margins),
         attitude_bandwidth_hz=attitude_bandwidth(loop),
         response=CraftResponse(
             hz=tuple(loop.hz[rows].tolist()),

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 import logparse
-from core.serialization import plain
 from pipeline.flight.advice.turning import turning as advise
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.failure import Failure
@@ -40,7 +39,7 @@ def test_a_kept_result_has_its_responses(tmp_path):
     flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
     write_result(flight, tmp_path)
     found = read_result(FolderStore(tmp_path.parent), tmp_path.name)
-    assert plain(found.rotation) == plain(flight.rotation)
+    assert found.rotation.report() == flight.rotation.report()
 
 
 def test_an_ordinary_flight_tells_roll_and_pitch_and_why_not_yaw():

@@ -3,11 +3,7 @@
 import json
 from dataclasses import replace
 
-import numpy as np
-
 import reports
-from pipeline.results.rotation import LoopState
-from reports.numbers.reading import read_report
 from reports.views.rotation import rotation_view
 from tests.pipeline.builders import margins, turning
 from tests.reports.builders import validator_of
@@ -34,7 +30,4 @@ def test_page_and_numbers_hold_it(tmp_path):
     assert 'id="plot-bode-roll"' in page
     numbers = json.loads((tmp_path / "report.json").read_text("utf-8"))
     validator_of("flight").validate(numbers)
-    assert numbers["rotation"]["axes"][0]["loop"]["computed"]["phase_deg"]["value"] == 60.0
-    again = read_report(tmp_path).rotation.axes[0]
-    np.testing.assert_array_equal(again.rate.measured.response, flight.rotation.axes[0].rate.measured.response)
-    assert again.loop.state is LoopState.GOOD
+    assert numbers["rotation"]["axes"][0]["loop"]["state"] == "good"
