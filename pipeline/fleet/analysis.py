@@ -23,8 +23,7 @@ from pipeline.errors import ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
-from pipeline.fleet.current import Crafts, is_current, stored_flights
-from pipeline.fleet.result import FleetResult
+from pipeline.fleet.result import Crafts, FleetResult
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.inventory import READERS, index_sources
@@ -32,10 +31,12 @@ from pipeline.storage.manifest import (
     FLIGHTS,
     LogRecord,
     Manifest,
+    is_current,
     of_one_flight,
     page_key,
     read_manifest,
     software,
+    stored_flights,
 )
 from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from core.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet import joint
-from pipeline.fleet.current import Crafts, is_current
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
+from pipeline.fleet.result import Crafts
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import GroupResult, LogFailure, Publish
-from pipeline.storage.kept import read_result, write_result
-from pipeline.storage.manifest import CRAFTS, craft_key, page_key
+from pipeline.storage.kept import product_of, read_result
+from pipeline.storage.manifest import CRAFTS, craft_key, is_current, page_key
 from pipeline.storage.store import ENTRY, Store
 
 
@@ -77,7 +75,8 @@ def identify_crafts(
                 entry.name, craft, split, store.url, config, overall(report), executor, findings
             )
         try:
-            keep(result, entry, store, publish)
+            with store.scratch() as scratch:
+                store.commit(product_of(result, entry, publish, scratch), f"{CRAFTS}/{entry.folder}")
         except OSError as error:
             reason = f"its joint models could not be stored: {error.strerror or error}"
             failures.append(LogFailure(entry.name, reason))
@@ -121,15 +120,3 @@ def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
         return None
     found = read_result(store, place)
     return found if isinstance(found, GroupResult) else None
-
-
-def keep(result: GroupResult, entry: GroupEntry, store: Store, publish: Publish | None) -> None:
-    """Store the products of a craft, its entry last; OSError where they cannot be stored."""
-    with store.scratch() as scratch:
-        product = scratch / "product"
-        product.mkdir()
-        if publish is not None:
-            publish(result, product)
-            write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
-        store.commit(product, f"{CRAFTS}/{entry.folder}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import json
 import logging
 import os
 from dataclasses import dataclass, replace
@@ -12,11 +11,9 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
-from core.serialization import plain
 from logparse import LogError, RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
-from pipeline.fleet.current import stored_flights
 from pipeline.flight.analysis import analyze_flights
 from pipeline.flight.summary import flight_entry
 from pipeline.names import flight_folder
@@ -24,8 +21,8 @@ from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
-from pipeline.storage.kept import read_result, write_result
-from pipeline.storage.manifest import FLIGHTS
+from pipeline.storage.kept import product_of, read_result
+from pipeline.storage.manifest import FLIGHTS, stored_flights
 from pipeline.storage.sources import Source, fetched
 from pipeline.storage.store import ENTRY, Store, open_store
 
@@ -113,12 +110,7 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     entry = replace(flight_entry(result, folder=folder, source=job.source.url, key=job.key), pages=job.pages)
     place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:
-        product = scratch / "product"
-        product.mkdir()
-        if job.publish is not None:
-            job.publish(result, product)
-            write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+        product = product_of(result, entry, job.publish, scratch)
         tables = write_tables(result, scratch / TABLES)
         experiments = write_experiments(result, scratch / EXPERIMENTS)
 
@@ -148,19 +140,9 @@ def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
         return None
     shown = tuple(replace(entry, pages=job.pages) for entry in entries)
     for entry, result in zip(shown, results, strict=True):
-        show_anew(result, entry, store, job.publish)
+        with store.scratch() as scratch:
+            store.commit(product_of(result, entry, job.publish, scratch), f"{FLIGHTS}/{entry.folder}")
     return shown
-
-
-def show_anew(result: FlightResult, entry: FlightEntry, store: Store, publish: Publish) -> None:
-    """Write pages, result and entry of a flight in the place of those that the store has."""
-    with store.scratch() as scratch:
-        product = scratch / "product"
-        product.mkdir()
-        publish(result, product)
-        write_result(result, product)
-        (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
-        store.commit(product, f"{FLIGHTS}/{entry.folder}")
 
 
 def _remove_former(store: Store, folder: str, count: int) -> None:

@@ -20,8 +20,7 @@ from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.next_flights import for_craft
-from pipeline.flight.comparison import compare_parameters
-from pipeline.flight.identification import identify, without_model
+from pipeline.flight.identification import compare_parameters, identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure, findings_of, present

@@ -13,6 +13,19 @@ from pipeline.storage.manifest import Manifest
 from pipeline.storage.store import Store
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crafts:
+    """Crafts of several flights, and what has no part in them."""
+
+    entries: tuple[GroupEntry, ...] = ()  #: Those with most flights first.
+    #: Sources of flights that are in no joint model though they could be, with the reason.
+    left_out: tuple[tuple[str, str], ...] = ()
+    failures: tuple[LogFailure, ...] = ()  #: Crafts whose products could not be stored.
+    unstored: tuple[GroupEntry, ...] = ()  #: Their entries.
+    #: Those of this run by folder, as `pipeline.FleetResult` has them.
+    fitted: Mapping[str, GroupResult] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FleetResult(Summarised):
     """Several logs: every flight for itself, every craft jointly, and the files that gave nothing."""

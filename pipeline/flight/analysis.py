@@ -20,15 +20,13 @@ from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, si
 from pipeline.flight.account import tell
 from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
-from pipeline.flight.comparison import compare_parameters
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
-from pipeline.flight.flight_loops import assess_loops
-from pipeline.flight.identification import identify, without_model
+from pipeline.flight.identification import compare_parameters, identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.logged import logged_rates
 from pipeline.flight.part import busiest, part_findings
-from pipeline.flight.rotation import find_rotation
+from pipeline.flight.rotation import assess_loops, find_rotation
 from pipeline.flight.signals import flight_signals
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable

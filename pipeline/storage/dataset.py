@@ -8,9 +8,8 @@ time `t` as first column, numbers as float64 and the unit of each column in its 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 import sysid
-from core.serialization import plain
+from core.serialization import as_json, from_json
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS
-from logparse import COLUMNS, Finding, Motor, Severity, Vehicle
+from logparse import COLUMNS, Finding, Vehicle
 from logparse.export import unit
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
@@ -32,6 +31,22 @@ TABLES, EXPERIMENTS = "tables", "experiments"
 
 #: Under which the schema's metadata has what the columns of an experiment do not tell.
 _METADATA = b"rotorid"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rest:
+    """What the columns of an experiment do not tell of it."""
+
+    name: str
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    context: tuple[str, ...] | None
+    index: str | None
+    units: Mapping[str, str]
+    input_trim: tuple[float, ...]
+    output_trim: tuple[float, ...]
+    vehicle: Vehicle | None
+    findings: tuple[Finding, ...]
 
 
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
@@ -101,51 +116,42 @@ def write_experiment(experiment: sysid.Experiment, path: Path) -> None:
     context = experiment.context
     if context is not None:
         columns |= {f"context_{name}": context[name].to_numpy() for name in context}
-    metadata = {
-        "name": experiment.name,
-        "input_names": experiment.input_names,
-        "output_names": experiment.output_names,
-        "context": None if context is None else [str(name) for name in context],
-        "index": None if context is None else context.index.name,
-        "units": dict(experiment.units),
-        "input_trim": experiment.input_trim.tolist(),
-        "output_trim": experiment.output_trim.tolist(),
-        "vehicle": None if experiment.vehicle is None else asdict(experiment.vehicle),
-        "findings": plain(experiment.findings),
-    }
+    rest = _Rest(
+        name=experiment.name,
+        input_names=experiment.input_names,
+        output_names=experiment.output_names,
+        context=None if context is None else tuple(str(name) for name in context),
+        index=None if context is None else str(context.index.name),
+        units=experiment.units,
+        input_trim=tuple(experiment.input_trim.tolist()),
+        output_trim=tuple(experiment.output_trim.tolist()),
+        vehicle=experiment.vehicle,
+        findings=experiment.findings,
+    )
     table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
-    pq.write_table(table.replace_schema_metadata({_METADATA: json.dumps(metadata, default=float)}), path)
+    pq.write_table(table.replace_schema_metadata({_METADATA: as_json(rest, None)}), path)
 
 
 def read_experiment(content: bytes) -> sysid.Experiment:
     """Read what `write_experiment` wrote."""
     table = pq.read_table(pa.BufferReader(content))
-    metadata = json.loads(table.schema.metadata[_METADATA])
+    rest = from_json(table.schema.metadata[_METADATA], _Rest)
     t = table["t"].to_numpy()
     context = None
-    if metadata["context"] is not None:
-        named = {name: table[f"context_{name}"].to_numpy() for name in metadata["context"]}
-        context = pd.DataFrame(named, index=pd.Index(t, name=metadata["index"]))
+    if rest.context is not None:
+        named = {name: table[f"context_{name}"].to_numpy() for name in rest.context}
+        context = pd.DataFrame(named, index=pd.Index(t, name=rest.index))
     return sysid.Experiment(
-        name=metadata["name"],
+        name=rest.name,
         t=t,
-        u=np.column_stack([table[f"u_{name}"].to_numpy() for name in metadata["input_names"]]),
-        y=np.column_stack([table[f"y_{name}"].to_numpy() for name in metadata["output_names"]]),
-        input_names=tuple(metadata["input_names"]),
-        output_names=tuple(metadata["output_names"]),
-        units=metadata["units"],
-        input_trim=np.array(metadata["input_trim"]),
-        output_trim=np.array(metadata["output_trim"]),
+        u=np.column_stack([table[f"u_{name}"].to_numpy() for name in rest.input_names]),
+        y=np.column_stack([table[f"y_{name}"].to_numpy() for name in rest.output_names]),
+        input_names=rest.input_names,
+        output_names=rest.output_names,
+        units=rest.units,
+        input_trim=np.array(rest.input_trim),
+        output_trim=np.array(rest.output_trim),
         context=context,
-        vehicle=None if metadata["vehicle"] is None else _vehicle(metadata["vehicle"]),
-        findings=tuple(
-            Finding(**{**finding, "severity": Severity(finding["severity"])}) for finding in metadata["findings"]
-        ),
+        vehicle=rest.vehicle,
+        findings=rest.findings,
     )
-
-
-def _vehicle(facts: dict[str, object]) -> Vehicle:
-    known = {each.name for each in fields(Vehicle)} - {"motors"}
-    motors = facts["motors"]
-    assert isinstance(motors, list)
-    return Vehicle(motors=tuple(Motor(**motor) for motor in motors), **{name: facts[name] for name in known})  # type: ignore[arg-type]

@@ -8,6 +8,7 @@ are made of, so that a folder of unknown origin cannot run anything.
 from __future__ import annotations
 
 import io
+import json
 import pickle
 from dataclasses import replace
 from importlib import import_module
@@ -15,9 +16,11 @@ from pathlib import Path
 
 import pyarrow
 
-from pipeline.results.fleet import GroupResult
+from core.serialization import plain
+from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.fleet import GroupResult, Publish
 from pipeline.results.flight import FlightResult
-from pipeline.storage.store import RESULT, Store
+from pipeline.storage.store import ENTRY, RESULT, Store
 
 #: Packages whose classes a result is made of.
 _OWN = ("core", "logparse", "estimation", "sysid", "pipeline")
@@ -44,6 +47,19 @@ _FOREIGN = {
     "pathlib": {"PosixPath", "WindowsPath", "PurePosixPath"},
     "pyarrow.lib": {"_restore_array", "type_for_alias", "py_buffer"},
 }
+
+
+def product_of(
+    result: FlightResult | GroupResult, entry: FlightEntry | GroupEntry, publish: Publish | None, scratch: Path
+) -> Path:
+    """Return a folder of pages, result and entry, ready to be committed to the store."""
+    product = scratch / "product"
+    product.mkdir()
+    if publish is not None:
+        publish(result, product)
+        write_result(result, product)
+    (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+    return product
 
 
 def write_result(result: FlightResult | GroupResult, folder: Path) -> None:

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 from core.serialization import plain
 from pipeline.config import AnalysisConfig
-from pipeline.results.entry import GroupEntry
+from pipeline.names import flight_folder
+from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import LogFailure
-from pipeline.storage.store import Store
+from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
     from logparse import Finding
-    from pipeline.results.entry import FlightEntry
     from pipeline.results.split import Split
 
 MANIFEST = "manifest.json"
@@ -184,3 +184,20 @@ def _named(function: Callable[..., object] | None) -> object:
 
 def _digest(value: object) -> str:
     return hashlib.sha256(json.dumps(plain(value), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def is_current(store: Store, entry: GroupEntry) -> bool:
+    """Return whether the store has the products of a craft, with the pages that are wanted."""
+    facts = store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}
+    return facts.get("key") == entry.key and (not entry.pages or facts.get("pages") == entry.pages)
+
+
+def stored_flights(store: Store, folder: str, key: str, source: str, pages: str = "") -> tuple[FlightEntry, ...] | None:
+    """Return the entries of all flights of a log; None unless the store has all of them, as they are wanted."""
+    entries: list[FlightEntry] = []
+    while not entries or len(entries) < entries[0].of:
+        entry = store.read_as(f"{FLIGHTS}/{flight_folder(folder, len(entries) + 1)}/{ENTRY}", FlightEntry)
+        if entry is None or entry.key != key or (pages and entry.pages != pages):
+            return None
+        entries.append(replace(entry, source=source))
+    return tuple(entries)

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 
-from core.catalogue import finding
 from core.serialization import plain
 from logparse import Finding, Severity
 from logparse.craft.frames import Vehicle
@@ -15,9 +14,7 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.log_settings import BRINGS
 from pipeline.flight.advice.next_flights import MOST, for_craft
-from pipeline.results.account import Account, MotorsReading, VibrationReading
 from pipeline.results.entry import FlightParameter
-from pipeline.results.span import Span
 from tests.pipeline.builders import covering, flown, hovering
 from tests.pipeline.coverages import coverage_of
 
@@ -168,27 +165,12 @@ def test_the_speed_of_legs_follows_from_the_gusts():
     assert for_craft([good(told=told, wind=wind, excitation={"speed_std": [6.0, 7.0]})]) == ()
 
 
-def test_quiet_axes_are_named_with_the_chirp_that_moves_them():
-    quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
-    axes = plain(good().coverage.excitation.axes) | {"roll": quiet, "yaw": quiet}
+def test_axes_that_are_not_determined_are_named_for_sticks():
     told = tuple(each for each in TOLD if "roll" not in each)
-    advice = only(good(told=told, excitation={"axes": axes}))
-    assert advice.id == "excite-axes"
-    assert advice.do.startswith("Excite roll:"), "what yaw tells is determined, however little it moved"
-    assert advice.settings["SID_AXIS"] == 10.0
-    assert "1.15° RMS" in advice.why or "1.15°/s RMS in roll" in advice.why
-    assert for_craft([good(told=told, excitation={"axes": axes}), good("lively", told=told)]) == ()
-
-
-def test_firmware_without_chirps_is_asked_for_sticks():
-    quiet = {"rms": 0.02, "unit": "rad/s", "command_std": 0.0, "word": "weak"}
-    axes = plain(good().coverage.excitation.axes) | {"yaw": quiet}
-    flight = good(told=tuple(each for each in TOLD if "yaw" not in each), excitation={"axes": axes})
-    for old in ({"tune": {"firmware": "ArduCopter V3.6.12"}}, {"format": "ulog"}):
-        advice = only(dataclasses.replace(flight, **old))
-        assert "SYSTEMID" not in advice.do
-        assert advice.settings == {}
-    assert "SYSTEMID" in only(dataclasses.replace(flight, tune={"firmware": "ArduCopter 4.5.7"})).do
+    advice = only(good(told=told))
+    assert advice.id == "fly-sticks"
+    assert "short stick inputs on roll," in advice.do
+    assert for_craft([good(told=told), good("lively", told=(*told, "roll effectiveness"))]) == ()
 
 
 def test_flights_to_repeat_are_named():
@@ -199,26 +181,6 @@ def test_flights_to_repeat_are_named():
     assert "Repeat lost" in advice["repeat-with-gps"].do
     assert "60 m" in advice["repeat-with-gps"].why
     assert advice["repeat-with-movement"].flights == ("still",)
-
-
-def account(vibration: float, at_limit: float) -> Account:
-    """Make the account of a flight that shook so much, with a motor at its limit for so much of it."""
-    shaken = VibrationReading(
-        worst=vibration, p95=0.0, t=50.0, axis="Z", clips=0, advised=30.0, harmful=60.0, source=""
-    )
-    happenings = (finding("vibration", "It shook.", t=50.0),) if vibration > 60.0 else ()
-    motors = MotorsReading(mean={"1": 0.5}, hardest="1", at_limit=at_limit)
-    return Account(flight=Span(40.0, 90.0), vibration=shaken, motors=motors, happenings=happenings)
-
-
-def test_trouble_in_flight_is_told_with_its_size():
-    rough = dataclasses.replace(good("rough"), account=account(vibration=64.0, at_limit=0.12))
-    mild = dataclasses.replace(good("mild"), account=account(vibration=20.0, at_limit=0.02))
-    advice = for_craft([rough, mild])
-    assert [each.id for each in advice] == ["soften-mount", "less-throttle"]
-    assert all(each.flights == ("rough",) for each in advice)
-    assert "64 m/s²" in advice[0].why
-    assert "12 %" in advice[1].why
 
 
 def test_judging_flights_that_leave_the_range_are_advised_to_train():
@@ -261,10 +223,9 @@ def test_the_list_is_short_sorted_and_json():
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )
-    everything = dataclasses.replace(everything, account=account(vibration=64.0, at_limit=0.12))
     slow = good("slow", told=(), findings=("mass-unknown",), excitation={"headings": 1, "speed_std": [0.1, 0.1]})
     advice = for_craft([everything, slow])
-    assert len(advice) == MOST
+    assert len(advice) == 7 <= MOST
     assert [each.rank for each in advice] == sorted(each.rank for each in advice)
     for each in json.loads(json.dumps(plain(advice), allow_nan=False)):
         assert each["do"]

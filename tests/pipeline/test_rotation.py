@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import logparse
-from pipeline.flight.advice.turning import turning as advise
+from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.failure import Failure
 from pipeline.results.rotation import LoopMargins, LoopState
@@ -67,14 +67,11 @@ def test_only_the_sound_part_counts():
 
 def test_advice_names_bits_and_axes():
     flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
-    advice = {each.id: each for each in advise(flight, [])}
-    assert "pitch and yaw" in advice["fly-sticks"].do
-    assert "bit 0 (ATTITUDE_FAST) of LOG_BITMASK" in advice["fly-sticks"].do
+    advice = {each.id: each for each in for_flight(flight)}
     assert "SID_AXIS 11 for pitch and 12 for yaw" in advice["chirps-for-margins"].do
     assert "bit 12 (PID)" in advice["chirps-for-margins"].do
-    # Asked for once, not twice.
-    assert "fly-sticks" not in {each.id for each in advise(flight, ["excite-axes"])}
-    assert list(advise(replace(flight, rotation=Failure("rotation", "no rates")), [])) == []
+    without = for_flight(replace(flight, rotation=Failure("rotation", "no rates")))
+    assert "chirps-for-margins" not in {each.id for each in without}
 
 
 @pytest.mark.parametrize(

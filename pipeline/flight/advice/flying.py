@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from core.findings import Finding
 from core.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.advice import Advice, names_of
@@ -34,21 +32,14 @@ FEW_HEADINGS = 3
 #: Flights of one craft that make a joint model: 4 leave the error on unseen ones 12 % above that of the best model.
 ENOUGH = 4
 
-#: Chirps of ArduCopter's SYSTEMID mode at the mixer, by axis.
-#: Share of a flight with a motor at its limit that is more than a manoeuvre.
-_AT_LIMIT = 0.05
-_SID_AXIS = {"roll": 10.0, "pitch": 11.0, "yaw": 12.0, "thrust": 13.0}
-_CHIRP = {"SID_MAGNITUDE": 0.05, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 15.0, "SID_T_REC": 70.0}
-
 #: Either tells that drag is determined.
 _DRAG = frozenset(("linear drag over mass", "quadratic drag over mass"))
 
-#: What an axis tells when it moves.
+#: What models of the motion tell of an axis.
 _TELLS = {
     "roll": "roll inertia over mass and arm",
     "pitch": "pitch inertia over mass and arm",
     "yaw": "yaw torque over inertia",
-    "thrust": "thrust curve",
 }
 
 
@@ -57,10 +48,9 @@ def flying(flights: Sequence[FlightSummary], envelope: Envelope | None, told: Co
     lost = _lost(flights)
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
     yield from _repeat(flights, lost)
-    yield from _conditions(flights)
     yield from _drag(measured, len(flights), told)
     yield from _turns(measured, len(flights), told)
-    yield from _axes(measured, len(flights), told)
+    yield from _axes(len(flights), told)
     if envelope is not None:
         yield from _extrapolated(envelope)
         yield from _more(envelope)
@@ -109,42 +99,6 @@ def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> 
             gain="they can train models; a hover tells thrust and nothing else",
             flights=tuple(flight.name for flight in still),
         )
-
-
-def _conditions(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
-    """Advise on vibration, saturation and battery."""
-    total = len(flights)
-    shaken = [flight for flight in flights if any(each.id == "vibration" for each in _happened(flight))]
-    if shaken:
-        worst = max(flight.account.vibration.worst for flight in shaken if flight.account and flight.account.vibration)
-        yield Advice(
-            id="soften-mount",
-            rank=10,
-            do="Balance the propellers and soften the mount of the autopilot",
-            why=f"in {names_of(shaken, total)} vibration reaches {worst:.0f} m/s²",
-            gain="accelerations without bias, on which thrust, drag and the trajectory rest",
-            flights=tuple(flight.name for flight in shaken),
-        )
-    limited = {
-        flight.name: motors.at_limit
-        for flight in flights
-        if flight.account is not None and (motors := flight.account.motors) is not None and motors.at_limit > _AT_LIMIT
-    }
-    if limited:
-        full = [flight for flight in flights if flight.name in limited]
-        yield Advice(
-            id="less-throttle",
-            rank=14,
-            do="Fly lighter, with a fuller battery, or with gentler climbs",
-            why=f"in {names_of(full, total)} a motor is at its limit for up to "
-            f"{100.0 * max(limited.values()):.0f} % of the time",
-            gain="the craft answers as its models say; what was flown at the limit tells nothing of them",
-            flights=tuple(limited),
-        )
-
-
-def _happened(flight: FlightSummary) -> tuple[Finding, ...]:
-    return () if flight.account is None else flight.account.notable
 
 
 def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
@@ -206,44 +160,20 @@ def _turns(flights: Sequence[FlightSummary], total: int, told: Collection[str]) 
     )
 
 
-def _axes(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
-    """Name axes that no flight moves enough for what they tell."""
-    flown = [flight.coverage.excitation.axes for flight in flights if flight.coverage is not None]
-    if not flown:
+def _axes(total: int, told: Collection[str]) -> Iterator[Advice]:
+    """Ask for stick inputs on axes of which neither inertia nor effectiveness is determined."""
+    unknown = [axis for axis, tells in _TELLS.items() if not {tells, f"{axis} effectiveness"} & set(told)]
+    if not unknown or not total:
         return
-    quiet = [
-        axis
-        for axis in _SID_AXIS
-        if all(axes[axis].word in ("none", "weak") for axes in flown) and _TELLS[axis] not in told
-    ]
-    if not quiet:
-        return
-    moved = {axis: max(axes[axis].rms for axes in flown) for axis in quiet}
-    units = {axis: flown[0][axis].unit for axis in quiet}
-    chirps = all(_has_chirps(flight) for flight in flights)
+    names = joined(unknown)
     yield Advice(
-        id="excite-axes",
-        rank=23,
-        do=f"Excite {joined(quiet)}: "
-        + (
-            "quick stick doublets in each direction, from slow to fast, for half a minute"
-            if not chirps
-            else "a chirp at the mixer in SYSTEMID mode, one axis at a time (SID_AXIS "
-            + joined([f"{_SID_AXIS[axis]:.0f} for {axis}" for axis in quiet])
-            + "), or quick stick doublets for half a minute"
-        ),
-        why="the craft hardly moves there: at most "
-        + joined([f"{readable(units[axis], moved[axis])} RMS in {axis}" for axis in quiet])
-        + f" in {'this flight' if total == 1 else f'{len(flights)} flights'}",
-        gain=f"{joined([_TELLS[axis] for axis in quiet])}, not determined now",
-        settings={} if not chirps else {"SID_AXIS": _SID_AXIS[quiet[0]]} | _CHIRP,
+        id="fly-sticks",
+        rank=25,
+        do=f"Fly two minutes of short stick inputs on {names}, from slow to as quick as you can, in STABILIZE or "
+        "LOITER in calm air",
+        why=f"how {names} answer{'s' if len(unknown) == 1 else ''} the controller is not determined",
+        gain="effectiveness, damping and delay of the axis with their errors, no GPS needed",
     )
-
-
-def _has_chirps(flight: FlightSummary) -> bool:
-    """Return whether the firmware may have SYSTEMID mode: ArduCopter since 4.0; not all logs hold their version."""
-    version = re.search(r"(\d+)\.", str(flight.tune.get("firmware", "")))
-    return flight.format != "ulog" and (version is None or int(version[1]) >= 4)
 
 
 def _extrapolated(envelope: Envelope) -> Iterator[Advice]:

@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from core.quantity import joined
+from logparse.craft.log_settings import TELEMETRY, Need, bits_of
 from pipeline.flight.advice.flying import flying
 from pipeline.flight.advice.log_settings import logging
-from pipeline.flight.advice.turning import turning
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
 from pipeline.flight.summary import summarise_flight
 from pipeline.results.advice import Advice, having
+from pipeline.results.failure import Failure
+from sysid.frequency.axes import SID_AXES
 
 if TYPE_CHECKING:
     from pipeline.results.drift import Drift
     from pipeline.results.entry import FlightSummary
     from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult
+    from pipeline.results.rotation import AxisRotation
     from sysid import PhysicalParameters
 
 #: Longest list: who gets more does nothing.
@@ -52,8 +56,7 @@ def for_craft(
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better."""
     found = for_craft([summarise_flight(result)])
-    further = turning(result, [advice.id for advice in found])
-    return tuple(sorted([*found, *further], key=lambda advice: advice.rank)[:MOST])
+    return tuple(sorted([*found, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
 
 
 def _determined(parameters: PhysicalParameters) -> set[str]:
@@ -82,3 +85,43 @@ def _craft(flights: Sequence[FlightSummary], drift: Drift | None) -> Iterator[Ad
             why="motion alone tells thrust, drag and inertia per unit of mass",
             gain="thrust in newtons and inertia in kg m² (with the arm), comparable with a test stand",
         )
+
+
+def _margins(result: FlightResult) -> Iterator[Advice]:
+    """Ask for chirps where margins of loops are not measured."""
+    if isinstance(result.rotation, Failure):
+        return
+    loopless = [axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
+    if loopless and _has_systemid(result):
+        yield Advice(
+            id="chirps-for-margins",
+            rank=26,
+            do="Fly mode SYSTEMID for two minutes with a chirp at the mixer on one axis after the other "
+            f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
+            + _logged(result, Need.FAST_RATES, Need.PID),
+            why=f"margins of the {joined([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
+            "are not measured: ordinary flying shows them through the craft's model at most",
+            gain="gain and phase margins with errors, from which rotorid tune proposes gains",
+        )
+
+
+def _chirps(axes: list[AxisRotation]) -> str:
+    at_mixer = {name: number for number, (name, mixer) in SID_AXES.items() if mixer}
+    return joined([f"{at_mixer[axis.axis]} for {axis.axis}" for axis in axes])
+
+
+def _logged(result: FlightResult, *needs: Need) -> str:
+    """Name the bits of LOG_BITMASK that the flight must be logged with; empty for telemetry and unknown firmware."""
+    known = bits_of(result.log.vehicle)
+    bits = [str(known[need]) for need in needs if need in known]
+    if result.log.format in TELEMETRY or not bits:
+        return ""
+    parameter = "SDLOG_PROFILE" if result.log.vehicle.autopilot == "PX4" else "LOG_BITMASK"
+    return f", with {joined(list(dict.fromkeys(bits)))} of {parameter} set"
+
+
+def _has_systemid(result: FlightResult) -> bool:
+    """Return whether the firmware has mode SYSTEMID: ArduCopter since 4.0; unknown versions count as recent."""
+    vehicle = result.log.vehicle
+    major = (vehicle.version or "4").partition(".")[0]
+    return vehicle.firmware == "ArduCopter" and (not major.isdecimal() or int(major) >= 4)
