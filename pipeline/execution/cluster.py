@@ -48,18 +48,6 @@ class SchedulerError(RotoridError):
 class Cluster(Executor):
     """The workers of a Dask scheduler.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``"tcp://cluster:8786"``.
-    patience : float
-        Seconds until it must have answered, and have a worker when that is asked for.
-
-    Attributes
-    ----------
-    client : distributed.Client
-        The connection, for what Dask itself can be asked.
-
     Raises
     ------
     SchedulerError
@@ -255,19 +243,7 @@ def look(places: Sequence[str], mark: str | None) -> str:
 
 
 def work(expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]) -> R:
-    """Do a submitted call on a worker, see `call_guarded`.
-
-    Parameters
-    ----------
-    expected : mapping
-        Software of the coordinator, as `software` gives it.
-    function : callable
-        What to call.
-    args : sequence
-        Its arguments by place.
-    named : mapping
-        Its arguments by name.
-    """
+    """Do a submitted call on a worker, see `call_guarded`."""
     # Dask clears this folder up, also after a worker that was killed.
     tempfile.tempdir = distributed.get_worker().local_directory
     return call_guarded(expected, function, args, named)

@@ -32,29 +32,12 @@ MOST_NAMED = 4
 
 
 def part_of(progress: Progress, start: float, stop: float) -> Progress:
-    """Report something that is a part of the whole.
-
-    Returns
-    -------
-    callable
-        Takes a stage and the share of the part that is done.
-    """
+    """Return a progress for something that is a part of the whole."""
     return lambda stage, fraction: progress(stage, start + (stop - start) * fraction)
 
 
 class Watch:
-    """Watches over logs being analysed.
-
-    Parameters
-    ----------
-    progress : callable
-    sizes : mapping of str to int
-        Bytes of the files by path or URL: large ones take longer.
-    known : int
-        Files that need no analysis, for people.
-    executor : Executor or None
-        Of its calls as many are at work as it has workers; the others wait.
-    """
+    """Watches over logs being analysed, by the bytes of their files: large ones take longer."""
 
     def __init__(self, progress: Progress, sizes: Mapping[str, int], known: int, executor: Executor | None) -> None:
         self._progress = progress

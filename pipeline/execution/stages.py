@@ -71,14 +71,6 @@ class Overall:
     As long as nobody says how long the stages of a log will take, their usual shares count. From `expect` on the
     fraction is the time gone over the time gone and to go, which no wrong guess of what is past can spoil; how fast the
     computer is shows in how long the stages took that are done.
-
-    Parameters
-    ----------
-    progress : callable
-    now : callable
-        The clock, s.
-    began : float, optional
-        When the work began by this clock, if packages were loaded since.
     """
 
     def __init__(self, progress: Progress, now: Callable[[], float] = perf_counter, began: float | None = None) -> None:

@@ -42,13 +42,7 @@ _CAUSES: Mapping[str, str] = {
 
 
 def follow(entries: Iterable[FlightEntry]) -> Drift | None:
-    """Follow the parameters of one craft over its flights.
-
-    Returns
-    -------
-    Drift or None
-        None with fewer than two flights that say anything.
-    """
+    """Follow the parameters of one craft over its flights; None with fewer than two flights that say anything."""
     flights = in_order(entries)
     number = {flight.name: k for k, flight in enumerate(flights, start=1)}
     series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))

@@ -61,11 +61,7 @@ def prepare() -> None:
 def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] | LogFailure | None:
     """Analyse every flight of a log and store the products; whatever goes wrong stays with this log.
 
-    Returns
-    -------
-    tuple of FlightEntry, LogFailure or None
-        In the order in which they were flown; None for a file that was merely found in a folder and neither looks nor
-        is called like a log.
+    None for a file that was merely found in a folder and neither looks nor is called like a log.
     """
     source = job.source
     try:

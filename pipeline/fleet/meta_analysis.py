@@ -57,17 +57,7 @@ class MetaRegression:
         return max(0.0, 1.0 - self.df / self.q) if self.q > 0.0 else 0.0
 
     def test(self, contrast: ArrayLike) -> tuple[float, float, float]:
-        """Judge a combination of coefficients against zero.
-
-        Parameters
-        ----------
-        contrast : array_like, shape (q,)
-
-        Returns
-        -------
-        tuple of float
-            Estimate, standard error, two-sided p.
-        """
+        """Judge a combination of coefficients, shape (q,), against zero: estimate, standard error, two-sided p."""
         weights = np.asarray(contrast, dtype=np.float64)
         estimate = float(weights @ self.beta)
         sigma = float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))

@@ -136,13 +136,7 @@ def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
 
 
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
-    """Report what was changed about one craft between its flights: gains, filters, firmware.
-
-    Returns
-    -------
-    tuple of Finding
-        One for each change, in order of date (of name, where a date is missing).
-    """
+    """Report what was changed about one craft between its flights: gains, filters, firmware."""
     ordered = in_order(flights)
     return tuple(
         Finding(
@@ -164,13 +158,10 @@ def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
 
 
 def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Finding, ...]]:
-    """Explain why flights that look like those of one craft are not analysed together.
+    """Explain, by fingerprint, why flights that look like those of one craft are not analysed together.
 
-    Returns
-    -------
-    dict of str to tuple of Finding
-        By the craft's fingerprint: one for each other group of the same board, or, where no board is known, of the same
-        frame and with few differences.
+    That is one finding for each other group of the same board, or, where no board is known, of the same frame and with
+    few differences.
     """
     found: dict[str, tuple[Finding, ...]] = {}
     for craft in crafts:

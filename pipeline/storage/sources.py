@@ -72,15 +72,7 @@ class Found:
 
 
 def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
-    """List the files in places given by the user, each once, folders in order of name.
-
-    Parameters
-    ----------
-    places : iterable of str or Path
-        Files, folders and URLs of either.
-    exclude : Path, optional
-        A folder to pass over: where results go, which may lie among the logs.
-    """
+    """List the files in places given by the user, each once, except in the folder that results go to."""
     search = _Search(exclude)
     for place in places:
         before = search.count

@@ -38,13 +38,7 @@ def for_craft(
     drift: Drift | None = None,
     parameters: PhysicalParameters | None = None,
 ) -> tuple[Advice, ...]:
-    """Advise on the next flights of a craft.
-
-    Returns
-    -------
-    tuple of Advice
-        Most useful first, at most `MOST`.
-    """
+    """Advise on the next flights of a craft."""
     flights = in_order(entries)
     told = {row.parameter for flight in flights for row in flight.parameters}
     if parameters is not None:
