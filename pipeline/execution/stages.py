@@ -37,7 +37,6 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
         "account": Stage("telling what happened", 0.01),
         "flight": Stage("looking for the flight", 0.0),
         "rotation": Stage("measuring how the craft turns", 0.05),
-        "loops": Stage("looking at the control loops", 0.0),
         "trajectory": Stage("reconstructing the trajectory", 0.08),
         "experiment": Stage("resampling commands and motion", 0.02),
         "thrust": Stage("fitting thrust", 0.01),

@@ -26,7 +26,7 @@ from pipeline.flight.identification import compare_parameters, identify, without
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.flight.logged import logged_rates
 from pipeline.flight.part import busiest, part_findings
-from pipeline.flight.rotation import assess_loops, find_rotation
+from pipeline.flight.rotation import find_rotation
 from pipeline.flight.signals import flight_signals
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
@@ -34,7 +34,6 @@ from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage, LoggedRate
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
-from pipeline.results.loops import FlightLoops
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.rotors.motor_faults.outputs import check_outputs
@@ -47,7 +46,7 @@ from sysid.rotors.thrust_regression import THRUST_CHANGED
 SHORTEST_EXPERIMENT = 20.0
 
 #: Stages that take time beside the others where a log is analysed alone.
-ASIDE = ("rotation", "loops")
+ASIDE = ("rotation",)
 
 #: In the place of what is not identified yet.
 _FOLLOWS = Failure("models", "being identified")
@@ -178,7 +177,6 @@ def _analyze(
         parameters=_FOLLOWS,
         coverage=_FOLLOWS,
         rotation=_FOLLOWS,
-        loops=_FOLLOWS,
         account=account,
         signals=signals,
     )
@@ -223,7 +221,6 @@ def _analyze(
         coverage=coverage,
         trims=trims,
         rotation=done.rotation,
-        loops=done.loops,
         findings=(
             *log.findings,
             *checked,
@@ -246,7 +243,6 @@ class _WithoutTrajectory:
     """What a flight tells without its trajectory."""
 
     rotation: RotationResult | Failure
-    loops: FlightLoops | Failure
     motors: _Motors | Failure
     stages: Stages
 
@@ -254,15 +250,14 @@ class _WithoutTrajectory:
 def _without_trajectory(
     log: FlightLog, sound: Span | Failure, part: Span | Failure, stages: Stages
 ) -> _WithoutTrajectory:
-    """Look at what needs no trajectory: how the craft turns, its loops and its motors."""
+    """Look at what needs no trajectory: how the craft turns, and its motors."""
     if isinstance(sound, Failure):
-        return _WithoutTrajectory(sound, sound, sound, stages)
+        return _WithoutTrajectory(sound, sound, stages)
     log.tables.release()
     rotation = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
-    loops = stages.run("loops", lambda _: assess_loops(log, sound))
     motors = stages.run("account", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
-    return _WithoutTrajectory(rotation, loops, motors, replace(stages, progress=silent, unforeseen={}))
+    return _WithoutTrajectory(rotation, motors, replace(stages, progress=silent, unforeseen={}))
 
 
 def _in_a_copy(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:

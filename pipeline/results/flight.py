@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from pipeline.results.advice import Advice
     from pipeline.results.answer import Answer
     from pipeline.results.coverage import Coverage
-    from pipeline.results.loops import FlightLoops
     from pipeline.results.rotation import RotationResult
     from pipeline.results.signals import FlightSignals
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
@@ -154,7 +153,6 @@ class FlightResult(Summarised):
     signals: FlightSignals | Failure  #: Lines of the analysed flight for plots.
     #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     rotation: RotationResult | Failure
-    loops: FlightLoops | Failure  #: Oscillations, and how closely the attitude followed what was asked.
     answer: Answer | Failure = NOT_YET  #: What all of it comes to, by purpose.
     advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()  #: Of every stage, in the order of the work.
@@ -188,7 +186,6 @@ class FlightResult(Summarised):
             self.flight,
             self.account,
             self.rotation,
-            self.loops,
             self.trajectory,
             self.experiment,
             self.thrust,

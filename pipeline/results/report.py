@@ -18,7 +18,6 @@ from pipeline.results.answer import Answer
 from pipeline.results.coverage import Coverage, TimeMap
 from pipeline.results.drift import Drift
 from pipeline.results.envelope import Envelope
-from pipeline.results.loops import FlightLoops
 from pipeline.results.model_report import (
     ModelReport,
     ParameterRow,
@@ -111,7 +110,6 @@ class FlightReport:
     coverage: Coverage | None
     account: Account | None
     rotation: RotationReport | None
-    loops: FlightLoops | None
     answer: Answer | None
     advice: tuple[Advice, ...]
     findings: tuple[Finding, ...]
@@ -146,7 +144,6 @@ class FlightReport:
             coverage=coverage,
             account=account,
             rotation=None,
-            loops=None,
             answer=answer,
             advice=(),
             findings=tuple(replace(each, reason="", advice="", evidence={}) for each in self.findings),

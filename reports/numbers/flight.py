@@ -70,7 +70,6 @@ def flight_report(result: FlightResult) -> FlightReport:
             coverage=present(result.coverage),
             account=present(result.account),
             rotation=None if isinstance(result.rotation, Failure) else result.rotation.report(),
-            loops=present(result.loops),
             answer=present(result.answer),
             advice=result.advice,
             findings=_findings(result.findings),

@@ -154,7 +154,7 @@ def made_flight(
         ),
         account=account(flight=flight),
         signals=signals(),
-        **dict.fromkeys(("thrust", "parameters", "coverage", "rotation", "loops"), NO_THRUST),
+        **dict.fromkeys(("thrust", "parameters", "coverage", "rotation"), NO_THRUST),
         timings={"read": 0.021, "trajectory": 0.84, "model": 6.2},
     )
     return replace(result, answer=compose_answer(result))

@@ -18,7 +18,6 @@ from pipeline.results.advice import Advice
 from pipeline.results.answer import Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
-from pipeline.results.loops import FlightLoops
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
 from reports.numbers.flight import flight_report
@@ -70,7 +69,7 @@ def kinds(flight, other) -> dict[str, FlightResult]:
     nothing = {"experiments": {}, "models": (), "gps": None, "baro": None}
     unknown, grounded = Failure("trajectory", "no GPS; log it"), Failure("flight", "no flight")
     return {
-        "good": answered(flight, loops=FlightLoops(), rotation=RotationResult(axes=(loop("roll", 52.0),))),
+        "good": answered(flight, rotation=RotationResult(axes=(loop("roll", 52.0),))),
         "lost motor": answered(flight, LOST, CRASH),
         "without models": answered(other, happening("battery-low", 50.0, Severity.WARNING)),
         "no position": answered(flight, **nothing, trajectory=unknown),
@@ -147,7 +146,7 @@ def test_a_motor_that_failed_is_told_with_its_crash_and_its_picture(kinds):
         ("failsafe", {"subsystem": "FAILSAFE_BATTERY"}, "battery"),
         ("failsafe", {"subsystem": "FAILSAFE_GPS"}, "gps"),
         ("gps-lost", {}, "gps"),
-        ("oscillation", {}, "rates"),
+        ("oscillation", {"axis": "roll", "frequency_hz": 8.0}, "rates"),
         ("control-lost", {}, "attitude"),
         ("lift-lost", {}, "altitude"),
         ("height-estimate-wrong", {}, "altitude"),
@@ -198,20 +197,20 @@ def test_a_log_without_a_sensor_has_no_line_of_it(flight):
     ],
 )
 def test_the_word_of_the_loops_follows_from_the_worst_margin(flight, axes, word, tone):
-    line = line_of(answered(flight, loops=FlightLoops(), rotation=RotationResult(axes=axes)), "Loops")
+    line = line_of(answered(flight, rotation=RotationResult(axes=axes)), "Loops")
     assert (line.word, line.tone) == (word, tone)
 
 
 def test_a_margin_that_its_sigma_covers_is_not_stated(flight):
     """5 ± 11 degrees were called thin margins."""
-    unknown = answered(flight, loops=FlightLoops(), rotation=RotationResult(axes=(loop("roll", 5.0, 11.0),)))
+    unknown = answered(flight, rotation=RotationResult(axes=(loop("roll", 5.0, 11.0),)))
     assert line_of(unknown, "Loops") is None
     assert 'id="loops"' not in flight_page(unknown, flight_report(unknown))
 
 
 def test_an_oscillation_is_said_before_any_margin(flight):
-    swinging = FlightLoops(oscillations_hz={"roll": 8.0})
-    line = line_of(answered(flight, loops=swinging, rotation=RotationResult(axes=(loop("roll", 60.0),))), "Loops")
+    swinging = happening("oscillation", 70.0, Severity.WARNING, evidence={"axis": "roll", "frequency_hz": 8.0})
+    line = line_of(answered(flight, swinging, rotation=RotationResult(axes=(loop("roll", 60.0),))), "Loops")
     assert (line.word, line.value, line.unit) == ("oscillate", 8.0, "Hz")
 
 

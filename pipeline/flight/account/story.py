@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from core.findings import WORST_FIRST, Finding, Severity
 from core.quantity import duration, number
-from pipeline.flight.account.words import clause, clock, short_clock
 from pipeline.results.account import Reading
 from pipeline.results.span import Span
 
@@ -38,6 +37,8 @@ _CONSEQUENCES = frozenset(("crash", "hard-landing", "fall", "throttle-runaway", 
 _CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "estimator-doubt", "gps-glitch", "autopilot-error"}
 #: What is to be known, and no story by itself unless it is an error: what came to nothing, or was so from the start.
 _REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error", "estimator-doubt"))
+#: A boot clock beyond this [s] is no clock that a reader can follow; times are then since take-off only.
+_READABLE = 36_000.0
 #: Time [s] between the end of one happening and the beginning of another that it led to.
 _LED_TO = 3.0
 
@@ -84,14 +85,38 @@ def _leads(cause: Finding, effect: Finding) -> bool:
     )
 
 
+def _clock(t: float, flight: Span | None) -> str:
+    """Write a time since take-off, and on the log's clock: ``2 min 06 s into the flight (368.6 s)``."""
+    on_log = f"{t:.1f} s"
+    if flight is None or t < flight.start:
+        return on_log
+    since = f"{duration(t - flight.start)} into the flight"
+    return since if t > _READABLE else f"{since} ({on_log})"
+
+
+def _short_clock(t: float, flight: Span | None) -> str:
+    """Write a time for the second clause of a sentence: on the log's clock alone where that can be read."""
+    return f"{t:.1f} s" if t <= _READABLE or flight is None else f"{duration(t - flight.start)} into the flight"
+
+
+def _clause(sentence: str) -> str:
+    """Turn a sentence into a clause: a small first letter, unless a name or a number begins it, and no full stop.
+
+    The evidence, which stands behind a colon, is left to the table below.
+    """
+    text = sentence.strip().partition(": ")[0].rstrip(".")
+    first = text.split(" ", 1)[0]
+    return text if first.isupper() and len(first) > 1 else text[:1].lower() + text[1:]
+
+
 def headline(story: Sequence[Finding], flight: Span | None) -> str:
     """Write the story in one sentence: the cause with its time, then what came of it."""
     if not story:
         return ""
     first, *rest = story
     assert first.t is not None
-    parts = [f"At {clock(first.t, flight)} {clause(first.reason)}"]
-    parts += [f"{clause(each.reason)} at {short_clock(each.t or 0.0, flight)}" for each in rest]
+    parts = [f"At {_clock(first.t, flight)} {_clause(first.reason)}"]
+    parts += [f"{_clause(each.reason)} at {_short_clock(each.t or 0.0, flight)}" for each in rest]
     return "; ".join(parts) + "."
 
 

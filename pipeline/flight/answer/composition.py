@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from pipeline.flight.answer.ahead import ahead
 from pipeline.flight.answer.craft_state import happened, state_lines
-from pipeline.flight.answer.loops import loops
-from pipeline.flight.answer.next_step import next_step
-from pipeline.flight.answer.parameters import parameters
-from pipeline.flight.answer.picture import picture_of
-from pipeline.results.answer import Answer, AnswerLine, Tone
+from pipeline.flight.answer.identified import ahead, loops, parameters
+from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
+from pipeline.results.span import Span
 
 
 def compose_answer(result: FlightResult) -> Answer:
@@ -44,3 +41,53 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     for line in (known, ahead(result)):
         if line is not None and (line.tone is Tone.GOOD or not crashed):
             yield line
+
+
+def next_step(result: FlightResult) -> str:
+    """Return what to inspect before the next flight, else how to fly or log better."""
+    account = result.account
+    if not isinstance(account, Failure):
+        told = next((each.advice for each in (*account.story, *account.notable) if each.advice), "")
+        if told:
+            return told
+    first = next(iter(result.advice), None)
+    return "" if first is None else f"{first.do.rstrip('.')}."
+
+
+#: Time shown before and after what happened, s.
+_BEFORE, _AFTER = 8.0, 6.0
+#: The signal that shows each kind of happening; height where none is named.
+_SHOWS: Mapping[str, Picture] = {
+    "motor-fault": Picture.MOTORS,
+    "control-lost": Picture.ATTITUDE,
+    "oscillation": Picture.RATES,
+    "yaw-lost": Picture.MOTORS,
+    "vibration": Picture.VIBRATION,
+    "battery-low": Picture.BATTERY,
+    "gps-lost": Picture.GPS,
+    "gps-glitch": Picture.GPS,
+    "crash": Picture.ATTITUDE,
+}
+_FAILSAFES: Mapping[str, Picture] = {"FAILSAFE_BATTERY": Picture.BATTERY, "FAILSAFE_GPS": Picture.GPS}
+
+
+def picture_of(result: FlightResult) -> tuple[Picture, Span | None]:
+    """Choose the plot of the first screen, and the stretch of time that it shows; None for the whole flight."""
+    account, flight = present(result.account), present(result.flight)
+    if account is not None and flight is not None and (cause := account.cause) is not None and cause.t is not None:
+        last = account.story[-1]
+        end = max(last.t or cause.t, min(last.end or cause.t, cause.t + 20.0))
+        around = Span(max(cause.t - _BEFORE, flight.start - 2.0), end + _AFTER)
+        picture = _SHOWS.get(cause.id, Picture.ALTITUDE)
+        picture = _FAILSAFES.get(str(cause.evidence.get("subsystem")), picture)
+        return (picture if _drawn(result, picture) else Picture.ALTITUDE), around
+    return Picture.ALTITUDE, None
+
+
+def _drawn(result: FlightResult, picture: Picture) -> bool:
+    """Return whether the log has the signal."""
+    if picture is Picture.MOTORS:
+        return result.motors is not None and result.motors.shape[1] > 0
+    if picture is Picture.ALTITUDE or isinstance(result.signals, Failure):
+        return False
+    return bool(getattr(result.signals, str(picture)))

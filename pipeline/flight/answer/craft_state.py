@@ -96,7 +96,7 @@ def _vibration(shaken: VibrationReading) -> AnswerLine:
 def _gps(gps: GpsReading) -> AnswerLine:
     if gps.fix_share < 0.005:
         return _line("GPS", "no fix", care=True)
-    least = "always fixed" if gps.satellites_least is None else f"{gps.satellites_least} satellites or more"
+    least = "always fixed" if gps.satellites_least is None else f"{gps.satellites_least}+ satellites"
     share = f"fix {100.0 * gps.fix_share:.0f} % of the time"
     return _line("GPS", least if gps.fix_share > 0.995 else share, care=gps.fix_share < 0.99)
 
