@@ -29,15 +29,17 @@ WORDS: Mapping[str, tuple[str, ...]] = {
         "hard-landing",
     ),
     r"full by itself|gave full throttle": ("throttle-runaway",),
-    r"swung|swings|against the request|tumbled|flipped over|pitched to": ("control-lost",),
+    r"swung|swings|against the request|pitched to": ("control-lost",),
     r"failsafe|low battery": ("failsafe", "battery-low"),
     r"GPS lost|lost its fix": ("gps-lost",),
     r"accelerometer noise|vibration": ("vibration",),
     r"no lift|sank": ("lift-lost",),
     r"yaw authority": ("yaw-lost",),
 }
-NOTHING = re.compile(
-    r"healthy|nothing (happened|broke)|no failure|without failure|without damage|landed normally", re.IGNORECASE
+NOTHING = re.compile(r"healthy|nothing happened", re.IGNORECASE)
+#: What the account must tell where a sentence names it; the others may have come to nothing.
+CAUSES = frozenset(
+    ("motor-fault", "control-lost", "yaw-lost", "lift-lost", "throttle-runaway", "failsafe", "hard-landing")
 )
 #: How far [s] the first of the account's story may be from a time that the sentence names, and words of its first time.
 WHEN, TIME = 5.0, re.compile(r"\b(?:at|from|from about) (\d+(?:\.\d+)?)")
@@ -143,11 +145,15 @@ def gravest(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
     named |= {"crash"} if row["crash"] == "yes" else set()
     named |= {"motor-fault"} if row["motor_at_fault"] else set()
     words = f"read: {sentence[:90]} | here: {account.headline}"
+    told = {each.id for each in story}
+    causes = named & CAUSES
+    if not NOTHING.search(sentence) and causes and not causes & told:
+        return False, words
     if not story:
-        return row["crash"] != "yes" and (NOTHING.search(sentence) is not None or not named), words
+        return row["crash"] != "yes", words
     times = [float(each) for each in TIME.findall(sentence)]
     in_time = not times or min(abs((story[0].t or 0.0) - t) for t in times) <= WHEN
-    agrees = named >= {each.id for each in story} and (row["crash"] != "yes" or story[-1].id == "crash")
+    agrees = named >= told and (row["crash"] != "yes" or story[-1].id == "crash")
     return agrees and in_time, words
 
 
