@@ -17,6 +17,7 @@ from reports.figures.figure import (
     limit_line,
     line,
     margin,
+    mark_line,
     time_axis,
 )
 from reports.figures.flight import altitude, mode_bands, track
@@ -72,7 +73,8 @@ def _matters(result: FlightResult) -> Figure | None:
         shown = Span(around.start, _end(drawn, around.stop))
         # Names of modes would cover those of what happened.
         layout["annotations"] = _names(result, shown)
-        layout["shapes"] = [*_background(result, layout), *_happened(result)]
+        happened = [mark_line(t, "@bad", 1.5) for _, t in _notable(result)[:20]]
+        layout["shapes"] = [*_background(result, layout), *happened]
         layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
     return replace(
@@ -136,20 +138,3 @@ def _notable(result: FlightResult) -> list[tuple[Finding, float]]:
     """List what happened with its times, the gravest first."""
     account = present(result.account)
     return [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
-
-
-def _happened(result: FlightResult) -> list[Drawn]:
-    """Draw a line at each happening."""
-    return [
-        {
-            "type": "line",
-            "xref": "x",
-            "yref": "paper",
-            "x0": t,
-            "x1": t,
-            "y0": 0,
-            "y1": 1,
-            "line": {"color": "@bad", "width": 1.5, "dash": "dot"},
-        }
-        for _, t in _notable(result)[:20]
-    ]
