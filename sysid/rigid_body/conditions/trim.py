@@ -35,6 +35,9 @@ _EXPONENT_AT_BEST, _SCALE_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 1e-3, 0.
 #: Time between the points of a path that a free run is matched at, and how well positions are known at best, m.
 PATH_SECONDS, SMALLEST_SIGMA = 1.0, 1e-4
 
+#: Step of thrust scale and wind, m/s, that the slopes of a path are differences over.
+_STEP = 1e-5
+
 #: Place of the first wind coefficient among the parameters of a flight.
 _WIND = len(OWN)
 
@@ -99,7 +102,10 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     more = np.full(2 * len(knots), HIGHEST[-1])
     limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
     scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
-    found = scipy.optimize.least_squares(weighted, first, bounds=limits, x_scale=scales, ftol=1e-3)
+    # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
+    at_start = weighted(first)
+    slopes = np.stack([(weighted(first + step) - at_start) / _STEP for step in _STEP * np.eye(len(first))], axis=1)
+    found = scipy.optimize.least_squares(weighted, first, lambda _: slopes, bounds=limits, x_scale=scales, ftol=1e-3)
     return np.concatenate([start[:1], found.x])
 
 
