@@ -105,7 +105,11 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
     at_start = weighted(first)
     slopes = np.stack([(weighted(first + step) - at_start) / _STEP for step in _STEP * np.eye(len(first))], axis=1)
-    found = scipy.optimize.least_squares(weighted, first, lambda _: slopes, bounds=limits, x_scale=scales, ftol=1e-3)
+
+    def slope(_: Floats) -> Floats:
+        return slopes
+
+    found = scipy.optimize.least_squares(weighted, first, slope, bounds=limits, x_scale=scales, ftol=1e-3)
     return np.concatenate([start[:1], found.x])
 
 
