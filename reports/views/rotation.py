@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -141,8 +142,8 @@ def coupling_sentence(found: Coupling) -> str:
     """Return what the command of one axis does to another."""
     known = found.ratio
     if not found.significant:
-        most = abs(known.value or 0.0) + 2.0 * (known.sigma or 0.0)
-        return f"A {found.axis} command does not turn the craft about {found.other}: by {100.0 * most:.1g} % at most."
+        most = math.ceil(100.0 * (abs(known.value or 0.0) + 2.0 * (known.sigma or 0.0)))
+        return f"A {found.axis} command does not turn the craft about {found.other}: by {most} % at most."
     return (
         f"A {found.axis} command turns the craft about {found.other} as well, by "
         f"{uncertain(100.0 * (known.value or 0.0), 100.0 * (known.sigma or 0.0), '%')} of its own answer: look at the "

@@ -1,5 +1,6 @@
 """``rotorid analyze``: logs to models and a report."""
 
+import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -231,10 +232,11 @@ def _one_flight(
         progress("loading the numerical packages", 0.0)
         import pipeline
         import reports
+        from core.serialization import plain
         from logparse import read_flights
         from pipeline.execution.compiling import compile_missing
         from pipeline.flight.summary import flight_entry
-        from pipeline.storage.store import ENTRY, FolderStore
+        from pipeline.storage.store import ENTRY
 
         compile_missing(progress)
         advance = overall(progress, began)
@@ -250,7 +252,7 @@ def _one_flight(
         try:
             report = reports.write(result, out)
             entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
-            FolderStore(out).write_json(ENTRY, entry)
+            (Path(out) / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
             if plots is not None:
                 from reports.files.plot_images import write_plots
 

@@ -516,7 +516,11 @@ def _refusal(parameters: Mapping[str, Parameter], found: FrequencyFit) -> str:
     for name, known in parameters.items():
         limits = _POSSIBLE.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
-            return f"no craft has {name} {known.value:.3g} {known.unit}: the data say something else than the structure"
+            said = name.replace("_", " ")
+            return (
+                f"{said} of {known.value:.3g} {known.unit} is none of a craft: the data say something else than the "
+                "structure"
+            )
     return _power_refusal(found.responses[0], found.values[0])
 
 
