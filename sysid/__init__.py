@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
     from sysid.rigid_body.six_dof.air import WindTrack, estimate_trim, estimate_wind
     from sysid.rigid_body.six_dof.fit import fit_six_dof
+    from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
     from sysid.rigid_body.six_dof.model import SixDofModel
-    from sysid.rigid_body.six_dof.observer import choose_observer
     from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
     from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
     from sysid.rotors.rotor import RotorModel, fit_rotor
@@ -95,6 +95,7 @@ __all__ = [
     "frequency_response",
     "hover_from_speeds",
     "hover_model",
+    "learn_correction",
     "physical_parameters",
     "poles",
     "read_bench",

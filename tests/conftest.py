@@ -127,7 +127,7 @@ _LONGEST = {
         "estimation/test_sitl",
         "pipeline/test_shared_logs",
         "sysid/loops/test_tuning",
-        "sysid/six_dof/test_observer",
+        "sysid/six_dof/test_learning",
         "sysid/test_rigid_body_flights",
         "sysid/test_starts",
     ]

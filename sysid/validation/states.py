@@ -199,7 +199,7 @@ class PredictedStates:
 
 def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> tuple[Missed, ...]:
     """Test what the model misses one sample ahead, in body axes, for colour and for dependence on the inputs."""
-    bare = model.with_observer(None)
+    bare = model.with_observer(None).with_correction(None)
     records = [bare.record(experiment) for experiment in require_alike(experiments)]
     missed = [_in_body(record, bare.missed(record))[1:] for record in records]
     whole = [_in_body(record, _accelerations(record))[1:] for record in records]

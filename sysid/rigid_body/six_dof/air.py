@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord, drives
+from sysid.rigid_body.six_dof.correction import upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 
 #: Length of the runs that are compared, s; attitude is measured throughout.
@@ -150,7 +150,7 @@ class _Runs:
         air, push, drive = np.zeros((len(record.t), 3)), np.zeros((runs, 6)), self.drive.copy()
         air[:runs, :2] = np.repeat(wind, size, axis=0)
         push[:, :3] = np.einsum(
-            "nij,nj->ni", _upright_axes(record, self.starts)[:, :, :2], np.repeat(lean, size, axis=0)
+            "nij,nj->ni", upright_axes(record, self.starts)[:, :, :2], np.repeat(lean, size, axis=0)
         )
         over = np.append(np.repeat(thrust, size), np.full(len(drive) - runs, thrust[-1]))
         drive[:, 0] *= over
@@ -160,12 +160,6 @@ class _Runs:
         marks, dt = np.array([self.steps]), record.dt
         found = ahead(self.model.theta, drive, air, push, record.states, self.starts, marks, dt, substeps(dt), True)
         return np.asarray((found[:, 0, 3:6] - record.states[self.starts + self.steps, 3:6]) / (self.steps * dt))
-
-
-def _upright_axes(record: BodyRecord, starts: np.ndarray) -> Floats:
-    """Rotation from the heading at each start to the world, (S, 3, 3): yaw only."""
-    rotation = record.states[starts, 6:15].reshape(-1, 3, 3)
-    return np.asarray(Rotation.from_euler("z", np.arctan2(rotation[:, 1, :1], rotation[:, 0, :1])).as_matrix())
 
 
 def _runs(model: SixDofModel, experiment: Experiment, window: float) -> _Runs:

@@ -31,13 +31,11 @@ import numpy as np
 from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.records.filtering import lfilter
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
-
-#: Length of the past below which nothing is held, s.
-_SHORTEST_PAST = 1.0
+from sysid.rigid_body.six_dof.correction import CorrectionRecord, HorizonCorrection
+from sysid.rigid_body.six_dof.observer import Observer, missed_accelerations, pushes
 
 #: Longest step of the integration, s.
 LONGEST_STEP = 0.011
@@ -75,17 +73,6 @@ UNITS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Observer:
-    """Memory of the mean of what is missing."""
-
-    #: s; 0 leaves the part out.
-    force_memory: float = 0.5
-    torque_memory: float = 0.3
-    #: Of the vertical force, s; None: as of the others. A battery lasts a flight, gusts and trim do not.
-    lift_memory: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class UsualErrors:
     """Errors at a horizon [s] on training records."""
 
@@ -109,6 +96,7 @@ class SixDofReport:
     charges: Mapping[str, float]  #: Thrust of the same commands in each record over that of the mean record.
     errors: tuple[UsualErrors, ...]
     mass: float | None
+    correction: CorrectionRecord | None
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 
@@ -134,6 +122,8 @@ class SixDofModel(Summarised):
     scales: Mapping[float, Floats]
     training: tuple[str, ...]
     observer: Observer | None = None  #: How a start looks back for what pushes the craft; None if it does not.
+    #: Learned from what is left; None if not asked for, or if it did not help held-out flights.
+    correction: HorizonCorrection | None = None
     findings: tuple[Finding, ...] = ()
     mass: float | None = None  #: kg.
     #: Attitude and rates are inputs, as measured; only position and velocity are predicted.
@@ -239,12 +229,19 @@ class SixDofModel(Summarised):
         """
         dt = record.dt
         push = np.zeros((len(starts), 6))
-        if self.observer is not None:
-            push = pushes(self.observer, self.missed(record), dt)[starts]
+        missed = None
+        if self.observer is not None or (self.correction is not None and self.correction.memory > 0.0):
+            missed = self.missed(record)
+        if self.observer is not None and missed is not None:
+            push = pushes(self.observer, missed, dt)[starts]
         first, after = starts.astype(np.int64), marks.astype(np.int64)
         drive, wind = drives(record, self.kinds, self.shape), self._wind(record)
-        found = ahead(self.theta, drive, wind, push, record.states, first, after, dt, substeps(dt), self.attitude_given)
-        return np.asarray(found)
+        predicted = ahead(
+            self.theta, drive, wind, push, record.states, first, after, dt, substeps(dt), self.attitude_given
+        )
+        if self.correction is not None:
+            predicted = self.correction.corrected(record, starts, marks, predicted, missed, self.attitude_given)
+        return np.asarray(predicted)
 
     def missed(self, record: BodyRecord) -> Floats:
         """Accelerations and angular accelerations that the model missed up to each sample, (N, 6)."""
@@ -274,6 +271,10 @@ class SixDofModel(Summarised):
     def value(self, name: str) -> float:
         """Return the number that the model computes with."""
         return self.parameters[name].used
+
+    def with_correction(self, correction: HorizonCorrection | None) -> SixDofModel:
+        """Return the model with a learned correction, or without."""
+        return replace(self, correction=correction)
 
     def with_observer(self, observer: Observer | None) -> SixDofModel:
         """Return the model with an observer of outside forces, or without."""
@@ -321,6 +322,7 @@ class SixDofModel(Summarised):
             charges=self.shape.charges,
             errors=tuple(UsualErrors(horizon, *each.tolist()) for horizon, each in self.scales.items()),
             mass=self.mass,
+            correction=None if self.correction is None else self.correction.record(),
             training=self.training,
             findings=self.findings,
         )
@@ -334,41 +336,3 @@ def substeps(dt: float) -> int:
 def _outputs(states: Floats) -> Floats:
     """x, y, z (north, east, up) of states."""
     return np.asarray(states[:, :3] * np.array([1.0, 1.0, -1.0]))
-
-
-def missed_accelerations(
-    theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int, given: bool
-) -> Floats:
-    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6).
-
-    Shapes: `drives` (N, 8 + e); `wind` (N, 3).
-    """
-    n, dt = len(record.t), record.dt
-    starts = np.arange(n - 1, dtype=np.int64)
-    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, given)[
-        :, 0
-    ]
-    missed = np.zeros((n, 6))
-    missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
-    missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
-    return missed
-
-
-def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
-    """Mean of what was missed before each sample, (N, 6).
-
-    Shapes: `missed` (N, 6).
-    """
-    out = missed.copy()
-    lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory
-    parts = ((slice(0, 2), observer.force_memory), (slice(2, 3), lift), (slice(3, 6), observer.torque_memory))
-    for columns, memory in parts:
-        if memory <= 0.0:
-            out[:, columns] = 0.0
-            continue
-        keep = float(np.exp(-dt / memory))
-        known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(len(missed) - 1)])
-        # The past is short at first: a second of it is a mean, one sample is not.
-        mean = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) / np.maximum(known, 1e-12)[:, None]
-        out[:, columns] = mean * (np.arange(len(missed)) * dt > min(_SHORTEST_PAST, memory))[:, None]
-    return out

@@ -1,60 +1,73 @@
-"""How long what pushes a craft beside its model is remembered: gusts, a sagging battery, trim."""
+"""What pushes a craft that its model does not know, from the samples before a start: gusts, a sagging battery, trim.
+
+The model's one-sample error of velocity and rates, over the sample interval, is the acceleration that it misses; its
+exponentially weighted mean over the past, up to the start and not beyond, is held over the prediction.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.records.experiment import Experiment, ExperimentError, Floats, horizon_steps, require_alike
-from sysid.rigid_body.six_dof.model import Observer, SixDofModel
+from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
+from sysid.rigid_body.six_dof._kernels import ahead
+from sysid.rigid_body.six_dof.body_record import BodyRecord
 
-#: Horizontal, vertical, and all of a position.
-_PARTS = (slice(0, 2), slice(2, 3), slice(0, 3))
-
-#: Memories of an observer that are tried, s, and starts of each record that they are tried on.
-_MEMORIES, _STARTS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), 300
+#: Length of the past below which nothing is held, s.
+_ENOUGH = 1.0
 
 
-def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Experiment], horizon: float) -> SixDofModel:
-    """Return the model with the observer that predicts positions of its training records best, or with none.
+@dataclass(frozen=True, slots=True)
+class Observer:
+    """Memory of the mean of what is missing."""
 
-    A short memory follows gusts, a long one averages noise, and which is better depends on the air, the sensors and how
-    far ahead is asked for. Horizontal and vertical forces are chosen by their own errors, then torques.
+    #: s; 0 leaves the part out.
+    force_memory: float = 0.5
+    torque_memory: float = 0.3
+    #: Of the vertical force, s; None: as of the others. A battery lasts a flight, gusts and trim do not.
+    lift_memory: float | None = None
+
+
+def missed_accelerations(
+    theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int, given: bool
+) -> Floats:
+    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6).
 
     Parameters
     ----------
-    model : SixDofModel
-    experiments : Experiment or sequence of Experiment
-    horizon : float
-        s.
-
-    Raises
-    ------
-    ExperimentError
-        When no record is twice as long as the horizon.
+    drives : ndarray, shape (N, 8 + e)
+    wind : ndarray, shape (N, 3)
     """
-    stranger = model.as_for_a_stranger()
-    records = [model.record(experiment) for experiment in require_alike(experiments)]
-    steps = horizon_steps(horizon, records[0].dt)
-    records = [record for record in records if len(record.t) > 2 * steps]
-    if not records:
-        raise ExperimentError(f"no record is longer than twice the horizon of {horizon:g} s")
+    n, dt = len(record.t), record.dt
+    starts = np.arange(n - 1, dtype=np.int64)
+    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, given)[
+        :, 0
+    ]
+    missed = np.zeros((n, 6))
+    missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
+    missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
+    return missed
 
-    def errors(observer: Observer) -> Floats:
-        """Mean errors of position, horizontally, vertically and in all."""
-        watching, total = stranger.with_observer(observer), np.zeros(3)
-        for record in records:
-            starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(_STARTS, steps)).astype(np.int64)
-            found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
-            left = found - record.states[starts + steps, :3]
-            total += [float(np.mean(np.linalg.norm(left[:, part], axis=1))) for part in _PARTS]
-        return total
 
-    memories = np.array([0.0, *_MEMORIES])
-    level, height, _ = memories[np.argmin([errors(Observer(memory, 0.0)) for memory in memories], axis=0)].tolist()
-    turn = 0.0
-    if not model.attitude_given:
-        turn = min(memories.tolist(), key=lambda memory: errors(Observer(level, memory, height))[2])
-    best = Observer(level, turn, height)
-    return model.with_observer(None if best == Observer(0.0, 0.0, 0.0) else best)
+def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
+    """Mean of what was missed before each sample, (N, 6).
+
+    Parameters
+    ----------
+    missed : ndarray, shape (N, 6)
+    """
+    out = missed.copy()
+    lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory
+    parts = ((slice(0, 2), observer.force_memory), (slice(2, 3), lift), (slice(3, 6), observer.torque_memory))
+    for columns, memory in parts:
+        if memory <= 0.0:
+            out[:, columns] = 0.0
+            continue
+        keep = float(np.exp(-dt / memory))
+        known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(len(missed) - 1)])
+        # The past is short at first: a second of it is a mean, one sample is not.
+        mean = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) / np.maximum(known, 1e-12)[:, None]
+        out[:, columns] = mean * (np.arange(len(missed)) * dt > min(_ENOUGH, memory))[:, None]
+    return out
