@@ -271,8 +271,9 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
         Finding(
             "sensor-doubtful",
             Severity.WARNING,
-            f"At {len(t)} moments from t = {t.min():.1f} to {t.max():.1f} s, in {share:.0%} of the log's seconds, the "
-            "craft's motion changed by more than its IMU tells: impacts, saturation, or vibration beyond its range.",
+            f"At {len(t)} moments from t = {t.min():.1f} to {t.max():.1f} s, in {100.0 * share:.2g} % of "
+            "the log's seconds, the craft's motion changed by more than its IMU tells: impacts, saturation, or "
+            "vibration beyond its range.",
             "Look at vibration (VIBE) and the IMU's mount.",
             {"steps": len(t), "share_of_seconds": share},
         )
@@ -290,8 +291,8 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
     if share > DOUBTFUL_SHARE or (share > STEPPING and all_through):
         findings.append(
             inconsistent(
-                f"the IMU missed what the other sensors saw in {share:.0%} of the log's seconds, as one whose axes, "
-                "scale or mount are not what the log says"
+                f"the IMU missed what the other sensors saw in {100.0 * share:.2g} % of the log's seconds, as one "
+                "whose axes, scale or mount are not what the log says"
             )
         )
     return findings

@@ -158,7 +158,7 @@ _ALL = (
     *(Case(name, summary, flight, motion2018.simulate) for name, summary, flight in motion2018.FLIGHTS),
     Case(
         "chirps",
-        "a hover with chirps on roll, pitch and yaw, for `rotorid tune` and `rotorid prove`",
+        "a hover with chirps on roll, pitch and yaw, for rotorid tune and rotorid prove",
         chirp_case.Chirps(),
         chirp_case.simulate,
     ),

@@ -55,12 +55,13 @@ class Curve:
 
 def measured(frf: FrequencyResponse, name: str = "measured", color: str = "@ink") -> Curve:
     """Return a measured response as it is drawn."""
+    known = np.where(np.isfinite(frf.sigma), 1.0, np.nan)  # where no window fits, nothing was estimated
     return Curve(
         name=name,
         color=color,
         hz=frf.hz,
-        gain_db=frf.gain_db,
-        phase_deg=np.degrees(frf.phase),
+        gain_db=known * frf.gain_db,
+        phase_deg=known * np.degrees(frf.phase),
         sigma=(np.nan_to_num(frf.sigma, posinf=_WIDEST), np.nan_to_num(frf.sigma_phase, posinf=_WIDEST)),
         coherence=frf.coherence,
     )

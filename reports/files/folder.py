@@ -69,11 +69,11 @@ def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> P
     return _write(result, Path(folder), shared=True)
 
 
-def write_account(result: FlightResult, folder: Path) -> Path:
-    """Write the page of a flight of which no more than its account is known yet; return the page."""
+def write_account(result: FlightResult, folder: Path, failed: str = "") -> Path:
+    """Write the page of a flight of which no more than its account is known, yet or because the rest failed."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "report.html"
-    write_page(path, lambda: flight_page(result, flight_report(result)))
+    write_page(path, lambda: flight_page(result, flight_report(result), failed=failed))
     return path
 
 

@@ -30,10 +30,13 @@ MODELS_PAGE = "models.html"
 Details = Sequence[tuple[str, Sequence[tuple[str, str]]]]
 
 
-def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "") -> str:
+def flight_page(
+    result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "", failed: str = ""
+) -> str:
     """Render the page of one flight; its plots are of the result, everything else of the numbers.
 
-    `back` links to the page of the fleet; Plotly's script is in `script_file`, or in the page itself where that is "".
+    `back` links to the page of the fleet; Plotly's script is in `script_file`, or in the page itself where that is "";
+    `failed` says why no more than the account could be made.
     """
     first = first_figures(result)
     shown = {figure.id for figure in first}
@@ -46,6 +49,7 @@ def flight_page(result: FlightResult, numbers: FlightReport, back: str | None = 
         [*first, *figures, *signals],
         script_file,
         name=numbers.name,
+        failed=failed,
         back=back,
         facts=summary.facts(numbers),
         headline=lines[0].line if lines else None,

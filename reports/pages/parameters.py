@@ -51,7 +51,7 @@ def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> S
     for row in headlines:
         for value, sigma, unit in ((row.si_value, row.si_sigma, row.si_unit), (row.value, row.sigma, row.unit)):
             if value is not None and sigma is not None:
-                bare, _, condition = unit.partition(" (")[0].partition(", ")
+                bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
                 divisor = quantity(row.parameter, unit)[1]
                 text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
                 line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)

@@ -233,10 +233,11 @@ def _one_flight(
         import pipeline
         import reports
         from core.serialization import plain
-        from logparse import read_flights
+        from logparse import RotoridError, read_flights
         from pipeline.execution.compiling import compile_missing
         from pipeline.flight.summary import flight_entry
         from pipeline.storage.store import ENTRY
+        from reports.files.folder import write_account
 
         compile_missing(progress)
         advance = overall(progress, began)
@@ -246,8 +247,14 @@ def _one_flight(
             if not as_json:
                 _announce_all(logs)
             return
-        told = None if as_json else partial(_announce, out=out)
-        (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, told=told)
+        announced: list[FlightResult] = []
+        told = None if as_json else partial(_announce, out=out, announced=announced)
+        try:
+            (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, told=told)
+        except RotoridError as error:
+            for begun in announced:  # its page must not say that models follow
+                write_account(begun, out, str(error))
+            raise
         advance("report", 0.0)
         try:
             report = reports.write(result, out)
@@ -270,11 +277,12 @@ def _one_flight(
     _end(numbers, ())
 
 
-def _announce(result: "FlightResult", out: Path) -> None:
-    """Print what happened, and write a page with it, before anything is identified."""
+def _announce(result: "FlightResult", out: Path, announced: "list[FlightResult]") -> None:
+    """Print what happened, and write a page with it, before anything is identified; note that it was announced."""
     from pipeline.results.failure import present
     from reports.files.folder import write_account
 
+    announced.append(result)
     answer = present(result.answer)
     if answer is not None:
         console().print(answer.lines[0].text, markup=False, soft_wrap=True)
@@ -371,10 +379,13 @@ def _show(numbers: "FlightReport | FleetReport", report: str, as_json: bool) -> 
 
 def _end(numbers: "FlightReport | FleetReport", failures: "Sequence[LogFailure]") -> NoReturn:
     """End with the status that the findings deserve."""
+    from pipeline.results.report import FlightReport
     from reports.terminal import summary as terminal
 
     _list_failures(failures)
     modelless = terminal.no_model(numbers)
+    if not (failures or isinstance(numbers, FlightReport) or numbers.flights):
+        fail("there is no flight log among these files", NOT_POSSIBLE)
     if modelless:
         fail(modelless, SOME_FAILED if failures else NOT_POSSIBLE)
     raise typer.Exit(SOME_FAILED if failures else OK)

@@ -160,5 +160,5 @@ def _end(t: float) -> float | None:
 
 def _on_the_ground(noted: tuple[Finding, ...]) -> str:
     last = max(noted, key=lambda each: each.t or 0.0, default=None)
-    said = "" if last is None else f" {last.reason} ({last.t:.1f} s)"
+    said = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
     return f"The log shows no flight.{said}"
