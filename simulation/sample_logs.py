@@ -96,10 +96,9 @@ _ROWS = tomllib.loads(Path(__file__).with_name("sample_flights.toml").read_text(
 #: Every flight by name.
 FLIGHTS: Mapping[str, SampleFlight] = MappingProxyType({name: _flight(name, row) for name, row in _ROWS.items()})
 
-#: Three training flights, nine held-out ones, and those of another craft.
-TRAINING, VALIDATION, QUADCOPTERS = (
-    tuple(FLIGHTS[name] for name, row in _ROWS.items() if row["group"] == group)
-    for group in ("training", "validation", "quadcopter")
+#: Three training flights, and nine held-out ones.
+TRAINING, VALIDATION = (
+    tuple(FLIGHTS[name] for name, row in _ROWS.items() if row["group"] == group) for group in ("training", "validation")
 )
 
 

@@ -58,8 +58,13 @@ def product_of(
     if publish is not None:
         publish(result, product)
         write_result(result, product)
-    (product / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+    write_entry(entry, product)
     return product
+
+
+def write_entry(entry: FlightEntry | GroupEntry, folder: Path) -> None:
+    """Write what a run keeps of a flight or a craft at hand into the folder of its products."""
+    (folder / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
 
 
 def write_result(result: FlightResult | GroupResult, folder: Path) -> None:

@@ -55,14 +55,13 @@ class Curve:
 
 def measured(frf: FrequencyResponse, name: str = "measured", color: str = "@ink") -> Curve:
     """Return a measured response as it is drawn."""
-    known = np.where(np.isfinite(frf.sigma), 1.0, np.nan)  # where no window fits, nothing was estimated
     return Curve(
         name=name,
         color=color,
         hz=frf.hz,
-        gain_db=known * frf.gain_db,
-        phase_deg=known * np.degrees(frf.phase),
-        sigma=(np.nan_to_num(frf.sigma, posinf=_WIDEST), np.nan_to_num(frf.sigma_phase, posinf=_WIDEST)),
+        gain_db=frf.gain_db,
+        phase_deg=np.degrees(frf.phase),
+        sigma=(frf.sigma, frf.sigma_phase),
         coherence=frf.coherence,
     )
 
@@ -94,7 +93,7 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
     first = None
     for each in curves:
         # What is a whole turn away is the same.
-        about = float(np.median(each.phase_deg)) if len(each.phase_deg) else 0.0
+        about = float(np.nanmedian(each.phase_deg)) if np.isfinite(each.phase_deg).any() else 0.0
         turns = np.ceil((about - 90.0) / 360.0) if first is None else np.round((about - first) / 360.0)
         phase = each.phase_deg - 360.0 * turns
         first = about - 360.0 * turns if first is None else first
@@ -122,7 +121,8 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
     frf = fitted.measured
     curves = [measured(frf)]
     if frf.method == "instrument":
-        direct = Curve.of(frf.hz, frf.direct, "plain regression (biased)", "@own", "dot")
+        known = np.isfinite(frf.sigma)
+        direct = Curve.of(frf.hz[known], frf.direct[known], "plain regression (biased)", "@own", "dot")
         curves.append(direct)
     if fitted.model is not None:
         curves.append(Curve.of(frf.hz, fitted.model, "model", "@body", "dash"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from core.findings import Severity
 from pipeline.results.answer import Answer
 from pipeline.results.failure import present
@@ -26,8 +24,6 @@ from reports.views.rotation import loop_table, loop_warnings, rotation_view
 
 #: The page on models, beside report.html.
 MODELS_PAGE = "models.html"
-
-Details = Sequence[tuple[str, Sequence[tuple[str, str]]]]
 
 
 def flight_page(

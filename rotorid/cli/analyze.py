@@ -1,6 +1,5 @@
 """``rotorid analyze``: logs to models and a report."""
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -232,11 +231,10 @@ def _one_flight(
         progress("loading the numerical packages", 0.0)
         import pipeline
         import reports
-        from core.serialization import plain
         from logparse import RotoridError, read_flights
         from pipeline.execution.compiling import compile_missing
         from pipeline.flight.summary import flight_entry
-        from pipeline.storage.store import ENTRY
+        from pipeline.storage.kept import write_entry
         from reports.files.folder import write_account
 
         compile_missing(progress)
@@ -259,7 +257,7 @@ def _one_flight(
         try:
             report = reports.write(result, out)
             entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
-            (Path(out) / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+            write_entry(entry, out)
             if plots is not None:
                 from reports.files.plot_images import write_plots
 

@@ -30,10 +30,10 @@ _PADE_ORDER = 3
 
 def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> pd.DataFrame:
     """Return a response as a table indexed by frequency [Hz]: gain in dB, phase in degrees, coherence, errors."""
-    known = np.where(np.isfinite(frf.sigma), 1.0, np.nan)  # where no window fits, nothing was estimated
+    known = np.where(np.isfinite(frf.sigma), 1.0, np.nan)
     columns = {
-        "gain_db": known * frf.gain_db,
-        "phase_deg": known * np.degrees(frf.phase),
+        "gain_db": frf.gain_db,
+        "phase_deg": np.degrees(frf.phase),
         "coherence": frf.coherence,
         "multiple_coherence": frf.multiple_coherence,
         "sigma_db": 20.0 / np.log(10.0) * frf.sigma,
@@ -42,8 +42,8 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
         "resolution_hz": frf.resolution,
         "real": known * frf.response.real,
         "imag": known * frf.response.imag,
-        "direct_gain_db": 20.0 * np.log10(np.maximum(np.abs(frf.direct), 1e-300)),
-        "direct_phase_deg": np.degrees(np.unwrap(np.angle(frf.direct))),
+        "direct_gain_db": known * 20.0 * np.log10(np.maximum(np.abs(frf.direct), 1e-300)),
+        "direct_phase_deg": known * np.degrees(np.unwrap(np.angle(frf.direct))),
     }
     if fit is not None:
         model = fit.response(frf.hz)

@@ -76,13 +76,13 @@ class FrequencyResponse(Summarised):
 
     @property
     def gain_db(self) -> Floats:
-        """Return ``20 log10 |G|``, shape (n,)."""
-        return np.asarray(20.0 * np.log10(np.maximum(np.abs(self.response), 1e-300)))
+        """Return ``20 log10 |G|``, shape (n,); NaN where no window fits and nothing was estimated."""
+        return np.where(np.isfinite(self.sigma), 20.0 * np.log10(np.maximum(np.abs(self.response), 1e-300)), np.nan)
 
     @property
     def phase(self) -> Floats:
-        """Return the phase, continuous over frequency, rad, shape (n,)."""
-        return np.asarray(np.unwrap(np.angle(self.response)))
+        """Return the phase, continuous over frequency, rad, shape (n,); NaN where nothing was estimated."""
+        return np.where(np.isfinite(self.sigma), np.unwrap(np.angle(self.response)), np.nan)
 
     @property
     def weight_of_points(self) -> Floats:
@@ -99,7 +99,7 @@ class FrequencyResponse(Summarised):
         asked = np.log(np.asarray(hz, dtype=np.float64))
         known = np.log(self.hz)
         log_gain = np.interp(asked, known, np.log(np.maximum(np.abs(self.response), 1e-300)), np.nan, np.nan)
-        return np.asarray(np.exp(log_gain) * np.exp(1j * np.interp(asked, known, self.phase)))
+        return np.asarray(np.exp(log_gain) * np.exp(1j * np.interp(asked, known, np.unwrap(np.angle(self.response)))))
 
     def between(self, low: float, high: float) -> FrequencyResponse:
         """Return the part from `low` to `high`, Hz."""

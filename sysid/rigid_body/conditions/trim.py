@@ -59,7 +59,7 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
     `doubt` is the covariance of the craft's parameters, which a trim makes up for; none if None.
     """
     told = carry_states(flight, shared, law)
-    trim = trim_from(told.own[-1], _stated(flight, shared, law, told.own[-1], doubt), np.zeros(0), source)
+    trim = trim_from(told.own[-1], _stated(flight, shared, law, told, told.own[-1], doubt), np.zeros(0), source)
     return with_attitude(replace(trim, looked_until=float(flight.t[-1])), flight, shared, law, _in_runs(told))
 
 
@@ -73,7 +73,7 @@ def whole_trim(
     """
     told = carry_states(flight, shared, law)
     own = match_path(flight, shared, told.own[-1], law, np.zeros(0))
-    covariance = _stated(flight, shared, law, own, doubt)
+    covariance = _stated(flight, shared, law, told, own, doubt)
     knots = wind_knots(flight.t, spacing)
     if len(knots) > 0:
         own = match_path(flight, shared, own, law, knots)
@@ -103,8 +103,7 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
     scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
-    at_start = weighted(first)
-    slopes = np.stack([(weighted(first + step) - at_start) / _STEP for step in _STEP * np.eye(len(first))], axis=1)
+    slopes = scipy.optimize.approx_fprime(first, weighted, _STEP)
 
     def slope(_: Floats) -> Floats:
         return slopes
@@ -138,9 +137,10 @@ def _in_runs(told: Carried) -> tuple[float, float, float]:
     return exponent, scale, max(north, east)
 
 
-def _stated(flight: Motion, shared: Floats, law: int, own: Floats, doubt: Floats | None) -> Floats:
+def _stated(flight: Motion, shared: Floats, law: int, told: Carried, own: Floats, doubt: Floats | None) -> Floats:
     """Mean squares of errors of the exponent, thrust scale and wind that were found of a flight; shape (4, 4)."""
-    told = carry_states(flight, shared, law, doubt=doubt)
+    if doubt is not None:
+        told = carry_states(flight, shared, law, doubt=doubt)
     apart = own - told.own[-1]
     at_best = np.diag(known_at_best(own[_WIND:]) ** 2)
     return np.asarray(told.covariances[-1][:FIXED, :FIXED] + np.outer(apart, apart) + at_best)
