@@ -30,7 +30,7 @@ from sysid.frequency import fit
 from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
 from sysid.loops.evidence import unsupported
-from sysid.loops.loop import Margins
+from sysid.loops.known_margins import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import tune_axis

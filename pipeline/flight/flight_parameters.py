@@ -94,7 +94,7 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
 def _turning(result: FlightResult) -> Iterator[FlightParameter]:
     """Yield how strongly and how late each axis answers; not what changes with the gains."""
     for axis, rate in _determined(result):
-        source = rate.measured.source or "rate controller"
+        source = rate.source or "rate controller"
         known = rate.parameters
         late = known["effective_delay"]
         for name, each in (("effectiveness", known["gain"]), ("delay", late)):
@@ -111,7 +111,7 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
 def response_curves(result: FlightResult) -> Iterator[ResponseCurve]:
     """Yield the coherent part of the response of every axis whose gain is determined."""
     for _, rate in _determined(result):
-        yield curve_of(rate.measured, result.name)
+        yield curve_of(rate, result.name)
 
 
 def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, RotoridError, Severity
 from pipeline.results.entry import ResponseCurve
@@ -13,18 +14,24 @@ from pipeline.results.rotation import (
     LEAST_GAIN_DB,
     LEAST_PHASE_DEG,
     AttitudeFollowing,
+    AxisCoupling,
     AxisRotation,
+    Check,
     FittedResponse,
     LoopMargins,
     LoopState,
+    Numbers,
     RotationResult,
+    state_of,
 )
 from pipeline.results.span import Span
 from sysid.frequency.axes import axis_of
+from sysid.frequency.coupling import Coupling
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fit import FrequencyFit
-from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
+from sysid.frequency.time_domain import Verification
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.controller import LoopError
 from sysid.loops.evidence import (
@@ -51,11 +58,16 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
     found = survey(log, (*AXES, "vertical"), within)
     *turning, vertical = found.axes
     axes = tuple(_axis(log, axis, within, unfit or contradicted.get(axis.axis, "")) for axis in turning)
+    limits = [finding for axis in turning if axis.response is not None for finding in axis.response.findings]
     return RotationResult(
         axes=axes,
         vertical=turning_of(vertical),
-        couplings=found.couplings,
-        findings=(*(_not_flown(axis, reason) for axis, reason in contradicted.items()), *_findings(axes)),
+        couplings=tuple(map(coupling_of, found.couplings)),
+        findings=(
+            *(_not_flown(axis, reason) for axis, reason in contradicted.items()),
+            *{(each.id, each.reason): each for each in limits}.values(),
+            *_findings(axes),
+        ),
     )
 
 
@@ -104,7 +116,11 @@ def turning_of(found: AxisSurvey) -> AxisRotation:
         axis=found.axis,
         rate=None
         if found.response is None
-        else replace(_fitted(found.response, found.fit), check=found.check, check_reason=found.check_reason),
+        else replace(
+            fitted_response(found.response, found.fit),
+            check=None if found.check is None else _check(found.check),
+            check_reason=found.check_reason,
+        ),
         reason=found.reason,
         attitude=None
         if following is None
@@ -112,37 +128,84 @@ def turning_of(found: AxisSurvey) -> AxisRotation:
             bandwidth=following.bandwidth,
             phase_delay=following.phase_delay,
             peak=following.peak,
-            response=_fitted(following.frf, following.fit),
+            response=fitted_response(following.frf, following.fit),
         ),
         attitude_reason=found.attitude_reason,
     )
 
 
-def curve_of(frf: FrequencyResponse, flight: str) -> ResponseCurve:
+def coupling_of(found: Coupling) -> AxisCoupling:
+    """Return a coupling without the response that it was read from."""
+    return AxisCoupling(axis=found.axis, other=found.other, ratio=found.ratio, significant=found.significant)
+
+
+def curve_of(found: FittedResponse, flight: str) -> ResponseCurve:
     """Return the coherent part of a response, to be laid over those of other flights."""
-    good = frf.usable
+    rows = zip(found.hz, found.gain_db, found.phase_deg, found.coherence, strict=True)
+    known = [each[:3] for each in rows if None not in each and (each[3] or 0.0) >= COHERENT]
+    hz, gain, phase = (tuple(float(row[k] or 0.0) for row in known) for k in range(3))
     return ResponseCurve(
-        flight=flight,
-        axis=frf.axis,
-        unit=frf.unit,
-        source=frf.source,
-        hz=tuple(frf.hz[good].tolist()),
-        gain_db=tuple(frf.gain_db[good].tolist()),
-        phase_deg=tuple(np.degrees(frf.phase[good]).tolist()),
+        flight=flight, axis=found.axis, unit=found.unit, source=found.source, hz=hz, gain_db=gain, phase_deg=phase
     )
 
 
-def _fitted(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedResponse:
+def fitted_response(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedResponse:
+    """Return a measured response, and the model fitted to it, as numbers over frequency."""
+    good = frf.hz[frf.usable]
+    known = np.isfinite(frf.sigma)
+    found = FittedResponse(
+        axis=frf.axis,
+        input=frf.input,
+        output=frf.output,
+        unit=frf.unit,
+        method=frf.method,
+        instrument=frf.instrument,
+        source=frf.source,
+        seconds=frf.duration,
+        band_hz=(float(good[0]), float(good[-1])) if len(good) else None,
+        hz=_numbers(frf.hz),
+        gain_db=_numbers(frf.gain_db),
+        phase_deg=_numbers(np.degrees(frf.phase)),
+        coherence=_numbers(frf.coherence),
+        sigma=_numbers(frf.sigma),
+        sigma_phase=_numbers(frf.sigma_phase),
+        direct=_gain_and_phase(frf.direct, known) if frf.method == "instrument" else (),
+    )
     if fit is None:
-        return FittedResponse(measured=frf)
-    return FittedResponse(
-        measured=frf,
-        model=fit.response(frf.hz),
+        return found
+    return replace(
+        found,
+        model=_gain_and_phase(fit.response(frf.hz)),
         structure=fit.structure[0].name,
         parameters=dict(fit.parameters),
         insensitivity={name: float(value) for name, value in zip(fit.names, fit.insensitivity, strict=True)},
         cost=fit.cost,
         verdict=fit.verdict,
+    )
+
+
+def _gain_and_phase(response: NDArray[np.complex128], known: NDArray[np.bool_] | None = None) -> tuple[Numbers, ...]:
+    """Return dB and degrees, None where a response is not known."""
+    inside = np.ones(len(response), bool) if known is None else known
+    gain, phase = np.full((2, len(response)), np.nan)
+    gain[inside] = 20.0 * np.log10(np.maximum(np.abs(response[inside]), 1e-300))
+    phase[inside] = np.degrees(np.unwrap(np.angle(response[inside])))
+    return _numbers(gain), _numbers(phase)
+
+
+def _numbers(values: NDArray[np.float64]) -> Numbers:
+    return tuple(each if np.isfinite(each) else None for each in values.tolist())
+
+
+def _check(found: Verification) -> Check:
+    residuals = "" if found.residuals is None else found.residuals.sentence
+    return Check(
+        seconds=found.seconds,
+        fit_percent=found.fit_percent,
+        theil=found.theil,
+        correlation=found.correlation,
+        residuals=residuals.partition(":")[0].partition(";")[0],
+        verdict=found.verdict,
     )
 
 
@@ -169,6 +232,7 @@ def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> Loo
     if refused:
         raise LoopError(refused)
     return LoopMargins(
+        state=state_of(loop.margins),
         gains=loop.settings.parameters(),
         computed=loop.margins,
         measured=None if loop.measured is None else loop.measured_margins,
@@ -198,6 +262,7 @@ def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
     )
     limits = tuple(finding.reason for finding in frf.findings if finding.id == "motors-at-limits")
     return LoopMargins(
+        state=state_of(loop.margins, ordinary=True),
         gains=loop.settings.parameters(),
         computed=loop.margins,
         ordinary=True,
@@ -206,10 +271,7 @@ def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
 
 
 def _findings(axes: tuple[AxisRotation, ...]) -> Iterator[Finding]:
-    """Warn of thin margins, and pass on what limits the responses, each once."""
-    responses = (axis.rate.measured for axis in axes if axis.rate is not None)
-    once = {(finding.id, finding.reason): finding for frf in responses for finding in frf.findings}
-    yield from once.values()
+    """Warn of thin margins."""
     for axis in axes:
         if axis.loop is None:
             continue

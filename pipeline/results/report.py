@@ -23,7 +23,7 @@ from pipeline.results.model_report import (
     ParameterRow,
     RmseRow,
 )
-from pipeline.results.rotation_report import RotationReport
+from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
 from sysid.rotors.thrust_record import ThrustReport
@@ -109,7 +109,7 @@ class FlightReport:
     trajectory: TrajectoryReport | None
     coverage: Coverage | None
     account: Account | None
-    rotation: RotationReport | None
+    rotation: RotationResult | None
     answer: Answer | None
     advice: tuple[Advice, ...]
     findings: tuple[Finding, ...]

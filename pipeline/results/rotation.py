@@ -3,39 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pipeline.results.rotation_report import (
-    AxisReport,
-    CheckReport,
-    CouplingReport,
-    Estimate,
-    FollowingReport,
-    LoopReport,
-    MarginsReport,
-    ResponseReport,
-    RotationReport,
-)
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from core.parameter import Parameter
-    from logparse import Finding
-    from sysid.frequency.coupling import Coupling
-    from sysid.frequency.response import FrequencyResponse
-    from sysid.frequency.time_domain import Verification
-    from sysid.loops.loop import Margins
+from core.parameter import Parameter
+from logparse import Finding
+from sysid.loops.known_margins import Margins
 
 #: Margins that a loop should have (MIL-F-9490D, table III: 6 dB and 45 deg), dB and deg.
 LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 45.0
 
 #: Part of the responses that the data leave possible, for which a loop may be unstable without being called so.
 _MAY_BE_UNSTABLE = 0.05
+
+#: A value for each frequency; None where it is not known.
+Numbers = tuple[float | None, ...]
 
 
 class LoopState(StrEnum):
@@ -47,60 +29,54 @@ class LoopState(StrEnum):
     UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FittedResponse:
-    """A measured frequency response, and the model fitted to it."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """How a model predicted flying that was held out, see `sysid.frequency.time_domain.Verification`."""
 
-    measured: FrequencyResponse
-    #: shape (n,): The model at the frequencies of `measured`, with the filter of the measurement; None where none could
-    #: be fitted.
-    model: NDArray[np.complex128] | None = None
+    seconds: float
+    fit_percent: float
+    theil: float
+    correlation: float
+    residuals: str  #: Whether errors one sample ahead are white, in a clause; empty where too little was held out.
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedResponse:
+    """A measured frequency response, and the model fitted to it; see `sysid.frequency.FrequencyResponse`."""
+
+    axis: str
+    input: str
+    output: str
+    unit: str  #: Of output per input.
+    method: str
+    instrument: str
+    source: str = ""  #: What input and output were taken from, where it is not the rate controller's messages.
+    seconds: float
+    band_hz: tuple[float, float] | None  #: Lowest and highest coherent frequency; None where there is none.
+    hz: Numbers
+    gain_db: Numbers
+    phase_deg: Numbers
+    coherence: Numbers
+    #: Standard deviations of ln gain and of the phase, rad.
+    sigma: Numbers
+    sigma_phase: Numbers
+    #: Plain regression, which a closed loop biases, as gain [dB] and phase [deg]; empty without an instrument.
+    direct: tuple[Numbers, ...] = ()
+    #: The model at the same frequencies, with the filter of the measurement; empty where none could be fitted.
+    model: tuple[Numbers, ...] = ()
     structure: str = ""  #: Family of the model; empty without one.
-    #: By name, such as ``"gain"``, ``"damping"``, ``"delay"``.
+    #: By name, such as ``"gain"``, ``"damping"``, ``"effective_delay"``.
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     #: Smallest change of a parameter that shows, in parts of its value.
     insensitivity: Mapping[str, float] = field(default_factory=dict)
     cost: float | None = None  #: J; up to 50 is excellent, up to 100 good (Tischler and Remple 2012, section 11.2).
     verdict: str = ""  #: What the fit is good for, in words; empty without one.
-    check: Verification | None = None  #: Of the model on flying that was held out.
+    check: Check | None = None  #: Of the model on flying that was held out.
     check_reason: str = ""  #: Why nothing was held out; empty where there is a check, or nothing to check.
 
-    @property
-    def band(self) -> tuple[float, float] | None:
-        """Return the lowest and the highest frequency with a coherence of 0.6 or more, Hz; None where there is none."""
-        hz = self.measured.hz[self.measured.usable]
-        return (float(hz[0]), float(hz[-1])) if len(hz) else None
 
-    def report(self) -> ResponseReport:
-        """Return what a report says of it."""
-        frf = self.measured
-        return ResponseReport(
-            input=frf.input,
-            output=frf.output,
-            unit=frf.unit,
-            method=frf.method,
-            instrument=frf.instrument,
-            source=frf.source,
-            seconds=frf.duration,
-            band_hz=self.band,
-            structure=self.structure,
-            parameters={
-                name: _estimate(known, insensitivity=self.insensitivity.get(name))
-                for name, known in self.parameters.items()
-            },
-            cost=self.cost,
-            verdict=self.verdict,
-            check=None if self.check is None else _check(self.check),
-            check_reason=self.check_reason,
-            hz=tuple(frf.hz.tolist()),
-            gain_db=tuple(frf.gain_db.tolist()),
-            phase_deg=tuple(np.degrees(frf.phase).tolist()),
-            coherence=tuple(frf.coherence.tolist()),
-            sigma=tuple(frf.sigma.tolist()),
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeFollowing:
     """How an axis follows its attitude target (ADS-33E-PRF, figure 5)."""
 
@@ -114,106 +90,43 @@ class AttitudeFollowing:
         """Return whether bandwidth and delay are known."""
         return self.bandwidth.value is not None and self.phase_delay.value is not None
 
-    def report(self) -> FollowingReport:
-        """Return what a report says of it."""
-        return FollowingReport(
-            bandwidth=_estimate(self.bandwidth),
-            phase_delay=_estimate(self.phase_delay),
-            peak=_estimate(self.peak),
-            response=self.response.report(),
-        )
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LoopMargins:
     """Margins of one axis' rate and angle loop, with the gains flown."""
 
+    state: LoopState  #: See `state_of`.
     gains: Mapping[str, float]  #: Gains and filters by the names of the autopilot's parameters.
     computed: Margins  #: From the craft's response and the controller of the log's parameters.
     #: Straight from the chirp: the second way; None where the log does not part the two.
     measured: Margins | None = None
     #: What the margins rest on too weakly: limits reached, weak coherence, two ways that disagree.
     remarks: tuple[str, ...] = ()
-    ordinary: bool = False  #: From flying without chirps: then only what the whole 95 % interval says is said.
-
-    @property
-    def state(self) -> LoopState:
-        """Return what the margins say: thin below 6 dB or 45 deg."""
-        margins = self.computed
-        if not margins.stable:
-            return LoopState.UNSTABLE
-        if self.ordinary:
-            return self._by_intervals()
-        gain, phase = margins.gain_db.value, margins.phase_deg.value
-        thin = (gain is not None and gain < LEAST_GAIN_DB) or (phase is not None and phase < LEAST_PHASE_DEG)
-        if thin or margins.unstable > _MAY_BE_UNSTABLE:
-            return LoopState.THIN
-        return LoopState.UNKNOWN if gain is None or phase is None else LoopState.GOOD
-
-    def _by_intervals(self) -> LoopState:
-        """Return what the whole intervals say."""
-        bounds = [
-            (self.computed.intervals[name], least)
-            for name, least in (("gain_db", LEAST_GAIN_DB), ("phase_deg", LEAST_PHASE_DEG))
-            if name in self.computed.intervals
-        ]
-        if any(high < least for (_, high), least in bounds):
-            return LoopState.THIN
-        return (
-            LoopState.GOOD
-            if len(bounds) == 2 and all(low >= least for (low, _), least in bounds)
-            else LoopState.UNKNOWN
-        )
-
-    def report(self) -> LoopReport:
-        """Return what a report says of it."""
-        return LoopReport(
-            state=str(self.state),
-            gains=self.gains,
-            computed=margins_report(self.computed),
-            measured=None if self.measured is None else margins_report(self.measured),
-            remarks=self.remarks,
-        )
+    ordinary: bool = False  #: From flying without chirps.
 
 
-#: Margins by name, as `Margins` has them.
-_MARGINS = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
+def state_of(margins: Margins, *, ordinary: bool = False) -> LoopState:
+    """Return what margins say: thin below 6 dB or 45 deg; of ordinary flying only what the whole 95 % interval says."""
+    if not margins.stable:
+        return LoopState.UNSTABLE
+    least = {"gain_db": LEAST_GAIN_DB, "phase_deg": LEAST_PHASE_DEG}
+    if ordinary:
+        known = {name: margins.intervals[name] for name in least if name in margins.intervals}
+    else:
+        values = {name: getattr(margins, name).value for name in least}
+        known = {name: (value, value) for name, value in values.items() if value is not None}
+    thin = any(high < least[name] for name, (_, high) in known.items())
+    if thin or (not ordinary and margins.unstable > _MAY_BE_UNSTABLE):
+        return LoopState.THIN
+    good = len(known) == len(least) and all(low >= least[name] for name, (low, _) in known.items())
+    return LoopState.GOOD if good else LoopState.UNKNOWN
 
 
-def _estimate(known: Parameter, insensitivity: float | None = None) -> Estimate:
-    return Estimate(
-        value=known.value, sigma=known.sigma, unit=known.unit, reason=known.reason, insensitivity=insensitivity
-    )
-
-
-def _check(check: Verification) -> CheckReport:
-    return CheckReport(
-        seconds=check.seconds,
-        fit_percent=check.fit_percent,
-        theil=check.theil,
-        correlation=check.correlation,
-        white=None if check.residuals is None else check.residuals.white,
-        verdict=check.verdict,
-    )
-
-
-def margins_report(margins: Margins) -> MarginsReport:
-    """Return margins with their errors and intervals as reports hold them."""
-    return MarginsReport(
-        stable=margins.stable,
-        unstable_part=margins.unstable,
-        **{
-            name: replace(_estimate(getattr(margins, name)), interval95=margins.intervals.get(name))
-            for name in _MARGINS
-        },
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AxisRotation:
     """What a flight tells of one axis."""
 
-    axis: str  #: ``"roll"``, ``"pitch"`` or ``"yaw"``.
+    axis: str  #: ``"roll"``, ``"pitch"``, ``"yaw"`` or ``"vertical"``.
     rate: FittedResponse | None = None  #: From the rate controller's output to the body rate.
     #: Why there is no response or no model of it, with what to fly or log; empty where there are both.
     reason: str = ""
@@ -232,27 +145,24 @@ class AxisRotation:
         """Return whether the answer to the controller, or to the attitude target, is known."""
         return self.rate_determined or (self.attitude is not None and self.attitude.determined)
 
-    def report(self) -> AxisReport:
-        """Return what a report says of it."""
-        return AxisReport(
-            axis=self.axis,
-            determined=self.determined,
-            rate=None if self.rate is None else self.rate.report(),
-            reason=self.reason,
-            attitude=None if self.attitude is None else self.attitude.report(),
-            attitude_reason=self.attitude_reason,
-            loop=None if self.loop is None else self.loop.report(),
-            loop_reason=self.loop_reason,
-        )
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisCoupling:
+    """How strongly the command of one axis turns the craft about another, in parts of its own answer."""
+
+    axis: str
+    other: str
+    ratio: Parameter
+    significant: bool  #: Whether that is more than its error could be.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RotationResult:
     """What a flight tells of how its craft turns, axis by axis."""
 
     axes: tuple[AxisRotation, ...]  #: Roll, pitch and yaw.
     vertical: AxisRotation | None = None  #: Thrust to vertical acceleration, without a loop.
-    couplings: tuple[Coupling, ...] = ()  #: Of roll and pitch, as far as they could be looked at.
+    couplings: tuple[AxisCoupling, ...] = ()  #: Of roll and pitch, as far as they could be looked at.
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -269,14 +179,3 @@ class RotationResult:
     def loops(self) -> Mapping[str, LoopMargins]:
         """Return the margins that are known, by axis."""
         return {axis.axis: axis.loop for axis in self.axes if axis.loop is not None}
-
-    def report(self) -> RotationReport:
-        """Return what a report says of it."""
-        return RotationReport(
-            determined=self.determined,
-            axes=tuple(axis.report() for axis in self.axes),
-            vertical=None if self.vertical is None else self.vertical.report(),
-            couplings=tuple(
-                CouplingReport(axis=each.axis, other=each.other, ratio=_estimate(each.ratio)) for each in self.couplings
-            ),
-        )

@@ -118,20 +118,30 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
 
 def bode_figure(fitted: FittedResponse, name: str) -> Figure:
     """Draw one measured response, its model, and plain regression beside it."""
-    frf = fitted.measured
-    curves = [measured(frf)]
-    if frf.method == "instrument":
-        known = np.isfinite(frf.sigma)
-        direct = Curve.of(frf.hz[known], frf.direct[known], "plain regression (biased)", "@own", "dot")
-        curves.append(direct)
-    if fitted.model is not None:
-        curves.append(Curve.of(frf.hz, fitted.model, "model", "@body", "dash"))
-    unit = "dB" if frf.unit == "rad/rad" else f"dB of {frf.unit} per unit"
-    caption = (
-        f"{frf.axis.capitalize()}: {frf.input} to {frf.output}, measured (dark, with 95 % bands) and fitted (dashed). "
-        "Where the coherence is below 0.6 (shaded) nothing counts."
+    hz, gain, phase, coherence, sigma, sigma_phase = (
+        np.array(each, dtype=np.float64)
+        for each in (
+            *(fitted.hz, fitted.gain_db, fitted.phase_deg, fitted.coherence),
+            *(fitted.sigma, fitted.sigma_phase),
+        )
     )
-    return bode(curves, name, caption, unit, shaded=_incoherent(frf))
+    errors = (sigma, sigma_phase)
+    curves = [
+        Curve(name="measured", color="@ink", hz=hz, gain_db=gain, phase_deg=phase, sigma=errors, coherence=coherence)
+    ]
+    for drawn, label, color, dash in (
+        (fitted.direct, "plain regression (biased)", "@own", "dot"),
+        (fitted.model, "model", "@body", "dash"),
+    ):
+        if drawn:
+            gain, phase = (np.array(each, dtype=np.float64) for each in drawn)
+            curves.append(Curve(name=label, color=color, dash=dash, hz=hz, gain_db=gain, phase_deg=phase))
+    unit = "dB" if fitted.unit == "rad/rad" else f"dB of {fitted.unit} per unit"
+    caption = (
+        f"{fitted.axis.capitalize()}: {fitted.input} to {fitted.output}, measured (dark, with 95 % bands) and fitted "
+        "(dashed). Where the coherence is below 0.6 (shaded) nothing counts."
+    )
+    return bode(curves, name, caption, unit, shaded=_incoherent(hz, coherence))
 
 
 def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list[Figure]:
@@ -244,10 +254,10 @@ def _runs(known: NDArray[np.bool_]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
-def _incoherent(frf: FrequencyResponse) -> list[Span]:
+def _incoherent(hz: Floats, coherence: Floats) -> list[Span]:
     """Return the stretches of frequency in which the coherence is below 0.6, Hz."""
-    bad = np.concatenate([[False], frf.coherence < COHERENT, [False]])
+    bad = np.concatenate([[False], coherence < COHERENT, [False]])
     edges = np.flatnonzero(np.diff(bad.astype(int)))
-    last = len(frf.hz) - 1
+    last = len(hz) - 1
     pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [Span(float(frf.hz[max(a - 1, 0)]), float(frf.hz[min(b, last)])) for a, b in pairs]
+    return [Span(float(hz[max(a - 1, 0)]), float(hz[min(b, last)])) for a, b in pairs]

@@ -69,7 +69,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             trajectory=_trajectory(result),
             coverage=present(result.coverage),
             account=present(result.account),
-            rotation=None if isinstance(result.rotation, Failure) else result.rotation.report(),
+            rotation=present(result.rotation),
             answer=present(result.answer),
             advice=result.advice,
             findings=_findings(result.findings),

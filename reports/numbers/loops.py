@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from core.serialization import cleaned
-from pipeline.results.rotation import margins_report
-from pipeline.results.rotation_report import MarginsReport, Numbers
+from pipeline.results.rotation import Numbers
+from sysid.loops.known_margins import Margins
 from sysid.loops.loop import RateLoop
 from sysid.loops.responses import attitude_bandwidth
 from sysid.loops.safety import Aim
@@ -45,7 +45,7 @@ class FlownLoop:
     parameters: Mapping[str, float]
     loop_rate_hz: float
     gyro_rate_hz: float
-    margins: MarginsReport
+    margins: Margins
     attitude_bandwidth_hz: float | None
     response: CraftResponse
 
@@ -55,7 +55,7 @@ class TunedLoop:
     """Proposed parameters of an axis, and its margins with them."""
 
     parameters: Mapping[str, float]
-    margins: MarginsReport
+    margins: Margins
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class AxisReport:
     axis: str
     refused: str | None
     flown: FlownLoop | None
-    measured_margins: MarginsReport | None
+    measured_margins: Margins | None
     tuned: TunedLoop | None
     worst_of_95: Mapping[str, float | None]
     actuator_noise_factor: float | None
@@ -108,10 +108,8 @@ def _axis(axis: AxisTuning) -> AxisReport:
         axis=axis.axis,
         refused=axis.refused,
         flown=None if flown is None else _loop(flown),
-        measured_margins=margins_report(flown.measured_margins) if flown is not None and measured else None,
-        tuned=None
-        if tuned is None
-        else TunedLoop(parameters=tuned.settings.parameters(), margins=margins_report(tuned.margins)),
+        measured_margins=flown.measured_margins if flown is not None and measured else None,
+        tuned=None if tuned is None else TunedLoop(parameters=tuned.settings.parameters(), margins=tuned.margins),
         worst_of_95=axis.worst,
         actuator_noise_factor=axis.noise,
     )
@@ -131,7 +129,7 @@ def _loop(loop: RateLoop) -> FlownLoop:
         parameters=loop.settings.parameters(),
         loop_rate_hz=controller.loop_rate,
         gyro_rate_hz=loop.settings.gyro.rate,
-        margins=margins_report(loop.margins),
+        margins=loop.margins,
         attitude_bandwidth_hz=attitude_bandwidth(loop),
         response=CraftResponse(
             hz=tuple(loop.hz[rows].tolist()),

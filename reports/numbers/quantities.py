@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from core.parameter import Parameter
 from pipeline.results.craft_review import CraftReview
 from pipeline.results.quantity import HealthEvent, Provenance, Quantity
 from pipeline.results.report import FlightReport
-from pipeline.results.rotation_report import AxisReport, Estimate, MarginsReport
+from pipeline.results.rotation import AxisRotation
+from sysid.loops.known_margins import MARGINS, Margins
 
 _UNKNOWN = "not determined"
-
-_MARGINS = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db")
 
 
 def parameters_of(report: FlightReport) -> list[Quantity]:
@@ -51,7 +51,7 @@ def margins_of(report: FlightReport) -> list[Quantity]:
     return [row for axis in axes for row in _axis(report, axis)]
 
 
-def _axis(report: FlightReport, axis: AxisReport) -> Iterator[Quantity]:
+def _axis(report: FlightReport, axis: AxisRotation) -> Iterator[Quantity]:
     if axis.loop is None:
         reason = axis.loop_reason or axis.reason
         yield _quantity(report, f"{axis.axis} margins", None, None, "", "loops", reason)
@@ -68,10 +68,9 @@ def _axis(report: FlightReport, axis: AxisReport) -> Iterator[Quantity]:
         yield _estimate(report, f"{axis.axis} phase delay", following.phase_delay, "attitude following")
 
 
-def _margins(report: FlightReport, axis: str, how: str, margins: MarginsReport) -> Iterator[Quantity]:
-    for name in _MARGINS:
-        estimate: Estimate = getattr(margins, name)
-        yield _estimate(report, f"{axis} {name}", estimate, f"margins {how}")
+def _margins(report: FlightReport, axis: str, how: str, margins: Margins) -> Iterator[Quantity]:
+    for name in MARGINS:
+        yield _estimate(report, f"{axis} {name}", getattr(margins, name), f"margins {how}")
 
 
 def predictions_of(report: FlightReport) -> list[Quantity]:
@@ -137,7 +136,7 @@ def craft_parameters(review: CraftReview) -> list[Quantity]:
     return rows
 
 
-def _estimate(report: FlightReport, name: str, estimate: Estimate, method: str) -> Quantity:
+def _estimate(report: FlightReport, name: str, estimate: Parameter, method: str) -> Quantity:
     return _quantity(report, name, estimate.value, estimate.sigma, estimate.unit, method, estimate.reason)
 
 

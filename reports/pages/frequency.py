@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from rich.console import RenderableType
 
-from pipeline.flight.rotation import curve_of, turning_of
+from pipeline.flight.rotation import coupling_of, curve_of, fitted_response, turning_of
 from reports.figures.frequency import pole_figure, response_overlays
 from reports.pages.html import render
 from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures
@@ -20,10 +20,10 @@ def frequency_page(found: FrequencySurvey) -> str:
     """Render the page."""
     axes = [turning_of(axis) for axis in found.axes]
     figures = rotation_figures(axes)
-    curves = [curve_of(frf, name) for name, frf in found.single]
-    summed = [axis.fit for axis in found.axes if axis.fit is not None]
+    curves = [curve_of(fitted_response(frf, None), name) for name, frf in found.single]
     if curves:
-        figures += response_overlays([*curves, *(curve_of(_modelled(fit), "model of all") for fit in summed)])
+        summed = [fitted_response(_modelled(axis.fit), None) for axis in found.axes if axis.fit is not None]
+        figures += response_overlays([*curves, *(curve_of(each, "model of all") for each in summed)])
     poles = pole_figure([(axis.axis, axis.fit) for axis in found.axes if axis.fit is not None])
     if poles is not None:
         figures.append(poles)
@@ -40,7 +40,7 @@ def frequency_page(found: FrequencySurvey) -> str:
         facts=" · ".join(found.names),
         sentences=[
             *(sentence for axis in axes for sentence in sentences_of(axis)),
-            *(coupling_sentence(each) for each in found.couplings if each.ratio.value is not None),
+            *(coupling_sentence(coupling_of(each)) for each in found.couplings if each.ratio.value is not None),
         ],
         table=parameter_table(axes),
         frequency_figures=figures,

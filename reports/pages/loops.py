@@ -14,7 +14,8 @@ from core.quantity import uncertain
 from core.serialization import as_json
 from reports.numbers.loops import tuning_report
 from reports.views.rotation import TITLES
-from sysid.loops.loop import MARGINS, Margins, RateLoop
+from sysid.loops.known_margins import MARGINS, Margins
+from sysid.loops.loop import RateLoop
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning
 

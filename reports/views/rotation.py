@@ -10,12 +10,11 @@ from core.parameter import Parameter
 from core.quantity import joined, uncertain
 from core.table import Row, Table
 from logparse import Finding
-from pipeline.results.rotation import AxisRotation, RotationResult
+from pipeline.results.rotation import AxisCoupling, AxisRotation, RotationResult
 from reports.figures.figure import Figure
 from reports.figures.frequency import bode_figure
-from sysid.frequency.coupling import Coupling
 from sysid.frequency.time_domain import GOOD_THEIL, UNRELATED
-from sysid.loops.loop import MARGINS, Margins
+from sysid.loops.known_margins import MARGINS, Margins
 
 #: Names of margins as people say them.
 TITLES = {
@@ -94,8 +93,8 @@ def sentences(axis: AxisRotation) -> list[str]:
                 + (f", delay {_milliseconds(delay)}" if delay is not None and delay.value is not None else "")
                 + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
             )
-            if axis.rate.measured.source:
-                said[-1] = f"{said[-1][:-1]}, from {axis.rate.measured.source}."
+            if axis.rate.source:
+                said[-1] = f"{said[-1][:-1]}, from {axis.rate.source}."
             said += _checked(axis)
         else:
             said.append(f"{name}: the gain is not determined: {gain.reason}.")
@@ -133,12 +132,12 @@ def _checked(axis: AxisRotation) -> list[str]:
         text += (
             f"; its errors go with what was asked ({check.correlation:.1f} standard deviations): it misses something"
         )
-    if check.residuals is not None:
-        text += f"; {check.residuals.sentence.partition(':')[0].partition(';')[0]}"
+    if check.residuals:
+        text += f"; {check.residuals}"
     return [f"{text}."]
 
 
-def coupling_sentence(found: Coupling) -> str:
+def coupling_sentence(found: AxisCoupling) -> str:
     """Return what the command of one axis does to another."""
     known = found.ratio
     if not found.significant:
@@ -208,8 +207,8 @@ def _cells(axis: AxisRotation, brief: bool) -> list[str]:
     if axis.rate is not None and axis.rate.cost is not None:
         cells = [_with_errors(axis, name, brief) for name in _SHOWN]
         cost = f"{axis.rate.cost:.1f}"
-    if axis.rate is not None and axis.rate.band is not None:
-        low, high = axis.rate.band
+    if axis.rate is not None and axis.rate.band_hz is not None:
+        low, high = axis.rate.band_hz
         coherent = f"{low:.2g}-{high:.3g} Hz"
     if axis.attitude is not None and axis.attitude.determined:
         bandwidth = f"{_text(axis.attitude.bandwidth)}, {_milliseconds(axis.attitude.phase_delay)}"

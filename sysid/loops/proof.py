@@ -14,7 +14,8 @@ from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
-from sysid.loops.loop import MARGINS, RateLoop, rate_loop
+from sysid.loops.known_margins import MARGINS
+from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
 from sysid.loops.safety import Aim
 from sysid.loops.same_craft import REBUILT, gain_apart, other_craft

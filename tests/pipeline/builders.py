@@ -12,11 +12,12 @@ from logparse.craft.frames import motor_table
 from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.flight_parameters import SHARES
+from pipeline.flight.rotation import fitted_response
 from pipeline.results.entry import FlightEntry, FlightParameter
-from pipeline.results.rotation import AxisRotation, FittedResponse, LoopMargins, RotationResult
+from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
-from sysid.loops.loop import Margins
+from sysid.loops.known_margins import Margins
 from tests.pipeline.coverages import coverage_of
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
@@ -147,13 +148,13 @@ def margins(gain: float | None, phase: float | None, *, stable: bool = True, uns
     )
 
 
-def turning(computed: Margins) -> RotationResult:
-    """Make what a chirp of the roll axis tells: 100 rad/s^2 through an integrator with a delay of 10 ms."""
+def chirped() -> FrequencyResponse:
+    """Make the response that a chirp of the roll axis tells: 100 rad/s^2 through an integrator, 10 ms late."""
     hz = np.geomspace(0.5, 20.0, 40)
     s = 2j * np.pi * hz
     response = 100.0 / s * np.exp(-0.01 * s)
     ones = np.ones(len(hz))
-    frf = FrequencyResponse(
+    return FrequencyResponse(
         axis="roll",
         input="out_roll",
         output="w_x",
@@ -172,15 +173,21 @@ def turning(computed: Margins) -> RotationResult:
         step=0.0025,
         duration=20.0,
     )
-    rate = FittedResponse(
-        measured=frf,
-        model=response,
+
+
+def turning(computed: Margins) -> RotationResult:
+    """Make what a chirp of the roll axis tells of a flight."""
+    rate = fitted_response(chirped(), None)
+    rate = dataclasses.replace(
+        rate,
+        model=(rate.gain_db, rate.phase_deg),
         structure="rate",
         parameters={"gain": Parameter(100.0, 2.0, "rad/s^2"), "effective_delay": Parameter(0.01, 0.001, "s")},
         insensitivity={"gain": 0.01, "delay": 0.02},
         cost=3.0,
         verdict="excellent",
     )
-    roll = AxisRotation(axis="roll", rate=rate, loop=LoopMargins(gains={"ATC_RAT_RLL_P": 0.1}, computed=computed))
+    loop = LoopMargins(state=state_of(computed), gains={"ATC_RAT_RLL_P": 0.1}, computed=computed)
+    roll = AxisRotation(axis="roll", rate=rate, loop=loop)
     others = (AxisRotation(axis=axis, reason="nothing moved", loop_reason="no chirp") for axis in ("pitch", "yaw"))
     return RotationResult(axes=(roll, *others))

@@ -19,7 +19,7 @@ from pipeline.results.answer import Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
-from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult
+from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
 from reports.numbers.flight import flight_report
 from reports.pages.fleet import Craft, fleet_page
 from reports.pages.flight import flight_page
@@ -28,7 +28,7 @@ from reports.views import summary
 from reports.views.first_screen import first_figures
 from reports.views.fleet_answer import fleet_answer
 from sysid import Experiment, fit_thrust
-from sysid.loops.loop import Margins
+from sysid.loops.known_margins import Margins
 from sysid.records.motor_scaling import motor_commands
 from tests.reports.accounts import STATE, account, happening, signals
 from tests.reports.made import made
@@ -54,7 +54,7 @@ def loop(axis: str, phase: float, sigma: float = 2.0, *, stable=True) -> AxisRot
         stable=stable,
         unstable=0.0,
     )
-    return AxisRotation(axis=axis, loop=LoopMargins(gains={}, computed=margins, remarks=()))
+    return AxisRotation(axis=axis, loop=LoopMargins(state=state_of(margins), gains={}, computed=margins))
 
 
 def answered(given: FlightResult, /, *happenings, state=None, **changed) -> FlightResult:

@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 import pytest
 
 import logparse
+from pipeline.flight.rotation import fitted_response
 from pipeline.results.entry import ResponseCurve
 from pipeline.results.model_report import ModelReport
 from reports.figures.frequency import bode_figure, pole_figure, pole_map, response_overlays
@@ -17,7 +18,7 @@ from reports.numbers.flight import flight_report
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import TransferFunction, frequency
 from sysid.frequency.export import response_table
-from tests.pipeline.builders import margins, turning
+from tests.pipeline.builders import chirped
 from tests.reports.builders import themed
 from tests.reports.conftest import made_flight
 from tests.reports.made import made
@@ -169,18 +170,14 @@ def test_motor_outputs_are_not_laid_over_the_controllers():
 
 
 def test_a_response_is_blank_where_nothing_was_estimated_and_nowhere_else() -> None:
-    rate = turning(margins(9.0, 60.0)).axes[0].rate
-    assert rate is not None
-    sigma = rate.measured.sigma.copy()
-    sigma[:2] = np.inf
-    response = np.concatenate([[1.0, 1.0], rate.measured.response[2:]])
-    blank = replace(rate, measured=replace(rate.measured, sigma=sigma, sigma_phase=sigma, response=response))
-    data = bode_figure(blank, "roll").data
+    frf = chirped()
+    sigma = np.concatenate([[np.inf] * 2, frf.sigma[2:]])
+    blank = replace(frf, sigma=sigma, sigma_phase=sigma, response=np.concatenate([[1.0, 1.0], frf.response[2:]]))
+    data = bode_figure(fitted_response(blank, None), "roll").data
     drawn = [trace for trace in data if trace.get("name") == "measured" and "fill" not in trace]
-    for trace in drawn[:2]:
-        assert np.isfinite(np.asarray(trace["y"], dtype=np.float64)).tolist() == [False] * 2 + [True] * 38
     direct = [trace for trace in data if trace.get("name") == "plain regression (biased)"]
-    assert [len(trace["x"]) for trace in direct] == [38, 38]
-    table = response_table(blank.measured)
+    for trace in (*drawn[:2], *direct):
+        assert np.isfinite(np.asarray(trace["y"], dtype=np.float64)).tolist() == [False] * 2 + [True] * 38
+    table = response_table(blank)
     for column in ("gain_db", "phase_deg", "real", "imag", "direct_gain_db", "direct_phase_deg"):
         assert table[column].isna().tolist() == [True] * 2 + [False] * 38
