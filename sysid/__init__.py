@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
     from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
     from sysid.rotors.rotor import RotorModel, fit_rotor
-    from sysid.rotors.thrust import ThrustModel, fit_thrust
-    from sysid.rotors.thrust_record import ThrustCoefficient
+    from sysid.rotors.thrust import fit_thrust
+    from sysid.rotors.thrust_record import ThrustCoefficient, ThrustModel
     from sysid.transfer_functions.arx import ArxModel, fit_arx
     from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
     from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from logparse import Finding
 from pipeline.results.coverage import Linearity
 from pipeline.results.verdict import Uses, Verdict
-from sysid.rotors.thrust_record import ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
 
 #: Numbers by output; None for what could not be determined.
@@ -126,7 +126,7 @@ class OwnedModels:
 
     name: str
     models: Mapping[str, ModelRecord]
-    thrust: ThrustReport | None
+    thrust: ThrustModel | None
     missing: Mapping[str, str]
     parameters: tuple[ParameterRow, ...] | None = None
 

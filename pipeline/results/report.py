@@ -26,7 +26,7 @@ from pipeline.results.model_report import (
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
-from sysid.rotors.thrust_record import ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 
 #: Lines of an answer that tables over all flights show.
 _TABULATED = ("Happened", "Loops", "Parameters", "Predict ahead")
@@ -104,7 +104,7 @@ class FlightReport:
     verdict: Verdict
     rmse: tuple[RmseRow, ...]  #: Of all models.
     models: tuple[ModelReport, ...]
-    thrust: ThrustReport | None
+    thrust: ThrustModel | None
     parameters: tuple[ParameterRow, ...] | None
     trajectory: TrajectoryReport | None
     coverage: Coverage | None
@@ -164,7 +164,7 @@ class CraftReport:
     verdict: Verdict
     rmse: tuple[RmseRow, ...]
     models: tuple[ModelReport, ...]
-    thrust: ThrustReport | None
+    thrust: ThrustModel | None
     parameters: tuple[ParameterRow, ...] | None
     coverage: Envelope | None
     drift: Drift | None

@@ -40,7 +40,7 @@ from pipeline.results.report import (
 )
 from pipeline.results.span import Span
 from sysid.rigid_body.model_record import RigidBodyRecord
-from sysid.rotors.thrust_record import ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
 
 if TYPE_CHECKING:
@@ -173,8 +173,8 @@ def _without_covariance(record: ModelRecord) -> ModelRecord:
     return msgspec.structs.replace(record, findings=(), transfer_functions=functions)
 
 
-def _thrust(result: FlightResult | GroupResult) -> ThrustReport | None:
-    return None if isinstance(result.thrust, Failure) else cleaned(result.thrust.report(), ThrustReport)
+def _thrust(result: FlightResult | GroupResult) -> ThrustModel | None:
+    return None if isinstance(result.thrust, Failure) else cleaned(result.thrust, ThrustModel)
 
 
 def parameter_rows(found: PhysicalParameters) -> tuple[ParameterRow, ...]:

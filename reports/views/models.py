@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from core.quantity import MINUS, column, number, uncertain
 from core.table import Row, Table
 from reports.views import summary
-from sysid.rotors.thrust_record import ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import OrderRow, OrdersReport
 
@@ -75,7 +75,7 @@ class ShownThrust:
     missing: str = ""
 
 
-def thrust_coefficients(thrust: ThrustReport | None, missing: Mapping[str, str]) -> ShownThrust:
+def thrust_coefficients(thrust: ThrustModel | None, missing: Mapping[str, str]) -> ShownThrust:
     """Tabulate thrust coefficients with their uncertainty; or report why there are none."""
     if thrust is None:
         return ShownThrust(missing=missing.get("thrust") or missing.get("experiment", ""))

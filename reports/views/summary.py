@@ -16,7 +16,7 @@ from reports.views.log_words import craft as craft
 from reports.views.log_words import firmware as firmware
 from reports.views.log_words import frame as frame
 from reports.views.log_words import sentence as sentence
-from sysid.rotors.thrust_record import ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord
 
 _NUMBER = re.compile(r"[0-9]+(?:\.[0-9]+)?")
@@ -146,7 +146,7 @@ def joint_sentences(group: CraftReport) -> list[str]:
     return [text, _identified(group).replace("Identified:", "Identified jointly:")]
 
 
-def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()) -> str:
+def thrust_coefficient(thrust: ThrustModel | None, parameters: Sequence[ParameterRow] = ()) -> str:
     """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
     known = thrust_known(thrust, parameters)
     if known is None or thrust is None:
@@ -156,7 +156,7 @@ def thrust_coefficient(thrust: ThrustReport | None, parameters: Sequence[Paramet
 
 
 def thrust_known(
-    thrust: ThrustReport | None, parameters: Sequence[ParameterRow] = ()
+    thrust: ThrustModel | None, parameters: Sequence[ParameterRow] = ()
 ) -> tuple[float | None, float | None, str] | None:
     """Return the thrust of a motor, or over the mass, with error and unit: of all methods where they have one."""
     if not thrust or not thrust.common.determined:
@@ -171,7 +171,7 @@ def thrust_known(
     return thrust.common.per_mass, thrust.common.sigma, "m/s²"
 
 
-def thrust_conditions(thrust: ThrustReport) -> str:
+def thrust_conditions(thrust: ThrustModel) -> str:
     """Report at which voltage and in which air thrust coefficients hold."""
     voltage = thrust.reference_voltage
     at = "at the unknown voltage of the flight" if voltage is None else f"at {voltage:.1f} V"

@@ -30,7 +30,6 @@ from sysid.rigid_body.methods.systematic import wind_error, with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
-from sysid.rigid_body.motor_effects import fit_motor_effects
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
 from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
@@ -134,7 +133,6 @@ def fit_rigid_body(
     findings += other_curve(fine, prior, vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
-    flown = replace(vehicle, thrust_expo=curved.expo)
 
     def over_thrust(name: str) -> float:
         return thrust_over(name, parameters, covariance, estimated, shared_air(records))
@@ -156,7 +154,6 @@ def fit_rigid_body(
         rmse=rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
-        motors={} if turning is None else fit_motor_effects(records, flown, voltage, turning),
     )
 
 

@@ -36,7 +36,7 @@ from sysid.rigid_body.conditions.drift_band import drift_sigma
 from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS, STATES
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
-from sysid.rigid_body.model_record import BodyParameter, MotorEffect, RigidBodyRecord, TrimRecord
+from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord, TrimRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion, motion
 from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
@@ -97,8 +97,6 @@ class RigidBodyModel(Summarised):
     rmse: float  #: Of position over the windows of the fit, m.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
-    #: Each motor's share of thrust and torque, where motors can be told apart.
-    motors: Mapping[str, MotorEffect] = field(default_factory=dict)
     #: Wind and thrust scale through flights, where they have been followed already.
     carried: Mapping[str, Carried] = field(default_factory=dict, repr=False, compare=False)
 
@@ -385,7 +383,6 @@ class RigidBodyModel(Summarised):
             flights={name: recorded(trim, TrimRecord) for name, trim in self.flights.items()},
             rotation_fit=self.rotation_fit,
             rmse=self.rmse,
-            motors=self.motors,
             training=self.training,
             findings=self.findings,
         )
@@ -411,7 +408,6 @@ class RigidBodyModel(Summarised):
             rmse=np.nan if record.rmse is None else record.rmse,
             training=record.training,
             findings=(),
-            motors=record.motors,
         )
 
     def _motion(self, experiment: Experiment) -> Motion:

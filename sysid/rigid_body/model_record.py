@@ -32,20 +32,6 @@ class BodyParameter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MotorEffect:
-    """One motor's share."""
-
-    #: Thrust at a command over that of all motors alike; None when not determined.
-    thrust: float | None
-    thrust_sigma: float | None
-    #: Torque over yaw inertia at full command in sea-level air, in the sense in which the motor turns the craft,
-    #: rad/s^2; None when not determined.
-    torque: float | None
-    torque_sigma: float | None
-    reason: str = ""  #: Why not, empty when determined.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TrimRecord:
     """Wind and thrust scale of a flight, see `sysid.FlightTrim`."""
 
@@ -82,6 +68,5 @@ class RigidBodyRecord(
     flights: Mapping[str, TrimRecord]
     rotation_fit: Mapping[str, float | None]
     rmse: float | None
-    motors: Mapping[str, MotorEffect]
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()

@@ -22,7 +22,8 @@ from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
 from sysid.rotors.rotor import RotorModel, fit_rotor
-from sysid.rotors.thrust import ThrustModel, fit_thrust
+from sysid.rotors.thrust import fit_thrust
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.rotors.thrust_regression import vehicle_of
 
 _Fitted = TypeVar("_Fitted")

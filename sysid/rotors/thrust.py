@@ -13,21 +13,17 @@ so that k is the thrust of one motor at full command in sea-level air. Motion al
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from core.quantity import uncertain
-from core.summary import Summarised, listed
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rotors.thrust_record import ThrustCoefficient, ThrustReport
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.rotors.thrust_regression import (
-    AIR_SIGMA,
     BLOCK_SECONDS,
     air_sigma_of,
     blocks_of,
@@ -43,68 +39,6 @@ from sysid.rotors.thrust_regression import (
     uneven_motors,
     unlogged_motors,
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class ThrustModel(Summarised):
-    """Thrust against command."""
-
-    name: str
-    common: ThrustCoefficient  #: One coefficient for all motors.
-    per_motor: Mapping[str, ThrustCoefficient]  #: A coefficient for each motor by name.
-    mass: float | None  #: As given, kg.
-    thrust_expo: float  #: Curvature e of the thrust curve, as the autopilot has it.
-    reference_density: float  #: kg/m^3.
-    reference_voltage: float | None  #: V at which coefficients hold; None when voltage was not logged.
-    #: Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
-    damping: float | None
-    effort: Mapping[str, float]  #: Mean thrust command of each motor over the mean of all motors.
-    #: Mean command and PWM that carry the weight in the air of the records.
-    hover_command: float
-    hover_pwm: float
-    rmse: float  #: Of one-second means of the specific force, m/s^2.
-    condition: float  #: Condition number of the motors' regressors, scaled.
-    seconds: float  #: Flight time used.
-    training: tuple[str, ...]
-    findings: tuple[Finding, ...]
-    #: Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
-    air_sigma: float = AIR_SIGMA
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
-        return {
-            "name": self.name,
-            "thrust over mass of one motor": uncertain(
-                self.common.per_mass, self.common.sigma, "m/s^2 at full command"
-            ),
-            "hover command": f"{self.hover_command:.3f} ({self.hover_pwm:.0f} us)",
-            "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
-        }
-
-    def report(self) -> ThrustReport:
-        """Return what files hold of the model."""
-        return ThrustReport(
-            kind="thrust",
-            name=self.name,
-            mass=self.mass,
-            thrust_expo=self.thrust_expo,
-            reference_density=self.reference_density,
-            reference_voltage=self.reference_voltage,
-            damping=self.damping,
-            hover_command=self.hover_command,
-            hover_pwm=self.hover_pwm,
-            rmse=self.rmse,
-            condition=self.condition,
-            seconds=self.seconds,
-            air_sigma=self.air_sigma,
-            units={"per_mass": "m/s^2 at full command", "newton": "N at full command"},
-            common=self.common,
-            effort=self.effort,
-            per_motor=self.per_motor,
-            training=self.training,
-            findings=self.findings,
-        )
 
 
 def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | None = None) -> ThrustModel:

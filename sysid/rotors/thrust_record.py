@@ -1,11 +1,15 @@
-"""Thrust against command as files hold it: numbers and text, None for what is not finite."""
+"""Thrust against command: numbers and text, which pages read without numpy."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from core.quantity import uncertain
+from core.summary import Summarised, listed
 from logparse import Finding
+
+_FULL = "at full command"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,26 +28,40 @@ class ThrustCoefficient:
     reason: str = ""  #: Why not, empty when determined.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ThrustReport:
-    """See `sysid.ThrustModel`."""
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ThrustModel(Summarised):
+    """Thrust against command, as `fit_thrust` finds it and files hold it: there None for what is not finite."""
 
-    kind: str
+    kind: str = "thrust"
     name: str
-    mass: float | None
-    thrust_expo: float
-    reference_density: float
-    reference_voltage: float | None
+    mass: float | None  #: As given, kg.
+    thrust_expo: float  #: Curvature e of the thrust curve: the autopilot's, unless flights clearly show another.
+    reference_density: float  #: kg/m^3.
+    reference_voltage: float | None  #: V at which coefficients hold; None when voltage was not logged.
+    #: Loss of thrust per mass with climbing speed along body z, 1/s; None when the flight hardly climbs.
     damping: float | None
+    #: Mean command and PWM that carry the weight in the air of the records.
     hover_command: float | None
     hover_pwm: float | None
-    rmse: float | None
-    condition: float | None
-    seconds: float
+    rmse: float | None  #: Of one-second means of the specific force, m/s^2.
+    condition: float | None  #: Condition number of the motors' regressors, scaled.
+    seconds: float  #: Flight time used.
+    #: Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
     air_sigma: float
-    units: Mapping[str, str]
-    common: ThrustCoefficient
-    effort: Mapping[str, float | None]
-    per_motor: Mapping[str, ThrustCoefficient]
+    units: Mapping[str, str] = field(default_factory=lambda: {"per_mass": f"m/s^2 {_FULL}", "newton": f"N {_FULL}"})
+    common: ThrustCoefficient  #: One coefficient for all motors.
+    effort: Mapping[str, float | None]  #: Mean thrust command of each motor over the mean of all motors.
+    per_motor: Mapping[str, ThrustCoefficient]  #: A coefficient for each motor by name.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        thrust = uncertain(self.common.per_mass, self.common.sigma, self.units["per_mass"])
+        return {
+            "name": self.name,
+            "thrust over mass of one motor": thrust,
+            "hover command": f"{self.hover_command:.3f} ({self.hover_pwm:.0f} us)",
+            "training": listed(self.training),
+            "findings": listed([finding.id for finding in self.findings]) or "none",
+        }

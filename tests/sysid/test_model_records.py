@@ -12,14 +12,12 @@ from sysid import (
     OrderScan,
     RigidBodyModel,
     SixDofModel,
-    ThrustModel,
     TransferFunction,
     TransferFunctionModel,
     Validation,
 )
 from sysid.rigid_body.model_record import RigidBodyRecord, TrimRecord
 from sysid.rigid_body.six_dof.model import SixDofReport
-from sysid.rotors.thrust_record import ThrustReport
 from sysid.statistics.residuals import ResidualTest
 from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.model_record import (
@@ -46,7 +44,6 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         # The report has the vehicle once, beside its models; winds that were followed are found anew.
         (RigidBodyModel, RigidBodyRecord, {}, {"vehicle", "carried"}),
         (FlightTrim, TrimRecord, {}, set()),
-        (ThrustModel, ThrustReport, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (ResidualTest, ResidualReport, {}, {"output"}),

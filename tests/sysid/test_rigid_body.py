@@ -10,7 +10,6 @@ from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
-from simulation.survey_quadcopter import quadcopter
 from sysid import ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.records.thrust_curve import lagged
 from sysid.rigid_body.body_parameters import ratio_sigma
@@ -209,30 +208,6 @@ def test_rates_follow_from_torque_commands():
     calm = fit_rigid_body([record(flown(octocopter(), HOVER, rate=RATE))])
     with pytest.raises(MissingDataError, match="not determined"):
         calm.predict_rates(seen)
-
-
-def test_a_weak_motor_of_a_quadcopter_shows_and_motors_of_an_octocopter_hide():
-    """Motor 3 gives nine tenths of the others' thrust and torque; eight motors move in four ways only."""
-    craft = quadcopter()
-    rotors = list(craft.rotors)
-    weak = replace(
-        rotors[2].rotor,
-        thrust_coefficient=0.9 * rotors[2].rotor.thrust_coefficient,
-        torque_coefficient=0.9 * rotors[2].rotor.torque_coefficient,
-    )
-    rotors[2] = replace(rotors[2], rotor=weak)
-    craft = replace(craft, rotors=tuple(rotors))
-    model = fit_rigid_body([record(flown(craft, altitude=100.0, rate=50.0), np.random.default_rng(0))])
-    thrusts = {name: effect.thrust for name, effect in model.motors.items()}
-    torques = {name: effect.torque for name, effect in model.motors.items()}
-    # The rotors' inertia, alike in all, is counted with the torque by one common lead.
-    for values, error in ((thrusts, 0.01), (torques, 0.06)):
-        others = np.mean([values[name] for name in ("m1", "m2", "m4")])
-        assert values["m3"] / others == pytest.approx(0.9, abs=error)
-    assert model.parameters["yaw_lead"].value > 0.01
-    hidden = fitted().motors["m1"]
-    assert hidden.thrust is None
-    assert "move together" in hidden.reason
 
 
 def test_hover_alone_gives_thrust_and_says_what_it_does_not_give():
