@@ -3,30 +3,30 @@
 Names are imported when they are first used, so that a report's numbers can be read without the packages that made them.
 """
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from core.lazy import exports, lazy
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from pipeline.results.fleet import GroupResult
     from pipeline.results.flight import FlightResult
     from reports.files import folder as reports_folder
-    from reports.files import plot_images
     from reports.files.fleet import write_fleet
     from reports.files.folder import write
     from reports.files.plot_images import ImageFormat
     from reports.files.replay import write_replay
 else:
-    reports_folder, plot_images = lazy("reports.files.folder"), lazy("reports.files.plot_images")
+    reports_folder = lazy("reports.files.folder")
 
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
 
 __getattr__, __dir__ = exports(__name__, __file__)
 
 
-def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "ImageFormat | None" = None) -> "Path":
+def publish(
+    result: "FlightResult | GroupResult | None", folder: str | Path, plots: "ImageFormat | None" = None
+) -> Path:
     """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
 
     With `plots` also those of flights as files. It is named in `pipeline.analyze_fleet` also where nothing is new, and
@@ -34,8 +34,8 @@ def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "
 
     Parameters
     ----------
-    result : FlightResult or GroupResult
-        What to write.
+    result : FlightResult or GroupResult, optional
+        What to write; without it pages are drawn anew of what this wrote before.
     folder : path-like
         Where to.
     plots : {"png", "svg"}, optional
@@ -46,7 +46,4 @@ def publish(result: "FlightResult | GroupResult", folder: "str | Path", plots: "
     Path
         The page.
     """
-    report = reports_folder.write_for_fleet(result, folder)
-    if plots is not None:
-        plot_images.write_plots(result, report.parent, plots)
-    return report
+    return reports_folder.write_for_fleet(result, Path(folder), plots)

@@ -31,9 +31,10 @@ from logparse.containers import limit_unpacked
 from pipeline.execution.stages import overall
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import present
+from pipeline.results.fleet import GroupResult
 from pipeline.results.report import FleetReport
 from pipeline.storage.manifest import MANIFEST
-from pipeline.storage.store import ENTRY, LOCK, RESULT
+from pipeline.storage.store import ENTRY, LOCK
 
 if TYPE_CHECKING:
     import sysid
@@ -182,11 +183,16 @@ def _hand_over(result: "FlightResult", name: str, folder: Path) -> None:
     write_flights([entry], folder)
 
 
+def _publish(result: "FlightResult | GroupResult | None", folder: Path) -> None:
+    """Write pages that carry their scripts: in the sandbox that reports are shown in, none may be fetched."""
+    assert result is not None  # every folder is new
+    reports.write(result, folder)
+
+
 def _analyze_several(task: Task, progress: Progress) -> None:
     config = pipeline.AnalysisConfig(**task.configuration)
     logs = [log for log, _ in task.logs]
-    # Pages carry their scripts: in the sandbox that reports are shown in, none may be fetched.
-    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=reports.write)
+    fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=_publish)
     progress("report", 0.99)
     reports.write_fleet(fleet)
     (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
@@ -196,7 +202,7 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     except Exception:  # must not cost the report
         _log.exception("what gains to propose cannot be found out")
     # What serves a second run names the places of the logs on this server, and there is none.
-    for file in (*task.folder.rglob(ENTRY), *task.folder.rglob(RESULT), task.folder / MANIFEST, task.folder / LOCK):
+    for file in (*task.folder.rglob(ENTRY), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)
 
 
@@ -216,7 +222,7 @@ def _join(task: Task, progress: Progress) -> None:
             place = scratch.folder / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
             place.parent.mkdir(parents=True)
             dataset.write_experiment(record, place)
-    found = fleet_crafts.identify_crafts(flights, config, scratch, reports.write, None, progress, redo=True)
+    found = fleet_crafts.identify_crafts(flights, config, scratch, _publish, None, progress, redo=True)
     if not found.entries:
         raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
     progress("report", 0.99)

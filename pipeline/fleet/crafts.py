@@ -15,9 +15,8 @@ from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import GroupResult, LogFailure, Publish
-from pipeline.storage.kept import product_of, read_result
-from pipeline.storage.manifest import CRAFTS, craft_key, is_current, page_key
-from pipeline.storage.store import ENTRY, Store
+from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, page_key, write_entry
+from pipeline.storage.store import Store
 
 
 def identify_crafts(
@@ -60,7 +59,7 @@ def identify_crafts(
             split=split.sentence,
             pages=page_key(publish),
         )
-        if not redo and is_current(store, entry):
+        if not redo and _is_there(store, entry, publish):
             entries.append(entry)
             continue
 
@@ -69,14 +68,15 @@ def identify_crafts(
         def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
             progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
-        result = None if redo else known_result(store, entry)
-        if result is None:
-            result = joint.identify_craft(
-                entry.name, craft, split, store.url, config, overall(report), executor, findings
-            )
+        result = joint.identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
         try:
             with store.scratch() as scratch:
-                store.commit(product_of(result, entry, publish, scratch), f"{CRAFTS}/{entry.folder}")
+                product = scratch / "product"
+                product.mkdir()
+                if publish is not None:
+                    publish(result, product)
+                write_entry(entry, product)
+                store.commit(product, f"{CRAFTS}/{entry.folder}")
         except OSError as error:
             reason = f"its joint models could not be stored: {error.strerror or error}"
             failures.append(LogFailure(entry.name, reason))
@@ -113,10 +113,9 @@ def _light(result: GroupResult) -> GroupResult:
     return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
 
 
-def known_result(store: Store, entry: GroupEntry) -> GroupResult | None:
-    """Return the result of a craft from the store, whose pages are to be written anew; None where it must be made."""
-    place = f"{CRAFTS}/{entry.folder}"
-    if (store.read_json(f"{place}/{ENTRY}") or {}).get("key") != entry.key:
-        return None
-    found = read_result(store, place)
-    return found if isinstance(found, GroupResult) else None
+def _is_there(store: Store, entry: GroupEntry, publish: Publish | None) -> bool:
+    """Return whether the store has the products of a craft, with its pages drawn anew where others are wanted."""
+    if is_current(store, entry):
+        return True
+    same = is_current(store, replace(entry, pages=""))
+    return same and publish is not None and drawn_anew(store, f"{CRAFTS}/{entry.folder}", entry, publish)

@@ -21,8 +21,7 @@ from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
-from pipeline.storage.kept import product_of, read_result
-from pipeline.storage.manifest import FLIGHTS, stored_flights
+from pipeline.storage.manifest import FLIGHTS, drawn_anew, stored_flights, write_entry
 from pipeline.storage.sources import Source, fetched
 from pipeline.storage.store import ENTRY, Store, open_store
 
@@ -106,7 +105,11 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     entry = replace(flight_entry(result, folder=folder, source=job.source.url, key=job.key), pages=job.pages)
     place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:
-        product = product_of(result, entry, job.publish, scratch)
+        product = scratch / "product"
+        product.mkdir()
+        if job.publish is not None:
+            job.publish(result, product)
+        write_entry(entry, product)
         tables = write_tables(result, scratch / TABLES)
         experiments = write_experiments(result, scratch / EXPERIMENTS)
 
@@ -123,22 +126,14 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
 
 
 def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
-    """Write the pages of flights whose results the store has; None where they must be analysed."""
-    if job.publish is None:
-        return None
-    store = open_store(job.store)
+    """Draw the pages of flights anew whose results the store has; None where they must be analysed."""
+    store, publish = open_store(job.store), job.publish
     entries = stored_flights(store, job.folder, job.key, job.source.url)
-    if entries is None:
-        return None
-    found = (read_result(store, f"{FLIGHTS}/{entry.folder}") for entry in entries)
-    results = [result for result in found if isinstance(result, FlightResult)]
-    if len(results) < len(entries):
+    if entries is None or publish is None:
         return None
     shown = tuple(replace(entry, pages=job.pages) for entry in entries)
-    for entry, result in zip(shown, results, strict=True):
-        with store.scratch() as scratch:
-            store.commit(product_of(result, entry, job.publish, scratch), f"{FLIGHTS}/{entry.folder}")
-    return shown
+    drawn = all(drawn_anew(store, f"{FLIGHTS}/{entry.folder}", entry, publish) for entry in shown)
+    return shown if drawn else None
 
 
 def _remove_former(store: Store, folder: str, count: int) -> None:

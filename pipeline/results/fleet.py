@@ -70,5 +70,6 @@ class GroupResult(Summarised):
         return reasons(self.thrust, self.parameters, self.coverage, self.drift)
 
 
-#: ``publish(result, folder)`` writes what people and programs read of a result, as `reports.write` does.
-Publish = Callable[["FlightResult | GroupResult", Path], object]
+#: ``publish(result, folder)`` writes what people and programs read of a result. Without a result it draws the pages of
+#: a folder anew, or raises FileNotFoundError where the folder does not hold what that takes.
+Publish = Callable[["FlightResult | GroupResult | None", Path], object]

@@ -20,7 +20,7 @@ from core.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.names import flight_folder
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import LogFailure
+from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
@@ -32,8 +32,9 @@ MANIFEST = "manifest.json"
 #: Where the products of flights and crafts are in the store.
 FLIGHTS, CRAFTS = "flights", "crafts"
 
-#: Packages that numbers come from, and those that show them.
-_ANALYSIS, _PRESENTATION = ("core", "logparse", "estimation", "sysid", "pipeline"), ("reports",)
+#: Packages that numbers and plots come from, and those that show them: pages are drawn of what the first have written.
+_ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.numbers", "reports.figures")
+_PRESENTATION = ("reports",)
 
 _SOURCES = (".py", ".html", ".css", ".js", ".json")
 
@@ -190,6 +191,24 @@ def is_current(store: Store, entry: GroupEntry) -> bool:
     """Return whether the store has the products of a craft, with the pages that are wanted."""
     facts = store.read_json(f"{CRAFTS}/{entry.folder}/{ENTRY}") or {}
     return facts.get("key") == entry.key and (not entry.pages or facts.get("pages") == entry.pages)
+
+
+def write_entry(entry: FlightEntry | GroupEntry, folder: Path) -> None:
+    """Write what a run keeps of a flight or a craft at hand into the folder of its products."""
+    (folder / ENTRY).write_text(json.dumps(plain(entry)), encoding="utf-8")
+
+
+def drawn_anew(store: Store, place: str, entry: FlightEntry | GroupEntry, publish: Publish) -> bool:
+    """Draw the pages of products anew where the store has what that takes; return whether it has."""
+    try:
+        with store.scratch() as scratch:
+            store.fetch(place, scratch / "product")
+            publish(None, scratch / "product")
+            write_entry(entry, scratch / "product")
+            store.commit(scratch / "product", place)
+    except (FileNotFoundError, ValueError):
+        return False
+    return True
 
 
 def stored_flights(store: Store, folder: str, key: str, source: str, pages: str = "") -> tuple[FlightEntry, ...] | None:

@@ -17,7 +17,7 @@ import uuid
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
@@ -37,9 +37,6 @@ T = TypeVar("T")
 
 #: The file that makes a product whole.
 ENTRY = "entry.json"
-
-#: File of a result, kept beside its products.
-RESULT = "result.pickle.zst"
 
 #: Below the root of a store on a disk: what is being written. The name hides it from query engines.
 SCRATCH = ".scratch"
@@ -97,6 +94,13 @@ class Store(ABC):
     @abstractmethod
     def locked(self) -> AbstractContextManager[None]:
         """Keep other runs out for the time of a ``with``, as far as the storage can; BlockingIOError when one is in."""
+
+    def fetch(self, path: str, folder: Path) -> None:
+        """Copy the files of a product, without its folders, into a new folder on a disk."""
+        folder.mkdir()
+        for name in self.names(path):
+            with suppress(IsADirectoryError, FileNotFoundError):
+                (folder / name).write_bytes(self.read(f"{path}/{name}"))
 
     def read_json(self, path: str) -> Any:
         """Read JSON; None where there is none, or none that can be read: whoever needs it makes it anew."""

@@ -167,15 +167,10 @@ def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | N
     return compare(whole, result.models, present(result.flight), hidden=hidden)
 
 
-def joint_predictions(group: GroupResult, trust: Mapping[str, str]) -> dict[str, Figure]:
-    """Draw what the joint models of a craft make of each of its flights, those that judge first.
-
-    Models that cannot be trusted, by their key, wait in the legend where others can.
-    """
+def joint_predictions(group: GroupResult, hidden: Collection[str]) -> dict[str, Figure]:
+    """Draw what the joint models make of each flight of a craft, those that judge first; `hidden` models off."""
     flights = [*group.held_out, *group.training]
     most = int(np.clip(ALL_POINTS // max(len(flights), 1), FEWEST_POINTS, MOST_POINTS))
-    hidden = {key for key, word in trust.items() if word == "no"}
-    drawn = {result.key for result in group.models if result.predictions}
     figures = {}
     for flight in flights:
         models = [
@@ -185,7 +180,7 @@ def joint_predictions(group: GroupResult, trust: Mapping[str, str]) -> dict[str,
         ]
         if models:
             whole = models[0].predictions[0].experiment
-            figures[flight] = compare(whole, models, hidden=hidden if drawn - hidden else (), most=most)
+            figures[flight] = compare(whole, models, hidden=hidden, most=most)
     return figures
 
 

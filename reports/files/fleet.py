@@ -20,8 +20,9 @@ from pipeline.names import printable
 from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import ModelsFile
 from pipeline.results.report import CommonFinding, CraftReport, FleetReport, FlightReport, LeftOut
+from reports.figures.drawn import CraftFigures
 from reports.files.fleet_markdown import fleet_markdown
-from reports.files.folder import SHARED_SCRIPT, CraftFigures, page_or_excuse, rmse_table
+from reports.files.folder import FIGURES, SHARED_SCRIPT, page_or_excuse, rmse_table
 from reports.pages import html
 from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
 
@@ -131,7 +132,7 @@ def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFi
 
 
 def _craft(store: Products, folder: str) -> Craft:
-    drawn = from_json(store.read(f"{folder}/figures.json"), CraftFigures)
+    drawn = from_json(store.read(f"{folder}/{FIGURES}"), CraftFigures)
     report = from_json(store.read(f"{folder}/report.json"), CraftReport)
     return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
 

@@ -5,20 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
 
 from core.cells import as_cell
-from core.serialization import as_json
+from core.serialization import as_json, from_json
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
-from reports.figures.figure import Figure
-from reports.figures.models import Board, joint_predictions, model_board, off_by_default
+from reports.figures.drawn import FlightFigures, draw_craft, draw_flight
+from reports.files.plot_images import ImageFormat, write_images
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
@@ -30,7 +31,9 @@ _LOG = logging.getLogger("rotorid.reports")
 
 #: Plotly's script where the pages of flights share it, at the root of a folder of flights and crafts.
 SHARED_SCRIPT = "plotly.min.js"
-#: The page on all flights, seen from that of one.
+#: The page of a flight, and the plots of a flight or craft that need the result itself.
+PAGE, FIGURES = "report.html", "figures.json"
+#: The folder of the page on all flights, seen from that of one.
 _BACK = "../../"
 #: Columns of ``coefficients.csv``.
 _COEFFICIENTS = ["owner", "model", "output", "input", "part", "power", "value", "std", "relative", "determined"]
@@ -38,7 +41,7 @@ _COEFFICIENTS = ["owner", "model", "output", "input", "part", "power", "value", 
 PARAMETERS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method", "determined", "reason")
 
 
-def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
+def write(result: FlightResult | GroupResult, folder: str | Path, plots: ImageFormat | None = None) -> Path:
     """Write what is known of one flight or of one craft.
 
     ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes it), ``models.mat``
@@ -51,46 +54,55 @@ def write(result: FlightResult | GroupResult, folder: str | Path) -> Path:
     result : FlightResult or GroupResult
     folder : str or Path
         Made when missing; files of the same names are replaced.
+    plots : {"png", "svg"}, optional
+        Format in which to write the plots of a flight as files too.
 
     Returns
     -------
     Path
         Of ``report.html``, or of a craft's ``report.json``.
     """
-    return _write(result, Path(folder), shared=False)
+    return _write(result, Path(folder), plots, shared=False)
 
 
-def write_for_fleet(result: FlightResult | GroupResult, folder: str | Path) -> Path:
-    """Write the same as `write` for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
+def write_for_fleet(result: FlightResult | GroupResult | None, folder: Path, plots: ImageFormat | None) -> Path:
+    """Write the same for a folder ``flights/NAME`` or ``crafts/NAME`` that `write_fleet` composes from.
 
     A flight's page reads Plotly from one file beside the page on all flights instead of carrying it, 2.5 MB each, and
-    links there.
+    links there. Without a result the pages are drawn of the report.json and figures.json that this wrote before.
     """
-    return _write(result, Path(folder), shared=True)
+    if result is not None:
+        return _write(result, folder, plots, shared=True)
+    report, drawn = (folder / name for name in ("report.json", FIGURES))
+    if not (folder / PAGE).exists():
+        return report
+    figures = from_json(drawn.read_bytes(), FlightFigures)
+    return _show(from_json(report.read_bytes(), FlightReport), lambda: figures, folder, plots, shared=True)
 
 
 def write_account(result: FlightResult, folder: Path, failed: str = "") -> Path:
     """Write the page of a flight of which no more than its account is known, yet or because the rest failed."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "report.html"
-    write_page(path, lambda: flight_page(result, flight_report(result), failed=failed))
-    return path
+    numbers = flight_report(result)
+    _write_page(folder / PAGE, lambda: flight_page(numbers, draw_flight(result, numbers), failed=failed))
+    return folder / PAGE
 
 
-def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) -> Path:
+def _write(result: FlightResult | GroupResult, folder: Path, plots: ImageFormat | None, *, shared: bool) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     report: FlightReport | CraftReport
     if isinstance(result, FlightResult):
-        path = folder / "report.html"
         report = own = flight_report(result)
-        back, script_file = (f"{_BACK}report.html", _BACK + SHARED_SCRIPT) if shared else (None, "")
-        write_page(path, lambda: flight_page(result, own, back, script_file))
-        write_page(folder / MODELS_PAGE, lambda: models_page(result, own, script_file))
+        draw = cache(lambda: draw_flight(result, own))
+        path = _show(own, draw, folder, plots, shared=shared)
+        if shared:
+            with suppress(Exception):  # the page says it
+                (folder / FIGURES).write_text(as_json(draw(), indent=None), encoding="utf-8")
         write_track(result, folder)
     else:
+        report = joint = craft_report(result)
         path = folder / "report.json"
-        report = craft_report(result)
-        (folder / "figures.json").write_text(as_json(_figures(result, report), indent=None), encoding="utf-8")
+        (folder / FIGURES).write_text(as_json(draw_craft(result, joint), indent=None), encoding="utf-8")
     (folder / "report.json").write_text(as_json(report), encoding="utf-8")
     (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
     (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
@@ -99,20 +111,25 @@ def _write(result: FlightResult | GroupResult, folder: Path, *, shared: bool) ->
     return path
 
 
-@dataclass(frozen=True, slots=True)
-class CraftFigures:
-    """The plots of a craft that need the models and their free runs themselves: of all models, and by flight."""
+def _show(
+    numbers: FlightReport,
+    draw: Callable[[], FlightFigures],
+    folder: Path,
+    plots: ImageFormat | None,
+    *,
+    shared: bool,
+) -> Path:
+    """Write the pages of a flight, and its plots as files where they are wanted."""
+    back, script_file = (f"{_BACK}{PAGE}", _BACK + SHARED_SCRIPT) if shared else (None, "")
+    _write_page(folder / PAGE, lambda: flight_page(numbers, draw(), back, script_file))
+    _write_page(folder / MODELS_PAGE, lambda: models_page(numbers, draw(), script_file))
+    if plots is not None:
+        drawn = draw()
+        write_images([*drawn.first, *drawn.flight, *drawn.predicted, *drawn.signals], folder, plots)
+    return folder / PAGE
 
-    board: Board
-    predictions: Mapping[str, Figure]
 
-
-def _figures(group: GroupResult, report: CraftReport) -> CraftFigures:
-    trust = {model.key: str(model.verdict.trust) for model in report.models}
-    return CraftFigures(model_board(group.models, off_by_default(report.models)), joint_predictions(group, trust))
-
-
-def write_page(path: Path, render: Callable[[], str]) -> None:
+def _write_page(path: Path, render: Callable[[], str]) -> None:
     """Write a page; where it cannot be drawn, one that says so: a bug there must not cost numbers and other pages."""
     path.write_text(page_or_excuse(render, str(path)), encoding="utf-8")
 

@@ -14,12 +14,7 @@ from typing import Literal
 from urllib.parse import unquote
 
 from core.errors import RotoridError
-from pipeline.results.fleet import GroupResult
-from pipeline.results.flight import FlightResult
 from reports.figures.figure import Figure
-from reports.figures.flight import flight_figures
-from reports.figures.models import prediction
-from reports.figures.signals import signal_figures
 from reports.pages.html import plotly_script, script_json
 
 ImageFormat = Literal["png", "svg"]
@@ -43,13 +38,6 @@ const figures = {figures}, format = "{format}";
 
 class NoBrowserError(RotoridError):
     """No browser that draws plots as files, or one that fails."""
-
-
-def write_plots(result: FlightResult | GroupResult, folder: Path, image_format: ImageFormat) -> None:
-    """Write the plots of a flight's page as files; nothing of a craft, whose plots are on the page of all flights."""
-    if isinstance(result, FlightResult):
-        predicted = [each for each in (prediction(result),) if each is not None]
-        write_images([*flight_figures(result), *predicted, *signal_figures(result)], folder, image_format)
 
 
 def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:

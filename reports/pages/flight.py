@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from core.findings import Severity
 from pipeline.results.answer import Answer
-from pipeline.results.failure import present
-from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
-from reports.figures.flight import flight_figures
-from reports.figures.models import horizon_figure, model_board, off_by_default, prediction
-from reports.figures.signals import signal_figures
+from reports.figures.drawn import FlightFigures
+from reports.figures.models import horizon_figure, off_by_default
 from reports.pages.html import render
 from reports.views import summary
 from reports.views import tables as views
 from reports.views.account import shown_account
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
-from reports.views.first_screen import first_figures
 from reports.views.model_uses import MOST_ADVICE, failing, holding
 from reports.views.models import thrust_coefficients
 from reports.views.parameters import coherence, parameters
@@ -27,22 +23,17 @@ MODELS_PAGE = "models.html"
 
 
 def flight_page(
-    result: FlightResult, numbers: FlightReport, back: str | None = None, script_file: str = "", failed: str = ""
+    numbers: FlightReport, drawn: FlightFigures, back: str | None = None, script_file: str = "", failed: str = ""
 ) -> str:
-    """Render the page of one flight; its plots are of the result, everything else of the numbers.
+    """Render the page of one flight.
 
     `back` links to the page of the fleet; Plotly's script is in `script_file`, or in the page itself where that is "";
     `failed` says why no more than the account could be made.
     """
-    first = first_figures(result)
-    shown = {figure.id for figure in first}
-    figures = [each for each in flight_figures(result) if each.id not in shown]
-    signals = signal_figures(result)
-    rotation = present(result.rotation)
-    lines = summary.answer_lines(numbers.answer)
+    rotation, lines = numbers.rotation, summary.answer_lines(numbers.answer)
     return render(
         "flight.html",
-        [*first, *figures, *signals],
+        [*drawn.first, *drawn.flight, *drawn.signals],
         script_file,
         name=numbers.name,
         failed=failed,
@@ -51,10 +42,10 @@ def flight_page(
         headline=lines[0].line if lines else None,
         answer=lines[1:],
         next_step="" if numbers.answer is None else numbers.answer.next,
-        first_figures=first,
+        first_figures=drawn.first,
         account=shown_account(numbers.account),
-        flight_figures=figures,
-        signal_figures=signals,
+        flight_figures=drawn.flight,
+        signal_figures=drawn.signals,
         loops=None if rotation is None or not _margins_known(numbers.answer) else loop_table(rotation),
         loop_warnings=() if rotation is None else loop_warnings(rotation),
         holding=holding(numbers.models),
@@ -67,15 +58,12 @@ def flight_page(
     )
 
 
-def models_page(result: FlightResult, numbers: FlightReport, script_file: str = "") -> str:
+def models_page(numbers: FlightReport, drawn: FlightFigures, script_file: str = "") -> str:
     """Render the page with all models of a flight and how they were judged."""
-    hidden = off_by_default(numbers.models)
-    board = model_board(result.models, hidden)
-    predicted = [each for each in (prediction(result, hidden),) if each is not None]
-    ahead = horizon_figure(numbers.models, hidden=hidden)
-    turning = rotation_view(present(result.rotation), result.log.path.name)
+    ahead = horizon_figure(numbers.models, hidden=off_by_default(numbers.models))
+    turning = rotation_view(numbers.rotation, numbers.log.file)
     turned = [] if turning is None else turning.figures
-    figures = [*([] if ahead is None else [ahead]), *predicted, *board.figures, *turned]
+    figures = [*([] if ahead is None else [ahead]), *drawn.predicted, *drawn.board.figures, *turned]
     return render(
         "models.html",
         figures,
@@ -84,11 +72,11 @@ def models_page(result: FlightResult, numbers: FlightReport, script_file: str = 
         facts=summary.facts(numbers),
         missing=views.missing_stages(numbers),
         verdicts=[each for each in numbers.models if each.model is not None],
-        predicted=predicted,
+        predicted=drawn.predicted,
         ahead=ahead,
         rmse=views.flight_rmse(numbers.models),
         horizons=views.horizons(numbers.models),
-        board=board,
+        board=drawn.board,
         coherence=coherence(numbers.models),
         thrust=thrust_coefficients(numbers.thrust, numbers.missing),
         parameters=parameters(numbers.parameters),

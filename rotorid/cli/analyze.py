@@ -234,7 +234,7 @@ def _one_flight(
         from logparse import RotoridError, read_flights
         from pipeline.execution.compiling import compile_missing
         from pipeline.flight.summary import flight_entry
-        from pipeline.storage.kept import write_entry
+        from pipeline.storage.manifest import write_entry
         from reports.files.folder import write_account
 
         compile_missing(progress)
@@ -255,13 +255,9 @@ def _one_flight(
             raise
         advance("report", 0.0)
         try:
-            report = reports.write(result, out)
+            report = reports.write(result, out, None if plots is None else plots.value)
             entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
             write_entry(entry, out)
-            if plots is not None:
-                from reports.files.plot_images import write_plots
-
-                write_plots(result, out, plots.value)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
             from reports.numbers.flight import flight_report
 

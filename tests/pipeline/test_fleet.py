@@ -17,7 +17,7 @@ from pipeline.fleet import homogeneity, job, joint, split
 from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
-from pipeline.storage.store import RESULT, FolderStore, open_store
+from pipeline.storage.store import FolderStore, open_store
 from tests.pipeline import flown
 
 ROOT = Path(__file__).parents[2]
@@ -227,8 +227,8 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
 def test_a_result_that_is_not_there_is_made_again(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(logs, out, publish=reports.publish)
-    (out / "flights" / "octa1" / RESULT).unlink()
-    (out / "flights" / "octa2" / RESULT).write_bytes(b"damaged")
+    (out / "flights" / "octa1" / "figures.json").unlink()
+    (out / "flights" / "octa2" / "figures.json").write_bytes(b"damaged")
     monkeypatch.setattr(manifest, "presentation", lambda: ("another style sheet", None))
     assert sorted(run(logs, out, publish=reports.publish)[1]) == ["octa1", "octa2"]
     assert len(run(logs, out, publish=reports.publish, redo=True)[1]) == 4

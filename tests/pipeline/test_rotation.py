@@ -10,8 +10,6 @@ from pipeline.flight.rotation import find_rotation
 from pipeline.results.failure import Failure
 from pipeline.results.rotation import LoopState, state_of
 from pipeline.results.span import Span
-from pipeline.storage.kept import read_result, write_result
-from pipeline.storage.store import FolderStore
 from tests.pipeline.builders import margins, turning
 from tests.reports.conftest import made_flight
 
@@ -33,13 +31,6 @@ SQUARE = "sample_logs/octa08_denver_square.bin"
 )
 def test_margins_are_judged_by_their_numbers(computed, state):
     assert state_of(computed) is state
-
-
-def test_a_kept_result_has_its_responses(tmp_path):
-    flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
-    write_result(flight, tmp_path)
-    found = read_result(FolderStore(tmp_path.parent), tmp_path.name)
-    assert found.rotation == flight.rotation
 
 
 def test_an_ordinary_flight_tells_roll_and_pitch_and_why_not_yaw():

@@ -8,7 +8,11 @@ from functools import cache
 
 import jsonschema
 
+from pipeline.results.flight import FlightResult
+from reports.figures.drawn import draw_flight
+from reports.numbers.flight import flight_report
 from reports.numbers.schema import schema
+from reports.pages.flight import flight_page
 
 
 @cache
@@ -19,6 +23,12 @@ def validator_of(kind: str) -> jsonschema.Draft202012Validator:
     kinds = {"flight": "FlightReport", "craft": "CraftReport", "fleet": "FleetReport"}
     one = {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kinds[kind]}"}
     return jsonschema.Draft202012Validator(one)
+
+
+def page_of(result: FlightResult) -> str:
+    """Return the page of a flight."""
+    numbers = flight_report(result)
+    return flight_page(numbers, draw_flight(result, numbers))
 
 
 def strict(text: str) -> object:

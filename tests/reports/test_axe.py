@@ -9,19 +9,18 @@ import pytest
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
 from pipeline.results.craft_review import Note
-from reports.numbers.flight import flight_report
 from reports.pages.craft import craft_page
-from reports.pages.flight import flight_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering
+from tests.reports.builders import page_of
 from tests.reports.conftest import composed
 
 
 @pytest.fixture(scope="module")
 def pages(flight, other, fleet, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    (folder / "flight.html").write_text(flight_page(flight, flight_report(flight)), encoding="utf-8")
+    (folder / "flight.html").write_text(page_of(flight), encoding="utf-8")
     return {
         "flight": folder / "flight.html",
         "folder": fleet / "report.html",

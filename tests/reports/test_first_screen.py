@@ -20,17 +20,17 @@ from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
+from reports.figures.first_screen import first_figures
 from reports.numbers.flight import flight_report
 from reports.pages.fleet import Craft, fleet_page
-from reports.pages.flight import flight_page
 from reports.terminal.summary import overview
 from reports.views import summary
-from reports.views.first_screen import first_figures
 from reports.views.fleet_answer import fleet_answer
 from sysid import Experiment, fit_thrust
 from sysid.loops.known_margins import Margins
 from sysid.records.motor_scaling import motor_commands
 from tests.reports.accounts import STATE, account, happening, signals
+from tests.reports.builders import page_of
 from tests.reports.made import made
 
 #: The first screen has below so many words in all, captions and title with them.
@@ -105,7 +105,7 @@ def purposes(result: FlightResult) -> list[str]:
 
 def test_pages_have_few_words(kinds):
     for name, result in kinds.items():
-        page = flight_page(result, flight_report(result))
+        page = page_of(result)
         assert words(page) < MOST_WORDS, name
         assert len(visible(page).split()) < MOST_ON_PAGE, name
 
@@ -205,7 +205,7 @@ def test_a_margin_that_its_sigma_covers_is_not_stated(flight):
     """5 ± 11 degrees were called thin margins."""
     unknown = answered(flight, rotation=RotationResult(axes=(loop("roll", 5.0, 11.0),)))
     assert line_of(unknown, "Loops") is None
-    assert 'id="loops"' not in flight_page(unknown, flight_report(unknown))
+    assert 'id="loops"' not in page_of(unknown)
 
 
 def test_an_oscillation_is_said_before_any_margin(flight):
@@ -327,7 +327,7 @@ def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
         page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
         for name in ("lost motor", "no flight"):
             path = tmp_path / "page.html"
-            path.write_text(flight_page(kinds[name], flight_report(kinds[name])), encoding="utf-8")
+            path.write_text(page_of(kinds[name]), encoding="utf-8")
             page.goto(path.as_uri())
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             if width == 1440:

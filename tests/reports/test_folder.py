@@ -230,10 +230,10 @@ def test_a_name_that_is_not_utf8_costs_nothing(flight, tmp_path):
 def test_a_page_that_cannot_be_drawn_costs_only_itself(flight, other, tmp_path, monkeypatch):
     drawn = files.flight_page
 
-    def failing(result, *arguments, **options):
-        if result.name == "flight01":
+    def failing(numbers, *arguments, **options):
+        if numbers.name == "flight01":
             raise ZeroDivisionError("a <bug>")
-        return drawn(result, *arguments, **options)
+        return drawn(numbers, *arguments, **options)
 
     monkeypatch.setattr(files, "flight_page", failing)
     page = composed(tmp_path, [flight, other]).read_text("utf-8")

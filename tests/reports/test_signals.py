@@ -11,10 +11,9 @@ from pipeline.flight.signals import flight_signals, thin
 from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 from reports.figures.signals import signal_figures
-from reports.numbers.flight import flight_report
-from reports.pages.flight import flight_page
 from reports.views.account import shown_account
 from tests.reports.accounts import account, happening, signals
+from tests.reports.builders import page_of
 
 
 def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
@@ -86,7 +85,7 @@ def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, shaken):
 
 
 def test_the_page_shows_what_happened_escaped(shaken):
-    page = flight_page(shaken, flight_report(shaken))
+    page = page_of(shaken)
     assert "Hit &lt;b&gt;hard&lt;/b&gt;." in page
     assert "Hit <b>" not in page
     view = shown_account(shaken.account)
