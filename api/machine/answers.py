@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.results.advice import Advice
-from pipeline.results.craft_review import Alert, Since
+from pipeline.results.craft_review import Alert
 from pipeline.results.drift import History
 from pipeline.results.quantity import HealthEvent, ParameterChange, Quantity
 
@@ -92,7 +92,7 @@ class Changes:
     pooled: Sequence[str]  #: Of them those that are compared.
     changes: Sequence[History]  #: Parameters with a significant change.
     motors: str  #: A sentence.
-    since: Sequence[Since]
+    since: Sequence[ParameterChange]
     alerts: Sequence[Alert]
     remarks: Sequence[str]
 

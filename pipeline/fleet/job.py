@@ -102,7 +102,7 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     # The report calls the log as its user does, not as it was fetched.
     result = replace(result, log=replace(result.log, path=Path(job.source.file)))
     folder = flight_folder(job.folder, result.number)
-    entry = replace(flight_entry(result, folder=folder, source=job.source.url, key=job.key), pages=job.pages)
+    entry = flight_entry(result, folder=folder, source=job.source.url, key=job.key, pages=job.pages)
     place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:
         product = scratch / "product"

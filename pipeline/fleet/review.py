@@ -20,14 +20,16 @@ import numpy as np
 
 from core.quantity import uncertain
 from logparse import Severity
+from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
-from pipeline.fleet.history import ALPHA, FEWEST
+from pipeline.fleet.history import FEWEST
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.flight.craft import by_craft, in_order, once, took_off
 from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.craft_review import Alert, CraftReview, Note, Since
+from pipeline.results.craft_review import Alert, CraftReview, Note
 from pipeline.results.drift import Drift, History, Point
 from pipeline.results.entry import FlightEntry
+from pipeline.results.quantity import ParameterChange
 
 #: Chance of any false alarm over the whole life of a craft, however many flights that is.
 RATE = 0.01
@@ -61,7 +63,7 @@ def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: date
         boundary=boundary,
         drift=drift,
         whole=follow(flights) if len(built) < len(flights) else None,
-        since=tuple(_since(before, built)) if boundary is not None else (),
+        since=_since(before, built) if boundary is not None else (),
         alerts=tuple(_alerts(drift)),
         joint=_joint(built),
         remarks=tuple(remarks),
@@ -134,39 +136,19 @@ def _parted(
     return boundary, pooled, parts[-2][1] if len(parts) > 1 else []
 
 
-def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> list[Since]:
-    """Compare the parameters of the flights before and after a boundary, all questions corrected together (Holm)."""
+def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> tuple[ParameterChange, ...]:
+    """Compare the parameters of the flights before and after a boundary."""
     compared = follow([*before, *after])
-    if compared is None:
-        return []
     later = {flight.name for flight in after}
     found = []
-    for each in compared.parameters:
-        sides = [[point for point in each.flights if (point.flight in later) is side] for side in (False, True)]
-        if min(map(len, sides)) < _FEWEST_ASIDE or each.method == SHARES:
-            continue
-        values, sigmas = _numbers(each.flights)
-        design = np.column_stack([np.ones(len(values)), [point.flight in later for point in each.flights]])
-        together = meta_regression(values, sigmas, design)
-        (old, old_sigma, _), (new, new_sigma, _) = together.test([1.0, 0.0]), together.test([1.0, 1.0])
-        difference, sigma, p = together.test([0.0, 1.0])
-        found.append(
-            Since(
-                parameter=each.parameter,
-                method=each.method,
-                unit=each.unit,
-                before=old,
-                before_sigma=old_sigma,
-                after=new,
-                after_sigma=new_sigma,
-                difference=difference,
-                difference_sigma=sigma,
-                p_adjusted=p,
-                significant=False,
-            )
-        )
-    adjusted = holm([each.p_adjusted for each in found])
-    return [replace(each, p_adjusted=p, significant=p < ALPHA) for each, p in zip(found, adjusted, strict=True)]
+    for each in () if compared is None else compared.parameters:
+        sides = [
+            [(point.value, point.sigma) for point in each.flights if (point.flight in later) is side]
+            for side in (False, True)
+        ]
+        if min(map(len, sides)) >= _FEWEST_ASIDE and each.method != SHARES:
+            found.append(difference(each.parameter, each.method, each.unit, *sides))
+    return corrected(found)
 
 
 def _alerts(drift: Drift | None) -> list[Alert]:

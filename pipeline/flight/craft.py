@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from logparse import Vehicle
-    from pipeline.results.entry import FlightEntry, FlightSummary
+    from pipeline.results.entry import FlightEntry
 else:
     # Grouping a folder that did not change needs none of them.
     np, pymap3d = lazy("numpy"), lazy("pymap3d")
 
-Flown = TypeVar("Flown", bound="FlightSummary")
+Flown = TypeVar("Flown", bound="FlightEntry")
 
 #: Rate-loop gains, by their names of all ages: tuned for each craft, so they tell crafts apart where no board id does.
 GAINS = ("ATC_RAT_RLL_P", "ATC_RAT_PIT_P", "ATC_RAT_YAW_P", "RATE_RLL_P", "RATE_PIT_P", "RATE_YAW_P")
@@ -196,7 +196,7 @@ def in_order(flights: Iterable[Flown]) -> list[Flown]:
     return sorted(flights, key=lambda flight: (str(took_off(flight)), flight.name))
 
 
-def took_off(flight: FlightSummary) -> datetime | None:
+def took_off(flight: FlightEntry) -> datetime | None:
     """Return when the flight began, UTC."""
     if flight.start_utc is None:
         return None

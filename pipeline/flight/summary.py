@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from dataclasses import fields
 
 from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.flight_parameters import flight_parameters, response_curves
-from pipeline.results.entry import FlightEntry, FlightSummary
+from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 
@@ -18,19 +17,19 @@ from pipeline.results.flight import FlightResult
 TRACK_ROWS = 200
 
 
-def summarise_flight(result: FlightResult) -> FlightSummary:
-    """Return a flight in short."""
+def flight_entry(
+    result: FlightResult, *, folder: str = "", source: str = "", key: str = "", pages: str = ""
+) -> FlightEntry:
+    """Return a flight in short, with where its products are."""
     log = result.log
-    fits = (result.thrust, *(each.model for each in result.models))
     models = {each.key: each.missing for each in result.models if each.missing}
-    return FlightSummary(
+    return FlightEntry(
         name=result.name,
         number=result.number,
         of=result.of,
         sha256=log.sha256,
         size=log.size,
         format=log.format,
-        boots=log.boots,
         start_utc=log.start_utc,
         duration=float(log.duration),
         craft=log.craft,
@@ -42,7 +41,6 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         track=_track(result),
         position_known=result.position_known,
         experiments=tuple(result.experiments),
-        modelled=any(not isinstance(each, Failure) for each in fits),
         missing={**models, **result.missing},
         coverage=present(result.coverage),
         board=log.board,
@@ -54,15 +52,11 @@ def summarise_flight(result: FlightResult) -> FlightSummary:
         trims=result.trims,
         account=present(result.account),
         findings=_findings(result),
-        timings=dict(result.timings),
+        folder=folder,
+        source=source,
+        key=key,
+        pages=pages,
     )
-
-
-def flight_entry(result: FlightResult, *, folder: str, source: str, key: str) -> FlightEntry:
-    """Return a flight in short, with where its products are."""
-    summary = summarise_flight(result)
-    kept = {each.name: getattr(summary, each.name) for each in fields(summary)}
-    return FlightEntry(**kept, folder=folder, source=source, key=key)
 
 
 def _findings(result: FlightResult) -> tuple[Finding, ...]:

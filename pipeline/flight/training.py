@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pipeline.results.entry import FlightSummary
+from pipeline.results.entry import FlightEntry
 from pipeline.results.split import Exclusion, TrainingExclusion
 
 #: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
@@ -15,17 +15,17 @@ POOR_POSITION = 5.0
 LEAST_EXCITATION = 2.0
 
 
-def excitation(flight: FlightSummary) -> float | None:
+def excitation(flight: FlightEntry) -> float | None:
     """Return the RMS of a flight's changes of velocity over a second, m/s^2; None where that was not measured."""
     return None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_rms)
 
 
-def position_sigma(flight: FlightSummary) -> float | None:
+def position_sigma(flight: FlightEntry) -> float | None:
     """Return the largest horizontal 1-sigma of a flight's position, m; None where that was not measured."""
     return None if flight.coverage is None else _measured(flight.coverage.health.position_sigma.max)
 
 
-def position_good(flight: FlightSummary) -> bool:
+def position_good(flight: FlightEntry) -> bool:
     """Return whether a flight's position is known to be good enough to train."""
     sigma = position_sigma(flight)
     return sigma is not None and sigma <= POOR_POSITION
@@ -35,7 +35,7 @@ def _measured(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def exclusion_of(flight: FlightSummary) -> TrainingExclusion | None:
+def exclusion_of(flight: FlightEntry) -> TrainingExclusion | None:
     """Return why a flight must not train; None when it may. What was not measured is no reason to trust it."""
     sigma, moved = position_sigma(flight), excitation(flight)
     if sigma is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightSummary
+    from pipeline.results.entry import FlightEntry
 
 #: Flights that a sentence names.
 _MOST_NAMED = 4
@@ -29,7 +29,7 @@ class Advice:
     flights: tuple[str, ...] = ()  #: That it is about; empty when about all.
 
 
-def names_of(flights: Sequence[FlightSummary], total: int) -> str:
+def names_of(flights: Sequence[FlightEntry], total: int) -> str:
     """Name flights in a sentence; all of several are not listed."""
     if len(flights) == total > 1:
         return f"all {total} flights"
@@ -38,6 +38,6 @@ def names_of(flights: Sequence[FlightSummary], total: int) -> str:
     return ", ".join(names) + (f" and {more} more" if more else "")
 
 
-def having(flights: Sequence[FlightSummary], *findings: str) -> list[FlightSummary]:
+def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:
     """Choose the flights with one of these findings."""
     return [flight for flight in flights if any(finding.id in findings for finding in flight.findings)]

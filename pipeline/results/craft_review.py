@@ -7,6 +7,7 @@ from datetime import datetime
 
 from logparse import Severity
 from pipeline.results.drift import Drift
+from pipeline.results.quantity import ParameterChange
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,23 +17,6 @@ class Note:
     at: datetime  #: UTC.
     text: str
     boundary: bool = False  #: Flights before it are not pooled with those after it.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Since:
-    """A parameter before and after the last boundary: means over flights with standard errors, which hold scatter."""
-
-    parameter: str
-    method: str
-    unit: str
-    before: float
-    before_sigma: float
-    after: float
-    after_sigma: float
-    difference: float
-    difference_sigma: float
-    p_adjusted: float  #: Of such a difference where nothing changed, corrected for the number of parameters.
-    significant: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +40,7 @@ class CraftReview:
     boundary: Note | None  #: The last before the newest flight.
     drift: Drift | None  #: Of the pooled flights.
     whole: Drift | None  #: Of all flights, where not all are pooled.
-    since: tuple[Since, ...]  #: What changed with the boundary.
+    since: tuple[ParameterChange, ...]  #: What changed with the boundary.
     alerts: tuple[Alert, ...]
     #: Of the pooled flights those that joint models can use; empty where they are fewer than two.
     joint: tuple[str, ...] = ()

@@ -43,7 +43,7 @@ class ResponseCurve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightSummary:
+class FlightEntry:
     """One analysed flight, in short: what advice and the split into training and held-out flights are computed from."""
 
     name: str  #: Of the flight, unique among the logs analysed together.
@@ -54,7 +54,6 @@ class FlightSummary:
     sha256: str
     size: int
     format: str
-    boots: int
     start_utc: datetime | None
     duration: float
     craft: str  #: Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
@@ -71,7 +70,6 @@ class FlightSummary:
     position_known: bool = False
     #: Kinds of models (`pipeline.flight.kinds`) that the store has an experiment for.
     experiments: tuple[str, ...] = ()
-    modelled: bool = False  #: Whether anything could be identified from this flight alone.
     #: Why a stage or a kind of model gave nothing, by its key.
     missing: Mapping[str, str] = field(default_factory=dict)
     coverage: Coverage | None = None  #: What the flight excited and covered.
@@ -87,24 +85,19 @@ class FlightSummary:
     trims: SteadyTrims | None = None  #: As of the result of the flight.
     account: Account | None = None  #: What happened, and what was read.
     findings: tuple[Finding, ...] = ()  #: What the log, the trajectory and the fits had to say.
-    timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds that each stage took.
+    #: Where its products lie, below ``flights/`` of the store and as partition ``flight=`` of the datasets; empty where
+    #: they are nowhere.
+    folder: str = ""
+    source: str = ""  #: Path or URL of the log.
+    #: Equal for equal content of the log, name, configuration and software: then the result is the same too.
+    key: str = ""
+    #: Equal for equal pages of equal results, see `pipeline.storage.manifest.page_key`; empty where none were written.
+    pages: str = ""
 
     @property
     def log_name(self) -> str:
         """What its log is called: of several flights that without the flight's number."""
         return self.name if self.of == 1 else self.name.rpartition("#")[0]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightEntry(FlightSummary):
-    """A flight's summary, and where its products are."""
-
-    #: Where its products lie, below ``flights/`` of the store and as partition ``flight=`` of the datasets.
-    folder: str
-    source: str  #: Path or URL of the log.
-    key: str  #: Equal for equal content of the log, name, configuration and software: then the result is the same too.
-    #: Equal for equal pages of equal results, see `pipeline.storage.manifest.page_key`; empty where none were written.
-    pages: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

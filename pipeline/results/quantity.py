@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from core.quantity import uncertain
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
@@ -70,3 +72,12 @@ class ParameterChange:
     p: float
     p_adjusted: float = 1.0
     significant: bool = False
+
+    @property
+    def written(self) -> str:
+        """The difference in percent where that means something, else in the parameter's unit."""
+        if self.difference_percent is None:
+            return uncertain(self.difference, self.difference_sigma)
+        scale = self.difference_percent / self.difference if self.difference else 0.0
+        sign = "+" if self.difference_percent > 0.0 else ""
+        return sign + uncertain(self.difference_percent, abs(scale) * self.difference_sigma, "%")

@@ -1,45 +1,29 @@
-"""Two reports of a craft against each other: what changed by more than flights differ anyway, and what did not.
-
-Parameters are compared over flights, not over fits: the values of single flights scatter more than their standard
-errors say, because wind, battery and temperature differ. The difference of the two means is the slope of a
-random-effects meta-regression on before/after (Knapp and Hartung 2003), corrected for the number of parameters
-(Holm 1979).
-"""
+"""Two reports of a craft against each other: what changed by more than flights differ anyway, and what did not."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from typing import Literal
 
-import numpy as np
 import scipy
 
-from core.quantity import number, uncertain
+from core.quantity import number
 from pipeline.config import AnalysisConfig
-from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.fleet.change import corrected, difference
 from pipeline.names import printable
 from pipeline.results.model_report import average
-from pipeline.results.quantity import Mean, ParameterChange
+from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from pipeline.results.verdict import Trust
-
-#: Chance of calling any parameter of a pair changed when none did.
-SIGNIFICANCE = 0.05
-
-#: Chance with which a change of the size called detectable is found.
-POWER = 0.8
 
 #: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
 METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")
 
 #: Flights on each side from which on errors of models are tested and not only set side by side.
 FEWEST_JUDGES = 3
-
-#: Standard errors that a value must differ from zero by for a change of it to be told in percent.
-KNOWN = 3.0
 
 #: Flights on each side from which on a difference of a few standard errors is more than chance.
 ENOUGH = 3
@@ -235,7 +219,7 @@ def _compare(a: Subject, b: Subject) -> Pair:
         a=_facts(a),
         b=_facts(b),
         changed=tuple(changed),
-        parameters=tuple(parameters),
+        parameters=parameters,
         errors=tuple(_errors(a, b)),
         verdicts=tuple(_verdicts(a, b)),
         sentences=tuple(_sentences(parameters, changed)),
@@ -252,56 +236,15 @@ def _facts(subject: Subject) -> Facts:
     )
 
 
-def _parameters(a: Subject, b: Subject) -> list[ParameterChange]:
+def _parameters(a: Subject, b: Subject) -> tuple[ParameterChange, ...]:
     """Test every parameter that both sides determined; one method for each."""
     rows: list[ParameterChange] = []
     for parameter in dict.fromkeys(name for name, _ in a.points):
-        method = next(
-            (each for each in METHODS if a.points.get((parameter, each)) and b.points.get((parameter, each))), None
-        )
-        if method is not None:
-            points = a.points[parameter, method], b.points[parameter, method]
-            rows.append(_difference(parameter, method, a.units[parameter], *points))
-    adjusted = holm([row.p for row in rows])
-    return [replace(row, p_adjusted=p, significant=p < SIGNIFICANCE) for row, p in zip(rows, adjusted, strict=True)]
-
-
-def _difference(
-    parameter: str, method: str, unit: str, a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float]]
-) -> ParameterChange:
-    """Compare the means of a parameter over the flights of both sides."""
-    values, sigmas = np.array([*a, *b]).T
-    after = np.repeat([0.0, 1.0], [len(a), len(b)])
-    fit = meta_regression(values, sigmas, np.column_stack([1.0 - after, after]))
-    change, sigma, p = fit.test([-1.0, 1.0])
-    before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
-    # Percent of what may be zero mean nothing.
-    percent = 100.0 / before if abs(before) > KNOWN * before_sigma else None
-    reach = _interval(fit.df) * sigma
-    return ParameterChange(
-        parameter=parameter,
-        method=method,
-        unit=unit,
-        a=Mean(value=before, sigma=before_sigma, flights=len(a)),
-        b=Mean(value=float(fit.beta[1]), sigma=math.sqrt(fit.covariance[1, 1]), flights=len(b)),
-        between_flights=fit.tau if fit.df else None,
-        difference=change,
-        difference_sigma=sigma,
-        difference_percent=None if percent is None else percent * change,
-        interval_percent=None if percent is None else (percent * (change - reach), percent * (change + reach)),
-        detectable_percent=None if percent is None else abs(percent) * _detectable(fit.df) * sigma,
-        p=p,
-    )
-
-
-def _detectable(df: int) -> float:
-    """Multiple of the standard error that a true change must have to be found four times out of five."""
-    return _interval(df) + float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(POWER))
-
-
-def _interval(df: int) -> float:
-    """Half the width of a 95 % interval in standard errors."""
-    return float((scipy.stats.t(df) if df else scipy.stats.norm).ppf(1.0 - SIGNIFICANCE / 2.0))
+        keys = [(parameter, method) for method in METHODS]
+        key = next((each for each in keys if a.points.get(each) and b.points.get(each)), None)
+        if key is not None:
+            rows.append(difference(*key, a.units[parameter], a.points[key], b.points[key]))
+    return corrected(rows)
 
 
 def _errors(a: Subject, b: Subject) -> list[ErrorChange]:
@@ -371,7 +314,7 @@ def _sentences(parameters: Sequence[ParameterChange], changed: Sequence[SettingC
     text = []
     moved = [row for row in parameters if row.significant]
     if moved:
-        what = "; ".join(f"{row.parameter} {change(row)}" for row in moved)
+        what = "; ".join(f"{row.parameter} {row.written}" for row in moved)
         text.append(f"Changed, of {len(parameters)} parameters compared: {what}.")
     else:
         text.append(f"None of the {len(parameters)} parameters compared changed by more than chance explains.")
@@ -395,12 +338,3 @@ def _sentences(parameters: Sequence[ParameterChange], changed: Sequence[SettingC
     if any(each.of == "analysis" for each in changed):
         text.append("The two analyses had different settings, which may make a difference of their own.")
     return text
-
-
-def change(row: ParameterChange) -> str:
-    """Write the difference of a parameter in percent where that means something, else in its unit."""
-    if row.difference_percent is None:
-        return uncertain(row.difference, row.difference_sigma)
-    scale = row.difference_percent / row.difference if row.difference else 0.0
-    sign = "+" if row.difference_percent > 0.0 else ""
-    return sign + uncertain(row.difference_percent, abs(scale) * row.difference_sigma, "%")

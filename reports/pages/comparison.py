@@ -8,43 +8,13 @@ from dataclasses import replace
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from core.quantity import counted, number, uncertain
+from core.quantity import counted, number
 from core.table import Row, Table, escaped
 from reports.figures.figure import Figure, Plot, digits, marks
-from reports.numbers.comparison import Comparison, Facts, Pair, change
+from reports.numbers.comparison import Comparison, Facts, Pair
 from reports.pages.html import render
 from reports.views import summary
-from reports.views.drift import chance
-
-_WORDS = {True: "changed", False: "no change seen"}
-
-
-def parameter_table(pair: Pair) -> Table:
-    """Lay out the parameters: before, after, difference, and whether it is more than chance."""
-    return Table(
-        label="Parameter",
-        heads=["before", "after", "difference", "p", "verdict"],
-        rows=[
-            Row(
-                f"{row.parameter}{_unit(row.unit)}, {row.method}",
-                [
-                    *(uncertain(side.value, side.sigma) for side in (row.a, row.b)),
-                    change(row),
-                    chance(row.p_adjusted),
-                    _WORDS[row.significant],
-                ],
-                "strong" if row.significant else "",
-            )
-            for row in pair.parameters
-        ],
-        caption="Means over the flights of each side with one standard error, which holds how much flights differ. "
-        "p is the chance of such a difference when nothing changed, corrected for the number of parameters.",
-    )
-
-
-def _unit(unit: str) -> str:
-    """Return the unit in brackets without the conditions behind it; nothing for a pure number."""
-    return "" if unit.startswith("1 (") else f" ({unit.partition(',')[0]})"
+from reports.views.drift import chance, change_table
 
 
 def error_table(pair: Pair) -> Table:
@@ -94,7 +64,7 @@ def _setting(value: object) -> str:
 def tables(pair: Pair) -> Iterator[tuple[str, Table]]:
     """Yield the tables that have rows, with their headings, what matters most first."""
     for title, table in (
-        ("Parameters", parameter_table(pair)),
+        ("Parameters", change_table(pair.parameters)),
         ("Errors of the models", error_table(pair)),
         ("Verdicts", verdict_table(pair)),
         ("Settings that differ", setting_table(pair)),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from core.quantity import counted, per_degree, uncertain, with_unit
-from core.table import Row, Table
+from core.quantity import counted, uncertain
 from pipeline.results.craft_review import CraftReview, Note
 from reports.figures.fleet import drift_figures
 from reports.pages import html
 from reports.views import summary
-from reports.views.drift import chance, drift_sentences, drift_table
+from reports.views.drift import change_table, drift_sentences, drift_table
 
 
 def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:
@@ -33,7 +32,7 @@ def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> st
             (f"{note.at:%Y-%m-%d %H:%M} UTC", note.text, "flights before it are not pooled" if note.boundary else "")
             for note in sorted(notes, key=lambda note: note.at, reverse=True)
         ],
-        since=_since_table(review),
+        since=change_table(review.since) if review.since else None,
         since_title="" if boundary is None else f"Since {boundary.at:%Y-%m-%d}: {boundary.text}",
         courses=courses,
         drift=drift_table(review.drift),
@@ -60,8 +59,8 @@ def _changed(review: CraftReview) -> list[str]:
     if review.boundary is None or not review.since:
         return []
     changed = [
-        f"{each.parameter} went from {uncertain(each.before, each.before_sigma)} to "
-        f"{uncertain(each.after, each.after_sigma)} {each.unit.partition(',')[0]}".rstrip()
+        f"{each.parameter} went from {uncertain(each.a.value, each.a.sigma)} to "
+        f"{uncertain(each.b.value, each.b.sigma)} {each.unit.partition(',')[0]}".rstrip()
         for each in review.since
         if each.significant
     ]
@@ -69,26 +68,3 @@ def _changed(review: CraftReview) -> list[str]:
     if not changed:
         return [f"{since}, none of the {len(review.since)} parameters known on both sides is seen to differ"]
     return [f"{since}, {each}" for each in changed]
-
-
-def _since_table(review: CraftReview) -> Table | None:
-    rows = []
-    for each in review.since:
-        degrees, unit = per_degree(each.unit.partition(",")[0])
-        pairs = (
-            (each.before, each.before_sigma),
-            (each.after, each.after_sigma),
-            (each.difference, each.difference_sigma),
-        )
-        cells = [uncertain(degrees * value, degrees * sigma) for value, sigma in pairs]
-        label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
-        rows.append(Row(label, [*cells, chance(each.p_adjusted)], "strong" if each.significant else ""))
-    if not rows:
-        return None
-    return Table(
-        label="Parameter",
-        heads=["before", "after", "difference", "p"],
-        rows=rows,
-        caption="Means over the flights on either side with one standard error, which holds how much flights differ; p "
-        "is the chance of such a difference where nothing changed, corrected for the number of parameters.",
-    )

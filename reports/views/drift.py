@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from core.quantity import number, per_degree, uncertain, with_unit
 from core.table import Row, Table
 from pipeline.results.drift import Drift
+from pipeline.results.quantity import ParameterChange
 from reports.views import summary
 
 
@@ -60,3 +63,23 @@ def chance(p: float | None) -> str:
     if p is None:
         return "–"
     return "< 0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
+
+
+def change_table(changes: Sequence[ParameterChange]) -> Table:
+    """Lay parameters out: before, after, difference, and whether it is more than chance."""
+    rows = []
+    for each in changes:
+        degrees, unit = per_degree(each.unit.partition(",")[0])
+        cells = [_written(side.value, side.sigma, degrees) for side in (each.a, each.b)]
+        percent = each.difference_percent is not None
+        cells.append(each.written if percent else _written(each.difference, each.difference_sigma, degrees))
+        label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
+        cells += [chance(each.p_adjusted), "changed" if each.significant else "no change seen"]
+        rows.append(Row(label, cells, "strong" if each.significant else ""))
+    return Table(
+        label="Parameter",
+        heads=["before", "after", "difference", "p", "verdict"],
+        rows=rows,
+        caption="Means over the flights of each side with one standard error, which holds how much flights differ. "
+        "p is the chance of such a difference when nothing changed, corrected for the number of parameters.",
+    )

@@ -47,7 +47,6 @@ def flown(
         sha256=sha256 or name,
         size=1,
         format=form,
-        boots=1,
         start_utc=start,
         duration=60.0,
         craft=craft,

@@ -24,7 +24,6 @@ def test_a_flight_survives_json():
     assert entry.start_utc == FLIGHT.log.start_utc
     assert entry.flight == FLIGHT.flight
     assert entry.experiments == ("motors",)
-    assert not entry.modelled
     assert "voltage" in entry.missing["thrust"]
     assert "not asked for" in entry.missing["motors"]
 

@@ -66,7 +66,6 @@ def fly(folder, number, weak, loss, random):
         sha256=name,
         size=1,
         format="dataflash",
-        boots=1,
         start_utc=log.start_utc,
         duration=log.duration,
         craft="octa",

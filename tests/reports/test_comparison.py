@@ -9,8 +9,9 @@ from typer.testing import CliRunner
 
 from core.serialization import as_json
 from pipeline.errors import ConfigError
+from pipeline.fleet.change import SIGNIFICANCE
 from pipeline.results.report import FleetReport
-from reports.numbers.comparison import SIGNIFICANCE, change, compare_reports
+from reports.numbers.comparison import compare_reports
 from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
 from tests.reports.made import made
@@ -113,7 +114,7 @@ def test_a_change_of_what_may_be_zero_is_told_in_its_unit():
     row = only(compare_reports(report(craft([0.01, 0.02])), report(craft([5.0, 5.1])), ("a", "b")))
     assert row.significant
     assert row.difference_percent is None
-    assert "%" not in change(row)
+    assert "%" not in row.written
 
 
 def test_only_what_both_sides_determined_is_compared():
@@ -184,7 +185,7 @@ def test_the_command_prints_the_change_and_writes_page_text_and_numbers(folders)
     assert {path.name for path in out.iterdir()} == {"comparison.html", "comparison.md", "comparison.json"}
     numbers = json.loads((out / "comparison.json").read_text("utf-8"))
     assert (numbers["a"]["report"], numbers["b"]["report"]) == ("march", "april")
-    assert "| thrust over mass (m/s^2), rigid body |" in (out / "comparison.md").read_text("utf-8")
+    assert "| Thrust over mass, rigid body (m/s²) |" in (out / "comparison.md").read_text("utf-8")
     assert json.loads(CliRunner().invoke(app, [*args, "--json"]).stdout) == numbers
 
 

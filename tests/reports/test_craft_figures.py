@@ -59,7 +59,6 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         sha256=str(number),
         size=1,
         format="dataflash",
-        boots=1,
         start_utc=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number),
         duration=80.0,
         craft="craft",

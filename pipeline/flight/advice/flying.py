@@ -14,7 +14,7 @@ from pipeline.results.split import Exclusion
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightSummary
+    from pipeline.results.entry import FlightEntry
     from pipeline.results.envelope import Envelope
 
 #: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
@@ -43,7 +43,7 @@ _TELLS = {
 }
 
 
-def flying(flights: Sequence[FlightSummary], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
+def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
     """Advise on flying."""
     lost = _lost(flights)
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
@@ -56,14 +56,14 @@ def flying(flights: Sequence[FlightSummary], envelope: Envelope | None, told: Co
         yield from _more(envelope)
 
 
-def _lost(flights: Sequence[FlightSummary]) -> list[FlightSummary]:
+def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
     """Choose the flights whose position is too uncertain to say anything of their speeds."""
     return [
         flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
     ]
 
 
-def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> Iterator[Advice]:
+def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Name the flights that gave no position or hardly moved."""
     if lost:
         sigmas = [sigma for flight in lost if (sigma := position_sigma(flight)) is not None]
@@ -101,7 +101,7 @@ def _repeat(flights: Sequence[FlightSummary], lost: Sequence[FlightSummary]) -> 
         )
 
 
-def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Recommend a speed at which drag stands out from unmeasured wind."""
     if not flights or _DRAG & set(told):
         return
@@ -130,7 +130,7 @@ def _drag(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -
     )
 
 
-def _turns(flights: Sequence[FlightSummary], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
     """Ask for turns on the spot where wind stays uncertain, though drag is known, and the nose pointed one way."""
     if not _DRAG & set(told):
         return

@@ -10,7 +10,7 @@ from pipeline.results.advice import Advice, having, names_of
 
 if TYPE_CHECKING:
     from pipeline.results.coverage import LoggedRate
-from pipeline.results.entry import FlightSummary
+from pipeline.results.entry import FlightEntry
 
 #: What it costs a flight that something is not logged, by `what` of the finding.
 BRINGS = {
@@ -36,7 +36,7 @@ _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "y
 _TABLES = {"imu": "the IMU", "attitude": "attitude"}
 
 
-def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
+def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
     """Advise on logging."""
     yield from _on_board(flights)
     yield from _settings(flights, told)
@@ -44,7 +44,7 @@ def logging(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator
     yield from _esc(flights)
 
 
-def _on_board(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
+def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for the autopilot's own log where there is only telemetry."""
     radio = [flight for flight in flights if flight.format in TELEMETRY]
     if not radio:
@@ -65,12 +65,12 @@ def _on_board(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     )
 
 
-def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterator[Advice]:
+def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
     """Put all that was lacking into one value of the parameter that the autopilot has for it.
 
     `logparse.craft.log_settings` has decided which bits log it, and the findings carry them.
     """
-    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightSummary]]]]] = {}
+    asked: dict[str, dict[int, tuple[Bit, list[tuple[str, FlightEntry]]]]] = {}
     for flight in flights:
         for finding in flight.findings:
             evidence = finding.evidence
@@ -99,7 +99,7 @@ def _settings(flights: Sequence[FlightSummary], told: Collection[str]) -> Iterat
         )
 
 
-def _present(flights: Sequence[FlightSummary], parameter: str) -> int | None:
+def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
     """Return a parameter's value in the latest flight that tells it."""
     for flight in reversed(flights):
         value = mask(_setting(flight, parameter))
@@ -112,7 +112,7 @@ def _present(flights: Sequence[FlightSummary], parameter: str) -> int | None:
     return None
 
 
-def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
+def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
     gaps = [flight for flight in having(flights, "gap-in-table") if flight.format not in TELEMETRY]
     if not gaps:
@@ -140,7 +140,7 @@ def _lost(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     )
 
 
-def _esc(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
+def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for rotor speeds where motors work unlike and nothing tells why."""
     uneven = having(flights, "uneven-motor")
     if not uneven or any(_rate(flight, "esc") is not None for flight in flights):
@@ -158,14 +158,14 @@ def _esc(flights: Sequence[FlightSummary]) -> Iterator[Advice]:
     )
 
 
-def _rates(flight: FlightSummary) -> Mapping[str, LoggedRate]:
+def _rates(flight: FlightEntry) -> Mapping[str, LoggedRate]:
     return {} if flight.coverage is None else flight.coverage.health.rates
 
 
-def _rate(flight: FlightSummary, table: str) -> float | None:
+def _rate(flight: FlightEntry, table: str) -> float | None:
     known = _rates(flight).get(table)
     return None if known is None else known.rate
 
 
-def _setting(flight: FlightSummary, name: str) -> float | None:
+def _setting(flight: FlightEntry, name: str) -> float | None:
     return None if flight.coverage is None else flight.coverage.health.settings.get(name)

@@ -15,14 +15,14 @@ from pipeline.flight.advice.flying import flying
 from pipeline.flight.advice.log_settings import logging
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
-from pipeline.flight.summary import summarise_flight
+from pipeline.flight.summary import flight_entry
 from pipeline.results.advice import Advice, having
 from pipeline.results.failure import Failure
 from sysid.frequency.axes import SID_AXES
 
 if TYPE_CHECKING:
     from pipeline.results.drift import Drift
-    from pipeline.results.entry import FlightSummary
+    from pipeline.results.entry import FlightEntry
     from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult
     from pipeline.results.rotation import AxisRotation
@@ -33,7 +33,7 @@ MOST = 8
 
 
 def for_craft(
-    entries: Sequence[FlightSummary],
+    entries: Sequence[FlightEntry],
     envelope: Envelope | None = None,
     drift: Drift | None = None,
     parameters: PhysicalParameters | None = None,
@@ -49,7 +49,7 @@ def for_craft(
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better."""
-    found = for_craft([summarise_flight(result)])
+    found = for_craft([flight_entry(result)])
     return tuple(sorted([*found, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
 
 
@@ -59,7 +59,7 @@ def _determined(parameters: PhysicalParameters) -> set[str]:
     return {str(name) for name, method in table.index if (name, method) != WIND_AS_DRAG}
 
 
-def _craft(flights: Sequence[FlightSummary], drift: Drift | None) -> Iterator[Advice]:
+def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advice]:
     """Advise on the craft itself: what changed about it, and its mass."""
     for finding in drift.findings if drift is not None else ():
         yield Advice(
