@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rotorid.cli.options import Boot, End, Start, existing_log, folder_of, open_log, parted, power_up, stretch
-from rotorid.cli.output import console, prepare, show_page
+from rotorid.cli.output import NOT_POSSIBLE, console, prepare, show_page
 
 if TYPE_CHECKING:
     from logparse import FlightLog
@@ -96,7 +96,9 @@ class TableFormat(StrEnum):
 
 
 def export(
-    log: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A log of any format.")],
+    logs: Annotated[
+        list[Path], typer.Argument(callback=existing_log, help="A log of any format; with --autopilot all of a craft.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the files; made when missing. Default: out/NAME/tables, of the log."),
@@ -123,11 +125,20 @@ def export(
         ),
     ] = False,
     rate: Annotated[float, typer.Option(min=1.0, max=1000.0, help="Samples per second of --table.")] = 50.0,
+    autopilot: Annotated[
+        bool, typer.Option("--autopilot", help="Instead: parameters that the flights determined, as .param files.")
+    ] = False,
 ) -> None:
     """Write messages as logged and canonical tables (SI units) as files for other programs.
 
     Example: rotorid export flight.bin --format csv --messages RCOU,imu --start 60 --end 120
     """
+    if autopilot:
+        _autopilot(logs, out or folder_of(parted(logs[0])[0]) / "autopilot")
+        return
+    if len(logs) > 1:
+        raise typer.BadParameter("one log at a time, but for --autopilot", param_hint="LOGS")
+    log = logs[0]
     import logparse
     from logparse.export import export as write_tables
 
@@ -170,3 +181,21 @@ def _table(
     )
     record = Experiment.from_flight(log, trajectory, rate, within=(first, last))
     return write_table(record, folder / f"{log.path.stem}.{table_format.value}")
+
+
+def _autopilot(logs: list[Path], folder: Path) -> None:
+    """Write what the flights of a craft tell its autopilot, and show it beside what flew."""
+    from sysid.autopilot import autopilot_values
+
+    prepare(folder)
+    found = autopilot_values([open_log(log) for log in logs])
+    files = found.write(folder)
+    console().print(found.table().terminal("Parameters for the autopilot"))
+    for remark in found.remarks:
+        typer.echo(remark)
+    for file in files:
+        typer.echo(file)
+    if not files:
+        typer.echo("nothing is proposed")
+        raise typer.Exit(NOT_POSSIBLE)
+    typer.echo("Load one file at a time, fly, and run this again: what was right then stays within its error.")

@@ -1,0 +1,80 @@
+"""From the flights of one craft to everything that its autopilot can be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from estimation import estimate
+from logparse import FlightLog, GivenLogs, RotoridError, logs_of
+from sysid.autopilot.drag import NAMES as DRAG
+from sysid.autopilot.drag import drag_values
+from sysid.autopilot.thrust_curve import NAMES as THRUST
+from sysid.autopilot.thrust_curve import thrust_values
+from sysid.autopilot.values import AutopilotValue, AutopilotValues, ParameterFile, refused
+from sysid.loops.controller import LoopError
+from sysid.loops.same_craft import other_craft
+from sysid.loops.tuning import without_copies
+from sysid.records.experiment import Experiment
+from sysid.rigid_body.body_fit import fit_rigid_body
+from sysid.rigid_body.model import RigidBodyModel
+
+#: Samples per second of the rigid body's records.
+_RATE = 50.0
+
+
+def autopilot_values(logs: GivenLogs) -> AutopilotValues:
+    """Propose parameters to the autopilot of a craft, each with its sigma and reason, or say why not.
+
+    Parameters
+    ----------
+    logs : FlightLog, path-like, or a sequence of either
+        Flights of one craft with ArduPilot.
+
+    Raises
+    ------
+    LoopError
+        Where the logs are of another autopilot, of two craft, or flew with different parameters.
+    """
+    flights = without_copies(logs_of(logs))
+    if not flights:
+        raise LoopError("no log was given")
+    for log in flights:
+        if log.vehicle.firmware != "ArduCopter":
+            raise LoopError(f"{log.name} is of {log.vehicle.firmware or 'an unknown autopilot'}, not of ArduCopter")
+        if (other := other_craft(flights[0], log)) is not None:
+            raise LoopError(other)
+    flown = flights[-1].parameters_flown
+    records, failures = _records(flights)
+    values: list[AutopilotValue] = []
+    try:
+        if not records:
+            raise LoopError("; ".join(failures))
+        model = fit_rigid_body(records)
+    except RotoridError as error:
+        values += refused(THRUST, ParameterFile.ESC, flown, str(error))
+        values += refused(DRAG, ParameterFile.WIND, flown, str(error))
+    else:
+        values += _of_the_body(model, flights, records)
+    return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(failures))
+
+
+def _of_the_body(
+    model: RigidBodyModel, flights: Sequence[FlightLog], records: Sequence[Experiment]
+) -> list[AutopilotValue]:
+    """Return what thrust and drag of an identified rigid body are to the autopilot that flew last."""
+    flown, own = flights[-1].parameters_flown, [log for log in flights if log.name in model.training]
+    return [
+        *thrust_values(model, own, records, flown),
+        *drag_values(model, records, flights[-1].vehicle.version or "", flown),
+    ]
+
+
+def _records(flights: Sequence[FlightLog]) -> tuple[list[Experiment], list[str]]:
+    """Cut the records that a rigid body is fitted to; return them and why a flight gives none."""
+    records, failures = [], []
+    for log in flights:
+        try:
+            records.append(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), _RATE))
+        except RotoridError as error:
+            failures.append(str(error))
+    return records, failures

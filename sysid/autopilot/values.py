@@ -1,0 +1,137 @@
+"""Proposed parameters of an autopilot: value now, value proposed, sigma, reason; as a table and as files that load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+from core.parameter import Parameter
+from core.quantity import number, uncertain
+from core.summary import Summarised, listed
+from core.table import Cell, Row, Table
+
+#: Significant digits of a proposed value.
+_DIGITS = 4
+
+#: Standard deviations from what flies below which a value is no other.
+_OTHER = 2.0
+
+
+class ParameterFile(StrEnum):
+    """Steps of the ArduPilot Methodic Configurator whose files are written, as it names them."""
+
+    ESC = "20_esc.param"
+    THROTTLE = "24_throttle_controller.param"
+    MOTOR_NOTCH = "25_motor_notch_filter_results.param"
+    D_FF = "46_pid_d_ff.param"
+    WIND = "47_windspeed_estimation.param"
+    GAINS = "57_analytical_pid_optimization.param"
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotValue:
+    """One parameter of the autopilot, and what flights say of it."""
+
+    name: str  #: As the autopilot spells it.
+    file: ParameterFile
+    now: float | None  #: As flown; None where the log does not tell.
+    #: What to set, with its sigma and reason; its value is None where nothing is proposed, and the reason says why.
+    proposed: Parameter
+
+    @property
+    def line(self) -> str:
+        """The line of a parameter file: a comment of its own would be dropped by the tools that read it."""
+        value, sigma = self.proposed.value, self.proposed.sigma
+        spread = "" if not sigma else f"± {sigma:.2g}: "
+        return f"{self.name},{value:.9g}  # {spread}{' '.join(self.proposed.reason.split())}"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class AutopilotValues(Summarised):
+    """What the flights of one craft propose to its autopilot."""
+
+    flights: tuple[str, ...]
+    values: tuple[AutopilotValue, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def proposed(self) -> Mapping[str, float]:
+        """Values to set by name."""
+        return {each.name: each.proposed.value for each in self.values if each.proposed.value is not None}
+
+    def table(self) -> Table:
+        """Show every parameter beside what flew, with the reason of each."""
+        rows: list[Row] = []
+        for file in ParameterFile:
+            own = [each for each in self.values if each.file is file]
+            rows += [Row(file.value, kind="part")] if own else []
+            said = ""
+            for each in own:
+                now, what = "" if each.now is None else number(each.now, _DIGITS), each.proposed
+                cell = (
+                    Cell("stays", "unknown") if what.value is None else Cell(uncertain(what.value, what.sigma), "good")
+                )
+                rows.append(Row(f"  {each.name}", [now, cell, "the same" if what.reason == said else what.reason]))
+                said = what.reason
+        return Table("parameter", ["now", "proposed", "why, or why not"], rows, texts=(2,))
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write a file for each step of which something is proposed, each loadable alone; drop those of an earlier run.
+
+        Parameters
+        ----------
+        folder : Path
+            Made when missing.
+
+        Returns
+        -------
+        list of Path
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        written = []
+        for file in ParameterFile:
+            lines = [each.line for each in self.values if each.file is file and each.proposed.value is not None]
+            path = folder / file.value
+            if lines:
+                path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+                written.append(path)
+            else:
+                path.unlink(missing_ok=True)
+        return written
+
+    def summary(self) -> Mapping[str, str]:
+        """Return what is proposed, and what is not."""
+        changes = [f"{name} {value:.4g}" for name, value in self.proposed.items()]
+        stays = [each.name for each in self.values if each.proposed.value is None]
+        return {"flights": listed(self.flights), "proposed": listed(changes) or "nothing", "stays": listed(stays)}
+
+
+def typed(value: float) -> float:
+    """Round a value to what is typed."""
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def refused(names: Sequence[str], file: ParameterFile, flown: Mapping[str, float], why: str) -> list[AutopilotValue]:
+    """Return parameters of which nothing is proposed."""
+    return [AutopilotValue(name, file, flown.get(name), Parameter(None, None, "", why)) for name in names]
+
+
+def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]) -> list[AutopilotValue]:
+    """Return values that are set together: all of them, or none where none differs from what flew by its errors."""
+    if all(_as_flown(flown.get(name), found[name]) for name in found):
+        stays = {name: f"within the error of what flew: {found[name]}" for name in found}
+        return [one for name in found for one in refused([name], file, flown, stays[name])]
+    return [
+        AutopilotValue(
+            name, file, flown.get(name), replace(each, value=None if each.value is None else typed(each.value))
+        )
+        for name, each in found.items()
+    ]
+
+
+def _as_flown(now: float | None, found: Parameter) -> bool:
+    if now is None or found.value is None:
+        return False
+    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-_DIGITS)

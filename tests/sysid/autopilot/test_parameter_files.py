@@ -1,0 +1,59 @@
+"""Files load one by one as ground stations read them, hold nothing that is not proposed, and none of an earlier run."""
+
+import pytest
+
+from core.parameter import Parameter
+from logparse import read_log
+from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
+from sysid.autopilot.values import ParameterFile, decided
+from sysid.loops.controller import LoopError
+from sysid.loops.parameter_file import read_parameter_file
+
+EXPO = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.3, Parameter(0.6512, 0.02, "", "a\ncurve"))
+HOVER = AutopilotValue("MOT_THST_HOVER", ParameterFile.THROTTLE, None, Parameter(None, None, "", "no hover"))
+
+
+def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
+    (tmp_path / ParameterFile.WIND).write_text("EK3_DRAG_MCOEF,9\n")
+    found = AutopilotValues(("a.bin",), (EXPO, HOVER))
+    assert found.write(tmp_path) == [tmp_path / "20_esc.param"]
+    assert [path.name for path in tmp_path.iterdir()] == ["20_esc.param"]
+    text = (tmp_path / "20_esc.param").read_text(encoding="utf-8")
+    assert text == "MOT_THST_EXPO,0.6512  # ± 0.02: a curve\n"
+    assert read_parameter_file(text) == found.proposed == {"MOT_THST_EXPO": 0.6512}
+
+
+def test_the_table_says_what_flew_and_why_nothing_is_proposed():
+    text = AutopilotValues(("a.bin",), (EXPO, HOVER)).table().markdown()
+    assert "| 0.3000 | 0.65 ± 0.02 | a curve |" in text
+    assert "| stays | no hover |" in text
+
+
+@pytest.mark.parametrize(
+    ("now", "proposed"), [(0.25, {}), (0.10, {"EK3_DRAG_MCOEF": 0.2525}), (None, {"EK3_DRAG_MCOEF": 0.2525})]
+)
+def test_what_flew_stays_within_its_error(now, proposed):
+    flown = {} if now is None else {"EK3_DRAG_MCOEF": now}
+    found = decided({"EK3_DRAG_MCOEF": Parameter(0.25251, 0.01, "1/s", "")}, ParameterFile.WIND, flown)
+    assert AutopilotValues(("a.bin",), tuple(found)).proposed == proposed
+
+
+@pytest.mark.parametrize("others", [["sample_logs/quad01_davos_esc.bin"], []])
+def test_two_craft_and_no_log_are_refused(others):
+    logs = [read_log("sample_logs/octa01_zurich_calm.bin"), *map(read_log, others)] if others else []
+    with pytest.raises(LoopError, match=r"two craft|no log"):
+        autopilot_values(logs)
+
+
+def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
+    done = rotorid_here("export", "sample_logs/quad01_davos_esc.bin", "--autopilot", "--out", tmp_path)
+    assert done.returncode == 0
+    files = sorted(tmp_path.iterdir())
+    assert files
+    for path in files:
+        for name, value in read_parameter_file(path.read_text(encoding="utf-8")).items():
+            assert name in done.stdout
+            assert value > 0.0
+    assert (
+        rotorid_here("export", "sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin").returncode == 2
+    )
