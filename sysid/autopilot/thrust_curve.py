@@ -15,7 +15,7 @@ import numpy as np
 
 from core.parameter import Parameter
 from logparse import FlightLog, Vehicle
-from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
+from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused, typed
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer_curve import MIXER_DIFFERS
 from sysid.records.motor_scaling import curve, motor_commands
@@ -179,8 +179,12 @@ def _hover(
         return no("no five seconds of hover (no climb, no lean) with the throttle output logged")
     together = np.concatenate(throttles)
     value, sigma = float(np.median(together)), float(np.std(together) / np.sqrt(len(throttles)))
-    how = "median of hover" + (f" ({value:.3f}), times {scale:.3f} for the new curve" if scale != 1.0 else "")
-    return decided({NAMES[2]: Parameter(scale * value, scale * sigma, "", how)}, file, flown)
+    if scale == 1.0:
+        return decided({NAMES[2]: Parameter(value, sigma, "", "median of hover")}, file, flown)
+    how = f"goes with the new curve: median of hover ({value:.3f}) times {scale:.3f}"
+    return [
+        AutopilotValue(NAMES[2], file, flown.get(NAMES[2]), Parameter(typed(scale * value), scale * sigma, "", how))
+    ]
 
 
 def hover_throttle(log: FlightLog, record: Experiment) -> Floats:
