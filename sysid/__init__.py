@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from sysid.records.table_export import write_table
     from sysid.rigid_body.body_fit import fit_rigid_body
     from sysid.rigid_body.conditions.wind import FlightTrim
-    from sysid.rigid_body.export.craft_export import write_craft
-    from sysid.rigid_body.export.frame_json import FrameExport, frame_json
+    from sysid.rigid_body.export.craft_export import FrameExport, frame_json, write_craft
     from sysid.rigid_body.export.hover import HoverModel, hover_from_speeds, hover_model
     from sysid.rigid_body.model import RigidBodyModel
     from sysid.rigid_body.model_record import BodyParameter

@@ -31,10 +31,9 @@ from core.serialization import plain, recorded, restored
 from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.rigid_body.conditions.carried import Carried, carry_states
+from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma
 from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
-from sysid.rigid_body.conditions.wander import FIXED, GUST_SECONDS, STATES
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord, TrimRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead

@@ -2,7 +2,7 @@
 
 The errors of position and velocity follow the equations of motion linearised along the run; they are driven by the
 errors of the flight's trim, of the craft's parameters, by gusts, by departures of the thrust scale and by white noise
-(`sysid.rigid_body.conditions.wander`)::
+(`sysid.rigid_body.conditions.carried`)::
 
     dp' = dv,    dv' = A(t) dv + J(t) (trim, gust, departure, craft),    gusts and departures fade and are renewed
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.records.arrays import Floats
-from sysid.rigid_body.conditions.wander import STATES, Wander, own_design
+from sysid.rigid_body.conditions.carried import STATES, Wander, own_design
 from sysid.rigid_body.conditions.wind import WIND_EXPONENT
 from sysid.rigid_body.motion._rigid_kernels import accelerations
 from sysid.rigid_body.motion.body_motion import BLOCK_SECONDS, LAG, OWN, SHARED, Motion

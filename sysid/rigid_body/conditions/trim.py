@@ -12,13 +12,13 @@ from sysid.records.experiment import Floats
 from sysid.rigid_body.conditions.carried import (
     ANY_FLIGHT,
     ANY_SIGMA,
+    FIXED,
     HIGHEST,
     LOWEST,
     WIND_SIGMA,
     Carried,
     carry_states,
 )
-from sysid.rigid_body.conditions.wander import FIXED
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
 from sysid.rigid_body.methods.systematic import wind_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, velocity_increments

@@ -8,9 +8,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from sysid.records.experiment import Experiment, ExperimentError, Floats, horizon_steps, require_alike
-from sysid.rigid_body.six_dof.correction import HorizonCorrection, features, upright_axes
+from sysid.rigid_body.six_dof.correction import HorizonCorrection, Observer, features, upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel
-from sysid.rigid_body.six_dof.observer import Observer
 from sysid.rigid_body.six_dof.shooting import state_errors
 
 #: Reweighting passes, and the part of the usual error below which all runs count alike.

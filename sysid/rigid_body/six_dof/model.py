@@ -34,8 +34,13 @@ from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
-from sysid.rigid_body.six_dof.correction import CorrectionRecord, HorizonCorrection
-from sysid.rigid_body.six_dof.observer import Observer, missed_accelerations, pushes
+from sysid.rigid_body.six_dof.correction import (
+    CorrectionRecord,
+    HorizonCorrection,
+    Observer,
+    missed_accelerations,
+    pushes,
+)
 
 #: Longest step of the integration, s.
 LONGEST_STEP = 0.011
