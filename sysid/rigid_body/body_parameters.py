@@ -107,7 +107,7 @@ def judge_parameters(
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
         hidden = float(np.hypot(np.sqrt(fine.assumed[k]), air * value if name == "thrust" else 0.0))
-        result[name] = _parameter(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, hidden)
+        result[name] = BodyParameter.of(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, hidden)
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
@@ -145,7 +145,7 @@ def judge_parameters(
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
         value, spread, reason = numbers[name]
         reason = reason or _doubt(name, value, spread)
-        result[name] = _parameter(name, unit, value, spread, reason, assumed.get(name))
+        result[name] = BodyParameter.of(name, unit, value, spread, reason, assumed.get(name))
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
@@ -167,7 +167,7 @@ def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParamete
     sigma = _of_both(expo.value, expo.sigma, vehicle)
     if not (reason := _contradiction(expo.value, expo.sigma, vehicle)):
         return replace(expo, sigma=sigma)
-    return replace(expo, value=None, sigma=None, determined=False, reason=reason)
+    return expo.refused(reason)
 
 
 def _of_both(value: float, sigma: float, vehicle: Vehicle) -> float:
@@ -234,7 +234,7 @@ def held_against_torque(lag: BodyParameter, turning: RotationFit) -> BodyParamet
         f"thrust would follow its command by {lag.value:.2g} s, the same motors' torque follows within {most:.2g} s: "
         "gusts or slow rows feign it; log motor outputs faster"
     )
-    return replace(lag, value=None, sigma=None, determined=False, reason=reason)
+    return lag.refused(reason)
 
 
 def shared_air(records: Sequence[Experiment]) -> float:
@@ -296,20 +296,6 @@ def _doubt(name: str, value: float, sigma: float) -> str:
     if value < _NOTHING or sigma > value:
         return f"the estimate does not differ from zero (standard error {sigma:.2g}){advice}"
     return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
-
-
-def _parameter(name: str, unit: str, value: float, sigma: float, reason: str, assumed: float | None) -> BodyParameter:
-    known = not reason
-    return BodyParameter(
-        name=name,
-        unit=unit,
-        value=value if known else None,
-        sigma=sigma if known else None,
-        determined=known,
-        reason=reason,
-        used=value,
-        assumed=min(assumed, sigma) if known and assumed is not None else None,
-    )
 
 
 def in_si(

@@ -30,6 +30,19 @@ class BodyParameter:
     #: temperature of the air, motors that differ. Simulated craft have none of it.
     assumed: float | None = None
 
+    @classmethod
+    def of(
+        cls, name: str, unit: str, value: float, sigma: float, reason: str, assumed: float | None = None
+    ) -> BodyParameter:
+        """Name an estimate, determined unless there is a reason why not."""
+        if reason:
+            return cls(name, unit, None, None, False, reason, value)
+        return cls(name, unit, value, sigma, True, "", value, assumed=None if assumed is None else min(assumed, sigma))
+
+    def refused(self, reason: str) -> BodyParameter:
+        """Return the parameter as one that is not determined."""
+        return BodyParameter.of(self.name, self.unit, self.used, 0.0, reason)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrimRecord:

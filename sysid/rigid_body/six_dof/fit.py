@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,83 +35,64 @@ MOST_RUNS = 5000
 #: Length of the blocks whose errors count as independent, s.
 BLOCK_SECONDS = 4.0
 
-#: Mean, spread and limits of what is known before a flight; the spreads only hold what the records do not excite.
-PRIORS: Mapping[str, tuple[float, float, float, float]] = {
-    "thrust": (STANDARD_GRAVITY, np.inf, 0.1, 100.0),
-    "thrust_offset": (0.0, 2.0, -10.0, 10.0),
-    "tilt_x": (0.0, 0.05, -0.3, 0.3),
-    "tilt_y": (0.0, 0.05, -0.3, 0.3),
-    "drag_rotor": (0.2, 0.5, -0.5, 5.0),
-    "drag_quadratic": (0.0, 0.1, -0.2, 1.0),
-    "gain": (0.0, np.inf, -1e5, 1e5),
-    "damping": (0.0, 10.0, -1.0, 100.0),
-    "inertia_x": (-0.5, 0.5, -2.0, 2.0),
-    "inertia_y": (0.5, 0.5, -2.0, 2.0),
-    "inertia_z": (0.0, 0.3, -2.0, 2.0),
-    "gyroscopic": (0.0, 2.0, -20.0, 20.0),
-    "rotor_inertia": (0.0, 2.0, -20.0, 20.0),
-    "offset": (0.0, 20.0, -300.0, 300.0),
-    "by_speed": (0.0, 5.0, -50.0, 50.0),
-    "delay": (0.0, 0.02, -0.05, 0.1),
-    "lag": (0.02, 0.03, 0.0, 0.3),
-    "share": (1.0, 0.1, 0.5, 1.5),
-    "expo": (0.65, 0.2, 0.0, 1.0),
-    # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
-    "drift": (0.0, 1e-3, -0.01, 0.01),
-    # Full and nearly empty batteries of a cell are 4.2 and 3.5 V, of which thrust follows the square.
-    "charge": (1.0, 0.1, 0.5, 1.5),
-    "wind": (0.0, 8.0, -30.0, 30.0),
-    "force": (0.0, 10.0, -100.0, 100.0),
-    "torque": (0.0, 50.0, -1000.0, 1000.0),
-}
-
-#: Largest standard error of what is called determined: part of the estimate, or absolute where zero is proper.
+#: Largest standard error of what is called determined, as a part of the estimate; see `Family.limit`.
 RELATIVE = 0.2
-ABSOLUTE: Mapping[str, float] = {
-    "tilt": 0.01,
-    "drag_rotor": 0.1,
-    "drag_quadratic": 0.03,
-    "damping": 1.0,
-    "inertia": 0.15,
-    "gyroscopic": 0.2,
-    "rotor_inertia": 0.2,
-    "offset": 1.0,
-    "by_speed": 1.0,
-    "delay": 0.005,
-    "lag": 0.01,
-    "share": 0.02,
-    "expo": 0.1,
-    "drift": 1e-4,
-    "thrust_offset": 0.3,
-    "force": 0.1,
-    "torque": 1.0,
-}
 
-#: Parts of a value, and amounts, by which the equations misrepresent it (inputs between samples, noise of the states
-#: from which runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of the papers'
-#: craft and of the independent simulator in tests/sysid/six_dof (docs/validation.md). What is not here had none beyond
-#: its scatter.
-FLOORS: Mapping[str, tuple[float, float]] = {
-    "thrust": (0.001, 0.0),
-    "gain": (0.001, 0.0),
-    "yaw_gain": (0.003, 0.0),
-    "damping": (0.0, 0.022),
-    "inertia": (0.01, 0.0),
-    "gyroscopic": (0.01, 0.0),
-    "rotor_inertia": (0.01, 0.0),
-    "by_speed": (0.0, 2e-4),
-    "tilt": (0.0, 1e-4),
-    "expo": (0.004, 0.0),
-    "drift": (0.0, 2e-6),
+
+class Family(NamedTuple):
+    """What parameters of one kind share."""
+
+    #: Known before a flight: mean, spread and limits; the spreads only hold what the records do not excite.
+    mean: float
+    sigma: float
+    low: float
+    high: float
+    step: float = 1e-3  #: Of differences.
+    limit: float = 0.0  #: Standard error of what is called determined where zero is a proper value.
+    #: Part of a value, and amount, by which the equations misrepresent it (inputs between samples, noise of the states
+    #: from which runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of the
+    #: papers' craft and of the independent simulator in tests/sysid/six_dof. Zero had none beyond its scatter.
+    part: float = 0.0
+    amount: float = 0.0
+    unit: str = "1"  #: Of what is not in `UNITS`.
+
+
+FAMILIES: Mapping[str, Family] = {
+    "thrust": Family(STANDARD_GRAVITY, np.inf, 0.1, 100.0, part=0.001),
+    "thrust_offset": Family(0.0, 2.0, -10.0, 10.0, limit=0.3),
+    "tilt": Family(0.0, 0.05, -0.3, 0.3, limit=0.01, amount=1e-4),
+    "drag_rotor": Family(0.2, 0.5, -0.5, 5.0, limit=0.1),
+    "drag_quadratic": Family(0.0, 0.1, -0.2, 1.0, limit=0.03),
+    "gain": Family(0.0, np.inf, -1e5, 1e5, step=1e-2, part=0.001),
+    "yaw_gain": Family(0.0, np.inf, -1e5, 1e5, step=1e-2, part=0.003),
+    "damping": Family(0.0, 10.0, -1.0, 100.0, limit=1.0, amount=0.022),
+    "inertia_x": Family(-0.5, 0.5, -2.0, 2.0, limit=0.15, part=0.01),
+    "inertia_y": Family(0.5, 0.5, -2.0, 2.0, limit=0.15, part=0.01),
+    "inertia_z": Family(0.0, 0.3, -2.0, 2.0, limit=0.15, part=0.01),
+    "gyroscopic": Family(0.0, 2.0, -20.0, 20.0, limit=0.2, part=0.01),
+    "rotor_inertia": Family(0.0, 2.0, -20.0, 20.0, limit=0.2, part=0.01),
+    "offset": Family(0.0, 20.0, -300.0, 300.0, step=1e-2, limit=1.0),
+    "by_speed": Family(0.0, 5.0, -50.0, 50.0, limit=1.0, amount=2e-4),
+    "delay": Family(0.0, 0.02, -0.05, 0.1, limit=0.005, unit="s"),
+    "lag": Family(0.02, 0.03, 0.0, 0.3, limit=0.01, unit="s"),
+    "share": Family(1.0, 0.1, 0.5, 1.5, limit=0.02),
+    "expo": Family(0.65, 0.2, 0.0, 1.0, step=0.02, limit=0.1, part=0.004),
+    # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
+    "drift": Family(0.0, 1e-3, -0.01, 0.01, step=2e-4, limit=1e-4, amount=2e-6),
+    # Full and nearly empty batteries of a cell are 4.2 and 3.5 V, of which thrust follows the square.
+    "charge": Family(1.0, 0.1, 0.5, 1.5),
+    "wind": Family(0.0, 8.0, -30.0, 30.0),
+    "force": Family(0.0, 10.0, -100.0, 100.0, limit=0.1, unit="m/s^2 for the usual change of the input"),
+    "torque": Family(0.0, 50.0, -1e3, 1e3, step=1e-2, limit=1.0, unit="rad/s^2 for the usual change of the input"),
 }
-#: The same for delays and lags, samples.
+#: Error that the equations make of delays and lags, samples.
 FLOOR_SAMPLES = 0.025
 
 #: Rate at which faster records are fitted, Hz: no motion is faster, and delays and lags are in seconds.
 FASTEST = 250.0
 
 #: Place of a delay or lag that all rotors share.
-ALL = -1
+ALL = slice(None)
 
 #: Where parameters of rotation begin in theta.
 ROTATION = THETA.index("roll_gain")
@@ -123,10 +105,16 @@ class _Unknown:
     """One number that is estimated: its name, and how it enters."""
 
     name: str
-    family: str
-    kind: str
-    at: int
+    kind: str  #: ``theta``, a wind, or what of `InputShape` it is.
+    at: int | slice = 0
     record: str = ""
+    family: str = ""
+
+    @property
+    def shared(self) -> Family:
+        """What it shares with its family."""
+        kinds = (self.family, self.name, self.name.rsplit("_", 1)[0], self.name.split("_", 1)[-1])
+        return next(FAMILIES[kind] for kind in kinds if kind in FAMILIES)
 
 
 def fit_six_dof(
@@ -212,7 +200,9 @@ def fit_six_dof(
             out.append(state_errors(predicted, body.states[first[:, None] + marks]))
         return out
 
-    start, mean, sigma, low, high, steps = _priors(unknowns)
+    table = np.array([unknown.shared[:5] for unknown in unknowns])
+    mean, sigma, low, high, steps = table.T
+    start = mean.copy()
     # Few runs lead to near the answer at little cost; all of them from there.
     for runs, iterations in ((max(most_runs // 6, 300), 12), (most_runs, 6)):
         every = max(total // runs, 1)
@@ -223,7 +213,7 @@ def fit_six_dof(
         start = found.values
     found = _centred(found, unknowns)
     theta, moved, wind = unpack(found.values)
-    parameters = refuse_impossible(_parameters(unknowns, found, theta, moved, kinds, mean, sigma, mass, dt))
+    parameters = refuse_impossible(_parameters(unknowns, found, theta, moved, kinds, sigma, mass, dt))
     scales = spreads(errors_of(found.values))
     spread = dict(zip((each.name for each in unknowns), np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
     findings = wrong_turns(parameters, spread)
@@ -255,43 +245,30 @@ def _unknowns(
         left_out.add("thrust_offset")
     if given:
         left_out |= set(THETA[ROTATION:])
-    families = ("drag_rotor", "drag_quadratic", "gyroscopic")
-    out = []
-    for at, name in enumerate(THETA):
-        if name in left_out:
-            continue
-        family = next((each for each in families if name.startswith(each)), name)
-        for suffix in ("gain", "damping", "offset", "by_speed"):
-            if name.endswith(suffix) and name not in PRIORS:
-                family = suffix
-        out.append(_Unknown(name, family, "theta", at))
+    out = [_Unknown(name, "theta", at) for at, name in enumerate(THETA) if name not in left_out]
     for k, further in enumerate(kinds.further_names):
         out += [
-            _Unknown(f"{further}_{part}", "force" if j < 3 else "torque", "theta", SHARED + PER_INPUT * k + j)
+            _Unknown(f"{further}_{part}", "theta", SHARED + PER_INPUT * k + j, family="force" if j < 3 else "torque")
             for j, part in enumerate(_FURTHER[:3] if given else _FURTHER)
         ]
     names = [kinds.names[at] for at in kinds.thrusting]
     if given:
         # Translation sees the sum of the rotors only.
-        out += [_Unknown(each, each, each, ALL) for each in (("delay",) if speeds else ("delay", "lag"))]
+        out += [_Unknown(each, each, ALL) for each in (("delay",) if speeds else ("delay", "lag"))]
     else:
-        out += [_Unknown(f"delay_{name}", "delay", "delay", k) for k, name in enumerate(names)]
-        if not speeds:
-            out += [_Unknown(f"lag_{name}", "lag", "lag", k) for k, name in enumerate(names)]
-        if len(kinds.motors) > 1:
-            out += [_Unknown(f"share_{name}", "share", "share", k) for k, name in enumerate(names)]
+        moving = ["delay"] + ["lag"] * (not speeds) + ["share"] * (len(kinds.motors) > 1)
+        out += [_Unknown(f"{each}_{name}", each, k, family=each) for each in moving for k, name in enumerate(names)]
     if kinds.further:
-        out.append(_Unknown("lag_further", "lag", "further_lag", 0))
+        out.append(_Unknown("lag_further", "further_lag", family="lag"))
     if kinds.quantity is Quantity.PWM and kinds.motors:
-        out.append(_Unknown("expo", "expo", "expo", 0))
+        out.append(_Unknown("expo", "expo"))
     if not speeds:
-        out.append(_Unknown("thrust_drift", "drift", "drift", 0))
+        out.append(_Unknown("thrust_drift", "drift", family="drift"))
         if len(bodies) > 1:
-            out += [_Unknown(f"charge_{body.name}", "charge", "charge", 0, body.name) for body in bodies]
-    if not indoors:
-        for body in bodies:
-            if body.name not in winds:
-                out += [_Unknown(f"wind_{part}", "wind", "wind", j, body.name) for j, part in enumerate(("n", "e"))]
+            out += [_Unknown(f"charge_{body.name}", "charge", record=body.name, family="charge") for body in bodies]
+    for body in bodies:
+        if not indoors and body.name not in winds:
+            out += [_Unknown(f"wind_{part}", "wind", j, body.name, "wind") for j, part in enumerate(("n", "e"))]
     return out
 
 
@@ -337,58 +314,31 @@ def _unpack(
     values: Floats, unknowns: Sequence[_Unknown], kinds: InputKinds, shape: InputShape, winds: Mapping[str, Floats]
 ) -> tuple[Floats, InputShape, dict[str, Floats]]:
     theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
-    delays, lags, shares = shape.delays.copy(), shape.lags.copy(), shape.shares.copy()
-    further_lag, expo, drift, charges = shape.further_lag, shape.expo, shape.drift, dict[str, float]()
-    wind = {name: np.array(value) for name, value in winds.items()}
+    moved = {"delay": shape.delays.copy(), "lag": shape.lags.copy(), "share": shape.shares.copy()}
+    single = {"further_lag": shape.further_lag, "expo": shape.expo, "drift": shape.drift}
+    wind, charges = {name: np.array(value) for name, value in winds.items()}, dict[str, float]()
     for value, unknown in zip(values, unknowns, strict=True):
-        match unknown.kind:
-            case "theta":
-                theta[unknown.at] = value
-            case "delay":
-                delays[slice(None) if unknown.at == ALL else unknown.at] = value
-            case "lag":
-                lags[slice(None) if unknown.at == ALL else unknown.at] = value
-            case "share":
-                shares[unknown.at] = value
-            case "further_lag":
-                further_lag = float(value)
-            case "expo":
-                expo = float(value)
-            case "drift":
-                drift = float(value)
-            case "charge":
-                charges[unknown.record] = float(value)
-            case _:
-                wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
+        if unknown.kind == "theta":
+            theta[unknown.at] = value
+        elif unknown.kind in moved:
+            moved[unknown.kind][unknown.at] = value
+        elif unknown.kind == "charge":
+            charges[unknown.record] = float(value)
+        elif unknown.kind == "wind":
+            wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
+        else:
+            single[unknown.kind] = float(value)
     shape = replace(
         shape,
-        delays=delays,
-        lags=lags,
-        shares=shares - shares.mean() + 1.0,
-        further_lag=further_lag,
-        expo=expo,
-        drift=drift,
+        delays=moved["delay"],
+        lags=moved["lag"],
+        shares=moved["share"] - moved["share"].mean() + 1.0,
         charges={name: value - float(np.mean(list(charges.values()))) + 1.0 for name, value in charges.items()},
+        further_lag=single["further_lag"],
+        expo=single["expo"],
+        drift=single["drift"],
     )
     return theta, shape, wind
-
-
-def _priors(unknowns: Sequence[_Unknown]) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Start, prior mean and spread, limits, and steps for differences."""
-    table = np.array([PRIORS[unknown.family] for unknown in unknowns])
-    mean, sigma, low, high = table.T
-    steps = {
-        "delay": 1e-3,
-        "lag": 1e-3,
-        "expo": 0.02,
-        "drift": 2e-4,
-        "charge": 1e-3,
-        "share": 1e-3,
-        "gain": 1e-2,
-        "offset": 1e-2,
-        "torque": 1e-2,
-    }
-    return mean.copy(), mean, sigma, low, high, np.array([steps.get(unknown.family, 1e-3) for unknown in unknowns])
 
 
 def _parameters(
@@ -397,7 +347,6 @@ def _parameters(
     theta: Floats,
     shape: InputShape,
     kinds: InputKinds,
-    mean: Floats,
     sigma: Floats,
     mass: float | None,
     dt: float,
@@ -408,44 +357,24 @@ def _parameters(
     for k, unknown in enumerate(unknowns):
         if unknown.record:
             continue
-        value = float(found.values[k])
-        error = float(np.hypot(spread[k], _floor(unknown, value, dt)))
-        unit = UNITS.get(unknown.name) or _unit(unknown)
-        limit = max(RELATIVE * abs(value), _absolute(unknown.family))
-        held = np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0
-        determined = np.isfinite(error) and error < limit and not held
-        reason = ""
-        if not determined:
-            absolute = 0.0 < limit == _absolute(unknown.family)
-            asked = f"{limit:.2g}" if absolute else f"a fifth of the {abs(value):.2g} found"
-            reason = "the records hardly move it" if held else f"its standard error is {error:.2g}, above {asked}"
-        name = unknown.name
-        if unknown.family == "delay":
+        family, name, value = unknown.shared, unknown.name, float(found.values[k])
+        floor = FLOOR_SAMPLES * dt if family.unit == "s" else family.part * abs(value) + family.amount
+        error = float(np.hypot(spread[k], floor))
+        limit, reason = max(RELATIVE * abs(value), family.limit), ""
+        if np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0:
+            reason = "the records hardly move it"
+        elif not error < limit:
+            asked = f"{limit:.2g}" if 0.0 < limit == family.limit else f"a fifth of the {abs(value):.2g} found"
+            reason = f"its standard error is {error:.2g}, above {asked}"
+        if unknown.kind == "delay":
             name, value, lead = timing_of(name, value, error, kinds, dt)
-            if lead:
-                determined, reason = False, lead
-        out[name] = BodyParameter(
-            name=name,
-            unit=unit,
-            value=value if determined else None,
-            sigma=error if determined else None,
-            determined=bool(determined),
-            reason=reason,
-            used=value,
-        )
-        if determined:
-            out[name] = _in_si(out[name], shape, kinds, mass)
+            reason = lead or reason
+        found_one = BodyParameter.of(name, UNITS.get(unknown.name, family.unit), value, error, reason)
+        out[name] = _in_si(found_one, shape, kinds, mass)
     for at, name in enumerate(THETA):
         if name not in out:
-            out[name] = BodyParameter(
-                name=name,
-                unit=UNITS[name],
-                value=None,
-                sigma=None,
-                determined=False,
-                reason="not part of the model for these inputs",
-                used=float(theta[at]),
-            )
+            why = "not part of the model for these inputs"
+            out[name] = BodyParameter.of(name, UNITS[name], float(theta[at]), np.nan, why)
     return out
 
 
@@ -459,15 +388,6 @@ def _centred(found: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
             centre = np.eye(len(unknowns)) - np.outer(alike, alike) / alike.sum()
             found = replace(found, values=values, covariance=centre @ found.covariance @ centre.T)
     return found
-
-
-def _floor(unknown: _Unknown, value: float, dt: float) -> float:
-    """Error that the equations make whatever the record; see `FLOORS`."""
-    if unknown.family in {"delay", "lag"}:
-        return FLOOR_SAMPLES * dt
-    names = (unknown.name, unknown.family, unknown.family.rsplit("_", 1)[0])
-    part, amount = next((FLOORS[name] for name in names if name in FLOORS), (0.0, 0.0))
-    return part * abs(value) + amount
 
 
 def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:
@@ -488,31 +408,15 @@ def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: floa
 def _in_si(parameter: BodyParameter, shape: InputShape, kinds: InputKinds, mass: float | None) -> BodyParameter:
     """Add thrust and gains per unit of the inputs, in SI."""
     speed = kinds.quantity is Quantity.SPEED
-    if parameter.name not in {"thrust", "roll_gain", "pitch_gain", "yaw_gain"}:
+    if parameter.value is None or parameter.name not in {"thrust", "roll_gain", "pitch_gain", "yaw_gain"}:
         return parameter
+    assert parameter.sigma is not None
     factor, unit = 1.0 / shape.scale, "rad/s^2 per (rad/s)^2" if speed else "rad/s^2 at full command"
     if parameter.name == "thrust":
         unit = "m/s^2 per (rad/s)^2" if speed else "m/s^2 at full command"
         if mass is not None:
             factor, unit = factor * mass, "N s^2" if speed else "N at full command"
-    return replace(
-        parameter,
-        si_value=None if parameter.value is None else factor * parameter.value,
-        si_sigma=None if parameter.sigma is None else factor * parameter.sigma,
-        si_unit=unit,
-    )
-
-
-def _unit(unknown: _Unknown) -> str:
-    if unknown.family in {"delay", "lag"}:
-        return "s"
-    if unknown.family == "force":
-        return "m/s^2 for the usual change of the input"
-    return "rad/s^2 for the usual change of the input" if unknown.family == "torque" else "1"
-
-
-def _absolute(family: str) -> float:
-    return ABSOLUTE.get(family) or ABSOLUTE.get(family.rsplit("_", 1)[0], 0.0)
+    return replace(parameter, si_value=factor * parameter.value, si_sigma=factor * parameter.sigma, si_unit=unit)
 
 
 def _wind_sigma(unknowns: Sequence[_Unknown], found: ShootingFit) -> dict[str, Floats]:

@@ -6,7 +6,6 @@ Gains of the wrong sign are motors that stand elsewhere than declared.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from logparse import Finding, Severity
 from sysid.rigid_body.model_record import BodyParameter
@@ -34,9 +33,7 @@ def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, Body
                 reason = f"it came out below zero ({came}), which no air does: wind or an unknown force passes for it"
             else:
                 reason = f"{wrong[0]} came out below zero, and the two are not told apart"
-            out[name] = replace(
-                out[name], value=None, sigma=None, determined=False, reason=reason, si_value=None, si_sigma=None
-            )
+            out[name] = out[name].refused(reason)
     return out
 
 
