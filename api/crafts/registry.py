@@ -13,7 +13,15 @@ from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id
 from api.store.owned import find, get, holds, listed, missing
-from api.store.records import AlertRecord, AnalysisRecord, CraftKeyRecord, CraftRecord, FlightRecord, NoteRecord
+from api.store.records import (
+    AlertRecord,
+    AnalysisRecord,
+    CraftKeyRecord,
+    CraftRecord,
+    FlightRecord,
+    LogRecord,
+    NoteRecord,
+)
 from api.store.resources import State
 from api.work.craft_flights import lose, new_craft, touch
 
@@ -77,6 +85,22 @@ class Crafts:
         with self._database.read() as session:
             chosen = select(CraftRecord).where(or_(CraftRecord.id.in_(flown), CraftRecord.id.in_(joint)))
             return [(each.id, each.name or each.kind) for each in session.scalars(chosen)]
+
+    def log_before(self, log_id: str, owner: str) -> tuple[str, str] | None:
+        """Return id and name of the log of a craft's flight before that of a log; None where none is known."""
+        mine = select(FlightRecord).where(FlightRecord.owner == owner, FlightRecord.log_id == log_id)
+        with self._database.read() as session:
+            flight = session.scalars(mine.order_by(FlightRecord.start)).first()
+            if flight is None or flight.start is None:
+                return None
+            found = session.execute(
+                select(LogRecord.id, LogRecord.name)
+                .join(FlightRecord, FlightRecord.log_id == LogRecord.id)
+                .where(FlightRecord.craft_id == flight.craft_id, FlightRecord.start < flight.start)
+                .order_by(FlightRecord.start.desc())
+                .limit(1)
+            ).first()
+            return None if found is None else (found[0], found[1])
 
     def folder_of(self, flight_id: str, owner: str) -> str | None:
         """Return where a flight of no upload is in its folder; None where the owner has no such flight."""

@@ -242,7 +242,8 @@ class Catalog:
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
             if text:
                 named = AnalysisRecord.members.any(AnalysedLog.log.has(holds(text, LogRecord.name)))
-                said = holds(text, AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health)
+                told = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health, AnalysisRecord.happened)
+                said = holds(text, *told)
                 query = query.where(or_(named, said))
             found = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
             return [Analysis.model_validate(each) for each in found]

@@ -120,12 +120,40 @@ class MessageCount:
 
 
 @dataclass(frozen=True, slots=True)
+class Moment:
+    """A flight mode from a time on, an event, or what the autopilot said."""
+
+    t: float
+    kind: str  #: ``"mode"``, ``"event"`` or ``"message"``.
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class LoggedMessages:
-    """The messages of a log that come more than once, and the seconds that it covers."""
+    """The messages of a log that come more than once, the seconds that it covers, and what happened in it."""
 
     start: float
     stop: float
     messages: Sequence[MessageCount]
+    moments: Sequence[Moment]
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedParameter:
+    """A parameter of the autopilot."""
+
+    name: str
+    value: float
+    before: float | None  #: In the flight before; None where it had none of this name, or is not known.
+    changed: bool  #: Whether somebody changed it: not counting those that the autopilot learns or counts by itself.
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedParameters:
+    """Parameters by name, those that were changed first, beside those of the flight before."""
+
+    before: str | None  #: Name of the log of the craft's flight before; None where none is known.
+    parameters: Sequence[LoggedParameter]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +183,17 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
+class SignalSpectrum:
+    """Amplitude of an expression by frequency, as that of a sine."""
+
+    text: str
+    unit: str
+    samples: int
+    hz: Sequence[float]
+    y: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
 class NoSignal:
     """An expression that has no values."""
 
@@ -166,4 +205,5 @@ class NoSignal:
 class Signals:
     """Expressions in the order in which they were asked for."""
 
-    signals: Sequence[Signal | NoSignal]
+    signals: Sequence[Signal | SignalSpectrum | NoSignal]
+    rotors_hz: tuple[float, float] | None = None  #: Of spectra: speeds of the rotors by ESC telemetry.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import wraps
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from api.machine.tools import Tools, UnknownError
@@ -23,7 +24,9 @@ and why: do not fill it in. Begin with list_craft and list_flights; flights and 
 
 def server_of(tools: Tools) -> "mcpserver.MCPServer[None]":
     """Make a server of the questions."""
-    server: mcpserver.MCPServer[None] = mcpserver.MCPServer("rotorid", instructions=_INSTRUCTIONS)
+    server: mcpserver.MCPServer[None] = mcpserver.MCPServer(
+        "rotorid", version=version("rotorid"), instructions=_INSTRUCTIONS
+    )
     for question in tools.all():
         server.add_tool(
             _told(question),

@@ -7,8 +7,21 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import pandas as pd
 
-from api.machine.answers import LoggedField, LoggedFields, LoggedMessages, MessageCount, NoSignal, Signal, Signals
+from api.machine.answers import (
+    LoggedField,
+    LoggedFields,
+    LoggedMessages,
+    LoggedParameter,
+    LoggedParameters,
+    MessageCount,
+    Moment,
+    NoSignal,
+    Signal,
+    Signals,
+    SignalSpectrum,
+)
 from core.serialization import plain, restored
 from logparse import FlightLog, RotoridError, check_is_log, read_log
 from logparse.canonical.instances import INSTANCE_NAMES, instance_column
@@ -16,16 +29,26 @@ from logparse.expressions import evaluate
 from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin
+from pipeline.flight.spectrum import rotor_speeds
 from pipeline.results.craft_review import CraftReview, Note
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange
+from pipeline.results.span import Span
 from reports.numbers.comparison import compare_reports
 from reports.numbers.reading import parse_report, report_of
 from reports.pages.comparison import comparison_page
 from reports.pages.craft import craft_page as render_craft
+from sysid.loops.proof import BY_THEMSELVES
+from sysid.records.periodogram import welch
 
 #: Logs kept open, signals kept, and bytes of signals kept.
 _LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20
+
+#: Most moments that are listed, and fewest and most samples that a spectrum is made of.
+_MOMENTS, _FEWEST, _TRANSFORMED = 2000, 256, 1 << 21
+
+#: Fields that tell when a row was written: they are the axis of every plot, and come last among fields.
+_TIMES = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "time_boot_ms", "time_usec"})
 
 Answer = TypeVar("Answer")
 
@@ -43,13 +66,52 @@ def recognise(path: Path, name: str) -> None:
 
 
 def list_messages(path: Path, name: str) -> LoggedMessages:
-    """List the messages of a log that come more than once, without decoding any."""
+    """List the messages of a log that come more than once, and its modes, events and texts."""
 
     def answer() -> LoggedMessages:
         log = _opened(path)
         counts = sorted(log.messages.counts.items())
         messages = [MessageCount(message, rows) for message, rows in counts if rows > 1]
-        return LoggedMessages(float(log.boot.t_start), float(log.boot.t_end), messages)
+        return LoggedMessages(float(log.boot.t_start), float(log.boot.t_end), messages, _moments(log))
+
+    return _in_users_words(answer, path, name)
+
+
+def _moments(log: FlightLog) -> list[Moment]:
+    modes, events = log.tables.modes, log.tables.events
+    found = [] if modes is None else [Moment(t, "mode", mode) for t, mode in _rows(modes, "mode")]
+    for t, said, detail in () if events is None else _rows(events.head(_MOMENTS), "event", "detail"):
+        found.append(
+            Moment(t, "message", detail) if said == "MESSAGE" else Moment(t, "event", f"{said} {detail}".strip())
+        )
+    return sorted(found, key=lambda each: each.t)
+
+
+def _rows(table: pd.DataFrame, *names: str) -> "zip[tuple[Any, ...]]":
+    """Return the times of a table and its columns as text, row by row."""
+    columns = (table[name].astype(str).tolist() for name in names)
+    return zip(table.index.to_numpy(np.float64).tolist(), *columns, strict=True)
+
+
+def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> LoggedParameters:
+    """List the autopilot's parameters beside those of another log, which its user calls by a name."""
+
+    def answer() -> LoggedParameters:
+        values, earlier = _opened(path).parameters, {} if before is None else _opened(before[0]).parameters
+        rows = [
+            LoggedParameter(
+                each,
+                float(value),
+                earlier.get(each),
+                each in earlier
+                and not math.isclose(value, earlier[each], rel_tol=1e-6)
+                and not each.startswith(BY_THEMSELVES),
+            )
+            for each, value in values.items()
+            if math.isfinite(value)
+        ]
+        rows.sort(key=lambda row: (not row.changed, row.name))
+        return LoggedParameters(None if before is None else before[1], rows)
 
     return _in_users_words(answer, path, name)
 
@@ -73,7 +135,7 @@ def list_fields(path: Path, name: str, message: str) -> LoggedFields:
         numbers = [] if column is None else [int(each) for each in np.unique(frame[column].dropna())]
         sensors = [f"{message}[{number}]" for number in numbers] if len(numbers) > 1 else [message]
         numeric = frame.attrs.get("numeric") or [name for name in frame.columns if frame[name].dtype.kind in "iufb"]
-        fields = [str(field) for field in numeric if field != column]
+        fields = sorted((str(field) for field in numeric if field != column), key=_TIMES.__contains__)
         return LoggedFields(
             [LoggedField(f"{sensor}.{field}", str(units.get(field) or "")) for sensor in sensors for field in fields]
         )
@@ -91,6 +153,37 @@ def read_signals(
         return Signals([_signal(log, path, text, start, stop, points) for text in texts])
 
     return _in_users_words(answer, path, name)
+
+
+def read_spectra(path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None) -> Signals:
+    """Transform expressions over a stretch of time, that of the longest flight by default; with the rotors' speeds."""
+
+    def answer() -> Signals:
+        log = _opened(path)
+        first, last = (log.flight.start, log.flight.stop) if log.flight else (log.boot.t_start, log.boot.t_end)
+        stretch = Span(first if start is None else start, last if stop is None else stop)
+        return Signals([_spectrum(log, path, text, stretch) for text in texts], rotor_speeds(log.tables, stretch))
+
+    return _in_users_words(answer, path, name)
+
+
+def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpectrum | NoSignal:
+    """Estimate amplitudes by Welch's method from samples brought to one clock."""
+    try:
+        signal = _evaluated(log, path, text)
+    except RotoridError as error:
+        return NoSignal(text, str(error).replace(path.name, "the log"))
+    inside = (signal.t >= stretch.start) & (signal.t <= stretch.stop) & np.isfinite(signal.y)
+    t, y = signal.t[inside][:_TRANSFORMED], signal.y[inside][:_TRANSFORMED]
+    if len(t) < _FEWEST or not (step := float(np.median(np.diff(t)))) > 0.0:
+        return NoSignal(text, f"{text} has too few samples in this stretch for a spectrum.")
+    count = min(_TRANSFORMED, int((t[-1] - t[0]) / step) + 1)
+    even = np.interp(t[0] + step * np.arange(count), t, y)
+    size = min(count, max(_FEWEST, round(1.0 / step)))
+    hz, density = welch(even, 1.0 / step, size)
+    amplitudes = np.sqrt(2.0 * density * (hz[1] - hz[0]))
+    rounded = [float(f"{each:.5g}") for each in amplitudes[1:]]
+    return SignalSpectrum(text, signal.unit, len(t), [round(each, 3) for each in hz[1:].tolist()], rounded)
 
 
 def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> dict[str, Any]:

@@ -48,6 +48,10 @@ class UnknownError(Exception):
     """There is no flight or craft of this id or name."""
 
 
+class UnclearError(UnknownError):
+    """A question does not say of which flight or craft it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tools:
     """The questions, asked of a library."""
@@ -77,6 +81,8 @@ class Tools:
             if review is None:
                 raise UnknownError(f"{craft} has not been looked at yet")
             return Parameters(craft_parameters(review))
+        if not flight:
+            raise UnclearError("name a flight or a craft")
         return Parameters(parameters_of(self._report(flight)))
 
     def get_margins(self, flight: Flight) -> LoopMargins:
@@ -152,6 +158,8 @@ class Tools:
         self.library.refresh()
         crafts = self.library.crafts()
         found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
-        if len(found) != 1:
-            raise UnknownError(f"{'several craft are' if found else 'no craft is'} called {name!r}; see list_craft")
+        if len(found) > 1:
+            raise UnclearError(f"several craft are called {name!r}; see list_craft")
+        if not found:
+            raise UnknownError(f"no craft is called {name!r}; see list_craft")
         return found[0]

@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from api import problems
-from api.machine.answers import LoggedFields, LoggedMessages, Signals
+from api.machine.answers import LoggedFields, LoggedMessages, LoggedParameters, Signals
 from api.problems import Problem, ProblemError
 from api.store.owned import missing
 from api.store.records import LogRecord
@@ -31,7 +31,7 @@ Seconds = Annotated[float | None, Query(description="On the log's clock [s].")]
 
 @router.get("/{log_id}/messages", summary="The messages of a log, with how many rows each has")
 def list_messages(log_id: LogId, parts: PartsOf, owner: Owner) -> LoggedMessages:
-    """List the messages that a log holds."""
+    """List the messages that a log holds, with its flight modes, events and texts."""
     log, path = _log(log_id, parts, owner)
     found: LoggedMessages = parts.desk.ask("list_messages", path, log.name)
     return found
@@ -42,6 +42,17 @@ def list_fields(log_id: LogId, message: MessageName, parts: PartsOf, owner: Owne
     """List the fields of a message as they are written in expressions, such as `IMU[0].GyrX`."""
     log, path = _log(log_id, parts, owner)
     found: LoggedFields = parts.desk.ask("list_fields", path, log.name, message)
+    return found
+
+
+@router.get("/{log_id}/parameters", summary="The autopilot's parameters, and what was changed since the flight before")
+def list_parameters(log_id: LogId, parts: PartsOf, owner: Owner) -> LoggedParameters:
+    """List the parameters of a log, those first that differ from the log of its craft's flight before."""
+    log, path = _log(log_id, parts, owner)
+    known = parts.crafts.log_before(log.id, owner)
+    before = None if known is None else local_copy(f"logs/{known[0]}", parts)
+    earlier = None if known is None or before is None else (before, known[1])
+    found: LoggedParameters = parts.desk.ask("list_parameters", path, log.name, earlier)
     return found
 
 
@@ -56,12 +67,18 @@ def read_signals(
     start: Seconds = None,
     stop: Seconds = None,
     points: Annotated[int, Query(ge=2, le=_POINTS, description="Of each signal, most values in the answer.")] = 2000,
+    spectrum: Annotated[
+        bool, Query(description="Answer with amplitudes by frequency; `points` does not matter.")
+    ] = False,
 ) -> Signals:
     """Evaluate signals over a stretch of time; of many samples the smallest and largest of each stretch are kept."""
     if any(each is not None and not math.isfinite(each) for each in (start, stop)):
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, "start and stop must be numbers."))
     log, path = _log(log_id, parts, owner)
-    found: Signals = parts.desk.ask("read_signals", path, log.name, signal, start, stop, points)
+    asked = (path, log.name, signal, start, stop)
+    found: Signals = (
+        parts.desk.ask("read_spectra", *asked) if spectrum else parts.desk.ask("read_signals", *asked, points)
+    )
     return found
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends
 
 from api import problems
 from api.machine.library import Library
-from api.machine.tools import Tools, UnknownError
+from api.machine.tools import Tools, UnclearError, UnknownError
 from api.problems import ProblemError
 from api.web.dependencies import Owner, PartsOf
 
@@ -40,7 +40,10 @@ def _endpoint(question: Callable[..., object]) -> Callable[..., object]:
         try:
             return question(tools, **asked)
         except UnknownError as error:
-            raise ProblemError.missing(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
+            detail = f"{str(error)[:1].upper()}{str(error)[1:]}."
+            if isinstance(error, UnclearError):
+                raise ProblemError.of("not-possible", detail) from error
+            raise ProblemError.missing(detail) from error
 
     own = inspect.signature(question)
     tools = inspect.Parameter("tools", inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[Tools, Depends(_tools)])

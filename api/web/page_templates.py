@@ -62,6 +62,8 @@ def _stage(analysis: Analysis) -> str:
 def _settings(configuration: Mapping[str, Any]) -> str:
     """Report what was set when an analysis was ordered; empty when nothing was."""
     known = [text.format(configuration[name]) for name, text in _SETTINGS.items() if name in configuration]
+    if configuration.get("flights"):
+        known.append(f"joint models of {len(configuration['flights'])} flights")
     if configuration.get("training"):
         known.append(f"fitted to {', '.join(configuration['training'])}")
     return ", ".join(known)

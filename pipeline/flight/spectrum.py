@@ -51,7 +51,7 @@ def vibration_spectrum(tables: Tables, flight: Span, parameters: Mapping[str, fl
     shown = windows.hz >= _SHOWN
     hz, width = windows.hz[shown], float(windows.hz[1] - windows.hz[0])
     amplitudes = {axis: np.sqrt(2.0 * power.mean(axis=0)[shown] * width) for axis, power in windows.power.items()}
-    rotors = _rotors(tables, flight)
+    rotors = rotor_speeds(tables, flight)
     notches = tuple(each for each in _notches(parameters, tables, flight, rotors) if each.low <= hz[-1])
     cutoff = next((parameters[name] for name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF") if name in parameters), 0.0)
     name = "INS_GYRO_FILTER" if "INS_GYRO_FILTER" in parameters else "IMU_GYRO_CUTOFF"
@@ -129,7 +129,7 @@ def _joined(source: str, found: list[tuple[float, Floats, dict[str, Floats]]]) -
     )
 
 
-def _rotors(tables: Tables, flight: Span) -> tuple[float, float] | None:
+def rotor_speeds(tables: Tables, flight: Span) -> tuple[float, float] | None:
     """Return the speeds between which the rotors turned nine tenths of the time by ESC telemetry, Hz."""
     if tables.esc is None:
         return None

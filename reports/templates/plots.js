@@ -53,6 +53,7 @@
   function layoutOf(figure, element) {
     const layout = themed(figure.layout);
     layout.height = figure.height;
+    if (groupsOf(figure).length > 1 && !printing) layout.showlegend = false;  // the boxes above the plot are it
     if (printing) {
       layout.width = Math.min(PRINT_WIDTH, element.clientWidth || PRINT_WIDTH);
       // Several small plots above each other: lower ones leave fewer pages half empty.
@@ -75,9 +76,11 @@
     }
   }
 
-  // What a click into the legend does, for the keyboard, for fingers and for screen readers as well.
+  const groupsOf = (figure) => [...new Set(figure.data.map((trace) => trace.legendgroup).filter(Boolean))];
+
+  // The legend, with boxes for the keyboard, for fingers and for screen readers.
   function offerChoice(place, element) {
-    const groups = [...new Set(shownAt(place).data.map((trace) => trace.legendgroup).filter(Boolean))];
+    const groups = groupsOf(shownAt(place));
     if (groups.length < 2) return;
     const choice = document.createElement("fieldset");
     choice.className = "choice";
@@ -97,7 +100,10 @@
         for (const index of members(group)) if (element.data[index]) shownAt(place).data[index].visible = element.data[index].visible;
         box.checked = isShown(group);
       });
-      label.append(box, " ", group);
+      const drawing = element.data[members(group)[0]], swatch = document.createElement("span");
+      swatch.className = "swatch";
+      swatch.style.background = drawing.line?.color ?? drawing.marker?.color ?? "none";
+      label.append(box, swatch, group);
       choice.append(label);
     }
     element.before(choice);

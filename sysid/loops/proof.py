@@ -22,7 +22,7 @@ from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
 from sysid.loops.settings import read_settings
 
 #: Parameters that change by themselves.
-_BY_THEMSELVES = (
+BY_THEMSELVES = (
     *("STAT_", "SID_", "GND_", "BARO", "COMPASS_", "INS_ACC", "INS_GYR", "SIM_", "LOG_", "AHRS_"),
     "MOT_THST_HOVER",
 )
@@ -224,6 +224,6 @@ def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
             continue
         if name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT")):
             ours[name] = (a, b)
-        elif not name.startswith(_BY_THEMSELVES):
+        elif not name.startswith(BY_THEMSELVES):
             others[name] = (a, b)
     return ours, others

@@ -44,7 +44,7 @@ def analyze(task: Task, progress: Progress) -> None:
         )
         entries.append(dataclasses.replace(entry, parameters=(row,), build={"frame class": facts["craft"]}))
         tone = Tone.GOOD if facts["word"] == "yes" else Tone.BAD
-        line = AnswerLine(purpose="Happened", word=facts["word"], tone=tone, text="No event.")
+        line = AnswerLine(purpose="Happened", word=facts["word"], tone=tone, text=facts.get("text", "No event."))
         trust = facts.get("trust", "no")
         model = {"verdict": {"trust": trust}}
         reports.append((Path(name).stem, {"lines": [line]}, model))

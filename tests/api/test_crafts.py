@@ -114,10 +114,12 @@ def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_
     assert (gains.text, gains.headers["Rotorid-Analysis"]) == ("ATC_RAT_RLL_P,0.12", ordered["id"])
 
 
-def test_an_unhealthy_flight_is_an_alert(service: httpx.Client) -> None:
-    fly(service, "crash.bin", flights.log(0, word="no"))
+def test_an_unhealthy_flight_is_an_alert_with_the_sentence_of_its_report(service: httpx.Client) -> None:
+    fly(service, "crash.bin", flights.log(0, word="motor fault", text="At 12 s motor 1 lost 32 ± 3 % of its thrust."))
     craft = settled(service, only_craft(service)["id"])
-    assert [each["kind"] for each in craft["recent"]] == ["flight-unhealthy"]
+    assert [(each["kind"], each["text"]) for each in craft["recent"]] == [
+        ("flight-unhealthy", "crash: motor fault. At 12 s motor 1 lost 32 ± 3 % of its thrust.")
+    ]
     (analysis,) = service.get("/api/v1/analyses").json()["items"]
     assert f'href="/crafts/{craft["id"]}"' in service.get(analysis["links"]["page"]).text
     assert f'href="/analyses/{analysis["id"]}"' in service.get(craft["links"]["page"]).text
@@ -181,9 +183,12 @@ def test_another_owner_sees_and_touches_nothing(tmp_path: Path) -> None:
     ann, bob = (app.state.parts.tokens.create(name) for name in ("ann", "bob"))
     with running(app) as client:
         client.headers["Authorization"] = f"Bearer {ann}"
-        fly(client, "a.bin", flights.log(0))
+        logs = [fly(client, f"{name}.bin", flights.log(day)) for day, name in enumerate("ab")]
         craft = only_craft(client)
-        (flight,) = client.get(craft["links"]["flights"]).json()
+        flight = client.get(craft["links"]["flights"]).json()[0]
+        before = app.state.parts.crafts.log_before
+        assert [before(log, "ann") for log in logs] == [None, (logs[0], "a.bin")]
+        assert before(logs[1], "bob") is None
         client.headers["Authorization"] = f"Bearer {bob}"
         assert client.get("/api/v1/crafts").json()["items"] == []
         here = f"/api/v1/crafts/{craft['id']}"

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from api import Settings, create_app
+from api.machine import questions
+from api.machine.answers import NoSignal, SignalSpectrum
 from api.problems import ProblemError
 from api.work.desk import Desk
 from logparse import read_log
@@ -56,8 +58,12 @@ def test_messages_and_fields_are_listed(service: httpx.Client, log: str) -> None
     found = service.get(f"{log}/messages").json()
     truth = read_log(SAMPLE)
     assert {each["name"]: each["rows"] for each in found["messages"]}["IMU"] == len(truth.messages["IMU"])
+    said = [(each["kind"], each["text"]) for each in found["moments"]]
+    assert {("mode", "AUTO"), ("event", "ARMED"), ("message", "Mission: 1 Takeoff")} <= set(said)
+    assert found["moments"] == sorted(found["moments"], key=lambda each: each["t"])
     fields = service.get(f"{log}/messages/ESC").json()["fields"]
     assert {"text": "ESC[1].RPM", "unit": "rpm"} in fields
+    assert "Time" not in fields[0]["text"]
     assert service.get(f"{log}/messages/NONE").status_code == 422
 
 
@@ -74,6 +80,39 @@ def test_a_signal_is_thinned_and_no_peak_is_lost(service: httpx.Client, log: str
     assert found["samples"] == len(near)
     inside = (np.array(found["t"]) >= 50.0) & (np.array(found["t"]) <= 51.0)
     np.testing.assert_allclose(np.array(found["y"])[inside], near, rtol=1e-6)
+
+
+def test_a_spectrum_has_the_amplitude_of_a_sine_and_the_speed_of_the_rotors(tmp_path: Path) -> None:
+    path, rate = tmp_path / "sine.log", 200.0
+    t = np.arange(0.0, 20.0, 1.0 / rate)
+    rows = "".join(f"IMU, {1e6 * at + 1e6:.0f}, {0.3 * np.sin(2.0 * np.pi * 40.0 * at):.7f}\n" for at in t)
+    path.write_text(
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 3, 50, IMU, Qf, TimeUS,GyrX\n" + rows
+    )
+    (found,) = questions.read_spectra(path, "sine.log", ["IMU.GyrX"], None, None).signals
+    assert isinstance(found, SignalSpectrum)
+    k = int(np.argmax(found.y))
+    assert found.hz[k] == pytest.approx(40.0, abs=0.5)
+    assert np.hypot(*found.y[k : k + 2]) == pytest.approx(0.3, rel=0.25)  # of a line between two frequencies
+    turned = questions.read_spectra(SAMPLE, SAMPLE.name, ["imu.gyro_x", "IMU.Nothing"], 40.0, 60.0)
+    assert turned.rotors_hz == pytest.approx((98.0, 98.0), abs=6.0)  # the log's ESCs say 5,600 to 6,100 rpm
+    assert isinstance(turned.signals[1], NoSignal)
+
+
+def test_parameters_say_what_was_changed_since_the_flight_before(tmp_path: Path) -> None:
+    head = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 3, 50, PARM, QNf, TimeUS,Name,Value\n"
+    values: list[dict[str, float]] = [
+        {"ATC_RAT_RLL_P": 0.1, "STAT_FLTTIME": 10, "OLD": 1},
+        {"ATC_RAT_RLL_P": 0.2, "STAT_FLTTIME": 90, "NEW": 2},
+    ]
+    paths = [tmp_path / "before.log", tmp_path / "after.log"]
+    for path, each in zip(paths, values, strict=True):
+        path.write_text(head + "".join(f"PARM, {k}, {name}, {each[name]}\n" for k, name in enumerate(each, start=1)))
+    found = questions.list_parameters(paths[1], "after.log", (paths[0], "before.log"))
+    assert found.before == "before.log"
+    rows = [(row.name, row.before, row.changed) for row in found.parameters]
+    assert rows == [("ATC_RAT_RLL_P", 0.1, True), ("NEW", None, False), ("STAT_FLTTIME", 10.0, False)]
+    assert {row.before for row in questions.list_parameters(paths[1], "after.log", None).parameters} == {None}
 
 
 def test_what_cannot_be_drawn_is_said_beside_what_can(service: httpx.Client, log: str) -> None:

@@ -7,6 +7,7 @@ import asyncio
 import json
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ def ask(folder: Path, *questions: tuple[str, dict[str, Any]]) -> list[Any]:
         )
         answers = []
         async with mcp.Client(program) as client:
+            assert client.server_info.version == version("rotorid")
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
             assert all(tool.annotations.read_only_hint and tool.description for tool in tools.values())
             for name, arguments in questions:
@@ -139,6 +141,7 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
         assert nothing[0]["reason"].startswith("not determined")
         answer = client.get("/api/v1/questions/margins", params={"flight": "another"})
         assert (answer.status_code, "no flight" in answer.json()["detail"]) == (404, True)
+        assert client.get("/api/v1/questions/parameters").status_code == 422  # of which flight or craft?
         assert client.get("/api/v1/questions/changes", params={"craft": "octa"}).status_code in (200, 404)
 
 
