@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePath
@@ -103,7 +102,7 @@ def analyze_fleet(
     found = paths if isinstance(paths, Found) else find(paths, exclude=store.folder)
     check_choices(found, config)
     store.prepare()
-    with _alone(store):
+    with store.locked():
         progress(f"looking into {len(found.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
         if former.software not in (None, software()):
@@ -169,25 +168,7 @@ def check_choices(found: Found, config: AnalysisConfig) -> None:
             fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in found.sources)))
             if not any(fits):
                 some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
-                _refuse(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
-
-
-def _refuse(reason: str) -> None:
-    raise ConfigError(reason)
-
-
-@contextmanager
-def _alone(store: Store) -> Iterator[None]:
-    """Keep other runs out."""
-    try:
-        lock = store.locked()
-        lock.__enter__()
-    except BlockingIOError:
-        _refuse(f"another run of rotorid writes to {store.url}; wait for it or choose another --out")
-    try:
-        yield
-    finally:
-        lock.__exit__(None, None, None)
+                raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
 
 
 def _known(records: Sequence[LogRecord], former: Manifest, store: Store, pages: str) -> dict[str, Outcome]:

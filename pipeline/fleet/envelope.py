@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 from core.quantity import readable
 from logparse import Finding, Severity
-from pipeline.flight.training import excitation, position_good
+from pipeline.flight.training import position_good
 from pipeline.results.coverage import Cell, Coverage, Distribution
 from pipeline.results.entry import FlightEntry
-from pipeline.results.envelope import Envelope, EnvelopeMap, Excursion, FlightPlace, FlightWind, RangeFlown
+from pipeline.results.envelope import Envelope, EnvelopeMap, Excursion, FlightWind, RangeFlown
 
 #: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
 MARGIN = 0.005
@@ -69,7 +68,6 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
             if flown.wind is not None
         ),
         outside=outside,
-        flights=tuple(_facts(entry, flown, part) for part, flights in parts.items() for entry, flown in flights),
         findings=tuple(_findings(outside, quantities)),
     )
 
@@ -135,20 +133,9 @@ def _excursion(flight: str, name: str, count: Distribution | None, flown: RangeF
 def _summed(flights: Sequence[Flown]) -> tuple[Cell, ...]:
     cells: dict[tuple[int, int], float] = defaultdict(float)
     for _, flown in flights:
-        for i, j, seconds in flown.map.cells:
+        for i, j, seconds in flown.map:
             cells[i, j] += seconds
     return tuple((i, j, seconds) for (i, j), seconds in sorted(cells.items()))
-
-
-def _facts(entry: FlightEntry, flown: Coverage, part: str) -> FlightPlace:
-    return FlightPlace(
-        flight=entry.name,
-        part=part,
-        start_utc=None if entry.start_utc is None else entry.start_utc.isoformat(),
-        place=None if entry.origin is None else (math.degrees(entry.origin[0]), math.degrees(entry.origin[1])),
-        seconds=flown.seconds,
-        acceleration_rms=excitation(entry),
-    )
 
 
 def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]) -> Iterable[Finding]:

@@ -16,7 +16,7 @@ import sysid
 from pipeline.flight.excitation import excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.logged import log_health
-from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, TimeMap, Wind
+from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, Wind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
@@ -85,13 +85,13 @@ def measure(
     return Coverage(
         seconds=len(t) / RATE,
         quantities=known,
-        map=TimeMap(cells=_cells(*(series[name] for name in MAP))),
+        map=_cells(*(series[name] for name in MAP)),
         wind=None
         if trim is None
         else Wind.towards(
             float(trim.wind_n), float(trim.wind_e), float(trim.wind_sigma), "rigid body fitted to this flight"
         ),
-        excitation=excitation_of(log, trajectory, context, models),
+        excitation=excitation_of(trajectory, context),
         health=log_health(log, trajectory, flight, rates),
         missing=missing,
     )
@@ -134,8 +134,6 @@ def distribution(name: str, values: Floats) -> Distribution | None:
         median=median,
         p95=p95,
         max=float(values.max()),
-        mean=float(values.mean()),
-        std=float(values.std()),
         step=quantity.step,
         first=first,
         seconds=tuple(float(count) / RATE for count in np.bincount(bins - first)),

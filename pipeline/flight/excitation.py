@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from core.units import STANDARD_GRAVITY
-from logparse import MissingDataError
 from pipeline.results.coverage import AxisExcitation, Excitation, Linearity
-from sysid.records.context import resample_frame
 from sysid.records.excitation import Coherence
-from sysid.records.mixer import project
 from sysid.rigid_body.rotation import STILL
 from sysid.rotors.rotor import VARYING
 
@@ -22,8 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimation import Trajectory
-    from logparse import FlightLog
-    from pipeline.results.flight import ModelResult
 
     Floats = NDArray[np.float64]
 
@@ -43,9 +37,7 @@ IN_SECTOR = 3.0
 _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
 
 
-def excitation_of(
-    log: FlightLog, trajectory: Trajectory, context: pd.DataFrame, models: Sequence[ModelResult] = ()
-) -> Excitation:
+def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Excitation:
     """Measure how much a flight moved."""
     t = context.index.to_numpy(np.float64)
     dt = float(t[1] - t[0])
@@ -66,8 +58,7 @@ def excitation_of(
         else None,
         speed_std=(float(along.std()), float(across.std())),
         headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= IN_SECTOR)),
-        axes=_axes(context, _commands(log, context), round(1.0 / dt)),
-        coherence=_coherence(models),
+        axes=_axes(context, round(1.0 / dt)),
     )
 
 
@@ -75,49 +66,24 @@ def _rms(vectors: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
-def _commands(log: FlightLog, context: pd.DataFrame) -> Mapping[str, float]:
-    """Return the standard deviation of each command of the mixer; nothing where motor outputs do not tell it."""
-    motors = log.tables.motors
-    if motors is None or len(motors) < 2:
-        return {}
-    t = context.index
-    flown = motors.loc[t[0] : t[-1]].dropna(how="any")
-    if len(flown) < 2:
-        return {}
-    voltage = resample_frame(context[["voltage"]], flown.index.to_numpy(np.float64))[:, 0]
-    try:
-        commands = project(flown, log.vehicle, voltage if np.isfinite(voltage).all() else None)
-    except MissingDataError:  # the frame is not known, which the experiment tells
-        return {}
-    return {str(name): float(value) for name, value in commands.std(ddof=0).items()}
-
-
-def _axes(context: pd.DataFrame, commands: Mapping[str, float], per_second: int) -> dict[str, AxisExcitation]:
+def _axes(context: pd.DataFrame, per_second: int) -> dict[str, AxisExcitation]:
     force = context["f_z"].rolling(max(per_second, 1), center=True).mean().dropna().to_numpy()
     size = float(np.std(force)) if len(force) else 0.0
     axes = {
         axis: AxisExcitation(
             rms=float(context[rate].std(ddof=0)),
             unit="rad/s",
-            command_std=commands.get(axis),
             word=word_of(float(context[rate].std(ddof=0)) / STILL),
         )
         for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
     }
-    axes["thrust"] = AxisExcitation(
-        rms=size, unit="m/s^2", command_std=commands.get("thrust"), word=word_of(size / (VARYING * STANDARD_GRAVITY))
-    )
+    axes["thrust"] = AxisExcitation(rms=size, unit="m/s^2", word=word_of(size / (VARYING * STANDARD_GRAVITY)))
     return axes
 
 
 def word_of(multiple: float) -> str:
     """Return the word for how much moved, as a multiple of what a craft at rest shows."""
     return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
-
-
-def _coherence(models: Sequence[ModelResult]) -> dict[str, Linearity] | None:
-    found = next((each.coherence for each in models if isinstance(each.coherence, Coherence)), None)
-    return None if found is None else in_band(found)
 
 
 def in_band(found: Coherence) -> dict[str, Linearity] | None:

@@ -17,7 +17,6 @@ class AxisExcitation:
     #: one-second means.
     rms: float
     unit: str
-    command_std: float | None  #: Standard deviation of the mixer's command, in parts of a motor's full thrust.
     #: ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
     #: (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
     word: str
@@ -44,7 +43,6 @@ class Excitation:
     speed_std: tuple[float, float]
     headings: int  #: Sectors of 45 degrees in which the nose pointed for three seconds or more.
     axes: Mapping[str, AxisExcitation]  #: ``roll pitch yaw thrust``.
-    coherence: Mapping[str, Linearity] | None = None  #: By output.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +97,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 
-#: The two quantities of the map.
+#: The two quantities of the map, whose bins a cell counts.
 MAP = ("ground_speed", "altitude")
 
 #: Bin of ground speed, bin of altitude, seconds.
@@ -119,24 +117,9 @@ class Distribution:
     median: float
     p95: float
     max: float
-    mean: float
-    std: float
     step: float  #: Width of a bin.
     first: int  #: Number of the first bin: it begins at ``first * step``.
     seconds: tuple[float, ...]  #: Time in each bin from there on.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimeMap:
-    """Time flown at each ground speed and altitude; cells without time are left out."""
-
-    cells: tuple[Cell, ...]  #: Bin of x, bin of y, seconds.
-    #: Quantities of the two bins.
-    x: str = MAP[0]
-    y: str = MAP[1]
-    #: Their widths.
-    x_step: float = QUANTITIES[MAP[0]].step
-    y_step: float = QUANTITIES[MAP[1]].step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +148,7 @@ class Coverage:
 
     seconds: float  #: Of flight that were counted.
     quantities: Mapping[str, Distribution]  #: Of those of `QUANTITIES` that are known.
-    map: TimeMap
+    map: tuple[Cell, ...]  #: Time at each ground speed and altitude; cells without any are left out.
     wind: Wind | None
     excitation: Excitation
     health: LogHealth

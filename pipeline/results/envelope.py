@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from logparse import Finding
-from pipeline.results.coverage import MAP, QUANTITIES, Cell
+from pipeline.results.coverage import Cell
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,14 +37,10 @@ class Excursion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnvelopeMap:
-    """Time at each ground speed and altitude, as `pipeline.results.coverage.TimeMap`, fitted and judged."""
+    """Time at each ground speed and altitude, fitted and judged."""
 
     training: tuple[Cell, ...]
     held_out: tuple[Cell, ...]
-    x: str = MAP[0]
-    y: str = MAP[1]
-    x_step: float = QUANTITIES[MAP[0]].step
-    y_step: float = QUANTITIES[MAP[1]].step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,18 +55,6 @@ class FlightWind:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightPlace:
-    """When and where a flight was (latitude and longitude, deg), how long it was counted and how much it moved."""
-
-    flight: str
-    part: str
-    start_utc: str | None
-    place: tuple[float, float] | None
-    seconds: float
-    acceleration_rms: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
     """What the flights of a craft covered together."""
 
@@ -80,5 +64,4 @@ class Envelope:
     map: EnvelopeMap
     winds: tuple[FlightWind, ...]  #: Of flights whose wind is known.
     outside: tuple[Excursion, ...]
-    flights: tuple[FlightPlace, ...]
     findings: tuple[Finding, ...]

@@ -15,7 +15,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.results.account import Account
 from pipeline.results.advice import Advice
 from pipeline.results.answer import Answer
-from pipeline.results.coverage import Coverage, TimeMap
+from pipeline.results.coverage import Coverage
 from pipeline.results.drift import Drift
 from pipeline.results.envelope import Envelope
 from pipeline.results.model_report import (
@@ -127,7 +127,7 @@ class FlightReport:
         coverage, account, answer = self.coverage, self.account, self.answer
         if coverage is not None:
             quantities = {name: replace(each, seconds=()) for name, each in coverage.quantities.items()}
-            coverage = replace(coverage, quantities=quantities, map=TimeMap(cells=()))
+            coverage = replace(coverage, quantities=quantities, map=())
         if account is not None:
             account = Account(flight=account.flight, story=account.story, headline=account.headline)
         if answer is not None:

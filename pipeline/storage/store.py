@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 
 from core.lazy import lazy
 from core.serialization import plain, restored
+from pipeline.errors import ConfigError
 
 if TYPE_CHECKING:
     import fcntl
@@ -93,7 +94,7 @@ class Store(ABC):
 
     @abstractmethod
     def locked(self) -> AbstractContextManager[None]:
-        """Keep other runs out for the time of a ``with``, as far as the storage can; BlockingIOError when one is in."""
+        """Keep other runs out for the time of a ``with``, as far as the storage can; ConfigError when one is in."""
 
     def fetch(self, path: str, folder: Path) -> None:
         """Copy the files of a product, without its folders, into a new folder on a disk."""
@@ -226,7 +227,8 @@ class FolderStore(Store):
                     # The system releases it with the process, however that ends.
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    raise
+                    what = f"another run of rotorid writes to {self.url}; wait for it or choose another --out"
+                    raise ConfigError(what) from None
                 except OSError:  # some network file systems have no locks
                     pass
             shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 from core.quantity import per_degree, with_unit
 from pipeline.results.answer import Tone
+from pipeline.results.coverage import MAP, QUANTITIES
 from pipeline.results.craft_review import Note
 from pipeline.results.drift import Drift, History, MotorShares, Point
 from pipeline.results.envelope import Envelope, RangeFlown
@@ -95,9 +96,10 @@ def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
     cells = coverage.map
     if not cells.training and not cells.held_out:
         return None
+    x_step, y_step = (QUANTITIES[name].step for name in MAP)
     axes = [
         {"title": {"text": _title(coverage.quantities.get(axis), otherwise)}, "zeroline": False}
-        for axis, otherwise in ((cells.y, "height (m)"), (cells.x, "ground speed (m/s)"))
+        for axis, otherwise in zip(MAP[::-1], ("height (m)", "ground speed (m/s)"), strict=True)
     ]
     plot = Plot(axes[0], x=axes[1], showlegend=True)
     if cells.training:
@@ -110,14 +112,14 @@ def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
         scale = {"title": {"text": "fitted (s)", "side": "top"}, "thickness": 12, "outlinewidth": 0}
         scale |= {"tickvals": ticks, "ticktext": [f"{10.0**tick:g}" for tick in ticks]}
         heat: Trace = {"type": "heatmap", "name": "fitted", "z": z, "xgap": 1, "ygap": 1, "colorbar": scale}
-        heat |= {"x": [(i + 0.5) * cells.x_step for i in columns], "y": [(j + 0.5) * cells.y_step for j in rows]}
+        heat |= {"x": [(i + 0.5) * x_step for i in columns], "y": [(j + 0.5) * y_step for j in rows]}
         heat |= {"zmin": ticks[0] - 0.5, "zmax": max(ticks[-1], ticks[0] + 1)}
         heat |= {"colorscale": [[0, "@paper"], [1, "@fitted"]]}
         heat |= {"customdata": [[_short(seconds.get((i, j))) for i in columns] for j in rows]}
         plot.add(heat | {"hovertemplate": "%{x} m/s, %{y} m: %{customdata} s<extra>fitted</extra>"})
     if cells.held_out:
-        x = [(i + 0.5) * cells.x_step for i, *_ in cells.held_out]
-        y = [(j + 0.5) * cells.y_step for _, j, _ in cells.held_out]
+        x = [(i + 0.5) * x_step for i, *_ in cells.held_out]
+        y = [(j + 0.5) * y_step for _, j, _ in cells.held_out]
         sizes = [round(4.0 + 4.0 * max(math.log10(value / _LEAST), 0.0), 1) for *_, value in cells.held_out]
         text = [str(_short(value)) for *_, value in cells.held_out]
         hover = "%{x} m/s, %{y} m: %{text} s<extra>judged</extra>"

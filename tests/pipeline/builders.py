@@ -88,7 +88,7 @@ def covering(name, **values):
         coverage=coverage_of(
             seconds=seconds,
             quantities=quantities,
-            map={"cells": [[0, 1, seconds]]},
+            map=[[0, 1, seconds]],
             wind={"speed": 2.0, "direction": pi / 2, "sigma": 0.2},
             health={"position_sigma": {"median": 0.5, "max": 1.0}},
         ),

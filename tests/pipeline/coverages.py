@@ -5,11 +5,11 @@ from typing import Any
 from core.serialization import plain, restored
 from pipeline.results.coverage import Coverage
 
-_AXIS = {"rms": 0.3, "unit": "rad/s", "command_std": 0.02, "word": "strong"}
+_AXIS = {"rms": 0.3, "unit": "rad/s", "word": "strong"}
 _USUAL: dict[str, Any] = {
     "seconds": 180.0,
     "quantities": {},
-    "map": {"cells": []},
+    "map": [],
     "wind": {"north": 1.0, "east": 0.0, "speed": 1.0, "direction": 0.0, "sigma": 0.1, "source": ""},
     "excitation": {
         "acceleration_rms": 1.0,

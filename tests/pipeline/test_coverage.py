@@ -64,7 +64,7 @@ def test_distributions_are_those_of_the_truth(flight):
             assert getattr(known, part) == pytest.approx(values.quantile(quantile), abs=0.35 * step + 0.1)
         assert sum(known.seconds) == pytest.approx(found.seconds, abs=0.15)
     assert found.quantities["density"].median == pytest.approx(sample.setup.place.atmosphere.density_at(8.0), rel=0.01)
-    assert sum(seconds for *_, seconds in found.map.cells) == pytest.approx(found.seconds, abs=0.3)
+    assert sum(seconds for *_, seconds in found.map) == pytest.approx(found.seconds, abs=0.3)
 
 
 def test_movement_is_told_axis_by_axis(flight):
@@ -77,7 +77,6 @@ def test_movement_is_told_axis_by_axis(flight):
     for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z")):
         # Ten rows a second leave out what is faster than 4 Hz: touching down, mostly.
         assert 0.5 * truth[rate].std() < found.axes[axis].rms < 1.1 * truth[rate].std()
-    assert found.axes["pitch"].command_std is not None
 
 
 def test_the_log_is_judged(flight):

@@ -9,6 +9,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
+from pipeline.errors import ConfigError
 from pipeline.storage.store import ENTRY, SCRATCH, FolderStore, ObjectStore, TemporaryStore, open_store
 
 
@@ -120,7 +121,7 @@ def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
     assert len(store.names(SCRATCH)) == 1
     with store.locked():
         assert store.names(SCRATCH) == []
-        with pytest.raises(BlockingIOError), FolderStore(tmp_path).locked():
+        with pytest.raises(ConfigError, match="another run"), FolderStore(tmp_path).locked():
             pass
 
 

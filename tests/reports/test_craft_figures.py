@@ -37,11 +37,10 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
                 "first": first,
                 "seconds": [30.0, 30.0],
             }
-            | dict.fromkeys(("min", "p05", "median", "p95", "max", "mean"), (first + 1) * QUANTITIES[name].step)
-            | {"std": 0.1}
+            | dict.fromkeys(("min", "p05", "median", "p95", "max"), (first + 1) * QUANTITIES[name].step)
             for name, first in bins.items()
         },
-        map={"cells": [[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]]},
+        map=[[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]],
         wind={"speed": 3.0, "direction": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4},
         excitation={"acceleration_rms": 0.6},
         health={"position_sigma": {"median": 0.5, "max": 1.0}},
