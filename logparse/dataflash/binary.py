@@ -47,6 +47,11 @@ class DataflashSource(MessageSource):
         self._mended: dict[str, int] = {}
         self._chain = Chain(buffer)
         if not len(self._chain.sequence):
+            if buffer.find(HEADER) >= 0 and buffer.find(HEADER + bytes((FMT_ID,))) < 0:
+                raise LogError(
+                    "the beginning of this DataFlash log is missing, where FMT rows say how its messages are read: "
+                    "the file is cut off at its start; copy the whole log again"
+                )
             raise LogError("no intact DataFlash message in the file: it is damaged or not a DataFlash log")
         self._units = UnitTable()
         self._read_units()

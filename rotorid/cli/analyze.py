@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from pipeline.config import AnalysisConfig
-from rotorid.cli.options import folder_of, setting
+from rotorid.cli.options import flight_of, folder_of, parted, setting
 from rotorid.cli.output import INTERRUPTED, NOT_POSSIBLE, OK, SOME_FAILED, console, fail, prepare
 from rotorid.workers import PRELOAD
 
@@ -42,7 +42,8 @@ def analyze(
     paths: Annotated[
         list[str],
         typer.Argument(
-            help="Logs (.bin, .log, .tlog, .ulg, told by content), folders of logs, and URLs of either (s3://...)."
+            help="Logs (.bin, .log, .tlog, .ulg, told by content), folders of logs, and URLs of either (s3://...). "
+            "LOG#2 alone: the second flight of LOG."
         ),
     ],
     out: Annotated[
@@ -116,6 +117,10 @@ def analyze(
     from pipeline.storage.sources import find
 
     out = out or str(folder_of(paths[0]))
+    flight: int | None = None
+    if len(paths) == 1 and not is_url(paths[0]):
+        file, flight = parted(Path(paths[0]))
+        paths = [str(file)]
     if columns is not None:
         _tables(paths, columns, out, config, as_json)
         return
@@ -131,7 +136,7 @@ def analyze(
     single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
     begun = 0.0
     if single and not chosen:
-        _one_flight(found.sources[0], Path(out), config, as_json, plots)
+        _one_flight(found.sources[0], Path(out), config, as_json, plots, flight)
         begun = _SEVERAL_FOUND
     sizes = [source.size for source in found.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()
@@ -218,9 +223,14 @@ def _require_files(found: "Found", paths: Sequence[str]) -> None:
 
 
 def _one_flight(
-    source: "Source", out: Path, config: AnalysisConfig, as_json: bool, plots: "PlotFormat | None" = None
+    source: "Source",
+    out: Path,
+    config: AnalysisConfig,
+    as_json: bool,
+    plots: "PlotFormat | None" = None,
+    flight: int | None = None,
 ) -> None:
-    """Analyse a log of one flight anew, write its report and end; come back where it holds several flights."""
+    """Analyse a log of one flight, or one of its flights, write the report and end; come back where there are more."""
     from pipeline.execution.progress import shown
     from pipeline.execution.stages import overall
     from pipeline.storage.sources import fetched
@@ -240,7 +250,7 @@ def _one_flight(
         compile_missing(progress)
         advance = overall(progress, began)
         advance("read", 0.0)
-        logs = read_flights(file)
+        logs = read_flights(file) if flight is None else (flight_of(file, flight),)
         if len(logs) > 1:
             if not as_json:
                 _announce_all(logs)

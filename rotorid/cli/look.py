@@ -87,6 +87,10 @@ def plot(
         show_page(page)
 
 
+#: Most samples per second of a table of motion that nobody asked for otherwise.
+_FASTEST_TABLE = 50.0
+
+
 class TableFormat(StrEnum):
     """Formats that tables are exported to."""
 
@@ -101,7 +105,7 @@ def export(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the files; made when missing. Default: out/NAME/tables, of the log."),
+        typer.Option(help="Folder for the files; made when missing. Default: out/NAME, of the log."),
     ] = None,
     table_format: Annotated[
         TableFormat, typer.Option("--format", help="parquet and csv: a file for each table; mat: one file for MATLAB.")
@@ -124,7 +128,10 @@ def export(
             "YAML that `analyze --columns` reads.",
         ),
     ] = False,
-    rate: Annotated[float, typer.Option(min=1.0, max=1000.0, help="Samples per second of --table.")] = 50.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=1000.0, help="Samples per second of --table. Default: as motor outputs, at most 50."),
+    ] = None,
     autopilot: Annotated[
         bool, typer.Option("--autopilot", help="Instead: parameters that the flights determined, as .param files.")
     ] = False,
@@ -144,7 +151,7 @@ def export(
 
     names = [name for part in messages or () for name in part.split(",") if name]
     stretch(start, end)
-    folder = out or folder_of(log) / "tables"
+    folder = out or folder_of(log)
     flight_log = logparse.read_log(log, power_up(boot))
     first, last = flight_log.boot.t_start, flight_log.boot.t_end
     if (start is not None and start > last) or (end is not None and end < first):
@@ -164,11 +171,12 @@ def _table(
     folder: Path,
     table_format: TableFormat,
     within: tuple[float | None, float | None],
-    rate: float,
+    rate: float | None,
     messages: bool,
 ) -> tuple[Path, Path]:
     """Write the record of the longest flight as `Experiment.from_table` reads it."""
     import estimation
+    from logparse.completeness import rate_of
     from sysid import Experiment
     from sysid.records.table_export import write_table
 
@@ -179,6 +187,8 @@ def _table(
         (log.boot.t_start if within[0] is None else within[0]),
         (log.boot.t_end if within[1] is None else within[1]),
     )
+    if rate is None:  # rows between those of the motors are nobody's measurements: a fit finds no thrust in them
+        rate = _FASTEST_TABLE if log.tables.motors is None else min(rate_of(log.tables.motors), _FASTEST_TABLE)
     record = Experiment.from_flight(log, trajectory, rate, within=(first, last))
     return write_table(record, folder / f"{log.path.stem}.{table_format.value}")
 

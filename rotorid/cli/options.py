@@ -88,7 +88,7 @@ def open_log(name: Path, boot: int | None = None) -> FlightLog:
 
     Without a number the longest flight counts; that there are others is said on the standard error.
     """
-    from logparse import LogError, read_flights, read_log
+    from logparse import read_log
 
     file, number = parted(name)
     if number is None:
@@ -100,6 +100,13 @@ def open_log(name: Path, boot: int | None = None) -> FlightLog:
                 err=True,
             )
         return log
+    return flight_of(file, number)
+
+
+def flight_of(file: Path, number: int) -> FlightLog:
+    """Read one of the flights of all power-ups of a log, 1 for the first."""
+    from logparse import LogError, read_flights
+
     flights = read_flights(file)
     if flights[0].flight is None or not 1 <= number <= len(flights):
         count = 0 if flights[0].flight is None else len(flights)

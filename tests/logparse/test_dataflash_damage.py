@@ -58,6 +58,11 @@ def test_undamaged_log_is_complete() -> None:
     assert source.findings == ()
 
 
+def test_a_log_cut_off_at_its_start_is_named_as_such() -> None:
+    with pytest.raises(RotoridError, match="cut off at its start"):
+        DataflashSource(BASE[BEGIN:])
+
+
 def read_or_refuse(data: bytes) -> DataflashSource | None:
     """Read everything in a log; None where it is refused as it should be."""
     try:

@@ -35,6 +35,8 @@ def test_commands_take_the_flight(tmp_path):
     seen = json.loads(done.stdout)
     assert len(seen["flights"]) == 1
     assert all(table["start"] >= seen["flights"][0]["start"] for table in seen["tables"])
+    done = CliRunner().invoke(app, ["analyze", f"{TWO}#3", "--out", str(tmp_path)])
+    assert isinstance(done.exception, LogError)
     done = CliRunner().invoke(app, ["tune", f"{TWO}#1"])
     assert done.exit_code == 3
     assert "no chirp" in done.output

@@ -46,6 +46,7 @@ def test_the_command_writes_a_log_in_the_form_that_analyze_reads(tmp_path):
     assert done.exit_code == 0, done.output
     path, description = done.output.split()
     read = Experiment.from_table(path, description)
-    assert read.rate == pytest.approx(50.0)
+    # That of the motor outputs: at 50 Hz thrust was not determined in this flight, 9.8 ± 8.5.
+    assert read.rate == pytest.approx(10.0)
     assert read.units["m1"] == "us"
     assert set(read.context.columns) >= {"v_n", "w_x", "roll"}

@@ -364,8 +364,12 @@ def _parameters(
         if np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0:
             reason = "the records hardly move it"
         elif not error < limit:
-            asked = f"{limit:.2g}" if 0.0 < limit == family.limit else f"a fifth of the {abs(value):.2g} found"
-            reason = f"its standard error is {error:.2g}, above {asked}"
+            asked = (
+                f"above {limit:.2g}" if 0.0 < limit == family.limit else f"above a fifth of the {abs(value):.2g} found"
+            )
+            if abs(value) < 0.01 * error and family.limit == 0.0:
+                asked = "and what was found is nothing beside it"
+            reason = f"its standard error is {error:.2g}, {asked}"
         if unknown.kind == "delay":
             name, value, lead = timing_of(name, value, error, kinds, dt)
             reason = lead or reason
