@@ -146,13 +146,12 @@ def export(
     if len(logs) > 1:
         raise typer.BadParameter("one log at a time, but for --autopilot", param_hint="LOGS")
     log = logs[0]
-    import logparse
     from logparse.export import export as write_tables
 
     names = [name for part in messages or () for name in part.split(",") if name]
     stretch(start, end)
     folder = out or folder_of(log)
-    flight_log = logparse.read_log(log, power_up(boot))
+    flight_log = open_log(log, boot)
     first, last = flight_log.boot.t_start, flight_log.boot.t_end
     if (start is not None and start > last) or (end is not None and end < first):
         raise typer.BadParameter(f"the log covers {first:.1f} to {last:.1f} s; --start or --end lies outside it")
