@@ -175,11 +175,7 @@ def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list
 
 def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
     """Draw the poles of fits to frequency responses; None without any."""
-    found: dict[str, tuple[tuple[Root, ...], tuple[Root, ...]]] = {}
-    for label, fit in fits:
-        model = fit.transfer_function()
-        pairs = zip(model.poles, model.pole_covariance, strict=True)
-        found[label] = (tuple(Root(complex(pole), covariance) for pole, covariance in pairs), ())
+    found = {label: (poles(fit.transfer_function()), ()) for label, fit in fits}
     return root_map(found, "poles") if found else None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,21 +10,15 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from core.lazy import lazy
 from core.serialization import as_json
-from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import FrequencyFit
-from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+from sysid.transfer_functions.export import functions_to_control, python_control
+from sysid.transfer_functions.transfer_function import TransferFunction, poles
 
 if TYPE_CHECKING:
     import control
-else:
-    control = lazy("control")
-
-#: Order of the approximation of delays for tools that have none.
-_PADE_ORDER = 3
 
 
 def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> pd.DataFrame:
@@ -101,11 +94,12 @@ def _fit(fit: FrequencyFit) -> dict[str, object]:
     model = fit.transfer_function()
     return (
         _fields(fit, _FIT)
-        | _fields(model, ("num", "den", "delay", "poles"))
+        | _fields(model, ("num", "den", "delay"))
         | {
+            "poles": [root.value for root in poles(model)],
             "structure": [structure.name for structure in fit.structure],
             "insensitivity": dict(zip(fit.names, fit.insensitivity.tolist(), strict=True)),
-            "state_space": _fields(model.state_space, "ABCD"),
+            "state_space": dict(zip("ABCD", model.state_space, strict=True)),
         }
     )
 
@@ -143,12 +137,8 @@ def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, objec
     return struct
 
 
-def to_control(found: FrequencyResponse | FrequencyFit | RationalModel) -> control.FRD | control.TransferFunction:
+def to_control(found: FrequencyResponse | FrequencyFit | TransferFunction) -> control.FRD | control.TransferFunction:
     """Return a response as FRD of python-control, a model as its transfer function, the delay by Padé."""
-    if find_spec("control") is None:
-        raise FrequencyError("python-control is not installed; install it with: pip install 'rotorid[control]'")
     if isinstance(found, FrequencyResponse):
-        return control.FRD(found.response, 2.0 * np.pi * found.hz)
-    model = found.transfer_function() if isinstance(found, FrequencyFit) else found
-    num, den = control.pade(model.delay, _PADE_ORDER if model.delay > 0.0 else 0)
-    return control.TransferFunction(np.polymul(model.num, num), np.polymul(model.den, den))
+        return python_control().FRD(found.response, 2.0 * np.pi * found.hz)
+    return functions_to_control([[found.transfer_function() if isinstance(found, FrequencyFit) else found]])

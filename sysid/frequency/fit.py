@@ -14,9 +14,9 @@ from core.quantity import uncertain
 from core.summary import Summarised, listed
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.cost import ACCEPTABLE, EXCELLENT, POOR, cost
-from sysid.frequency.rational import RationalModel
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
+from sysid.transfer_functions.transfer_function import TransferFunction
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 FLOOR = 0.01
@@ -131,8 +131,8 @@ class FrequencyFit(Summarised):
         own = self.values[list(self.columns[which])]
         return self.structure[which].response(own, hz) * low_pass(hz, self.responses[which].gyro_filter_hz)
 
-    def transfer_function(self, which: int = 0) -> RationalModel:
-        """Return the model of one response as polynomials with their covariance: poles, zeros, state-space form."""
+    def transfer_function(self, which: int = 0) -> TransferFunction:
+        """Return the model of one response as a ratio of polynomials, without the filter of the measurement."""
         columns = list(self.columns[which])
         own, structure = self.values[columns], self.structure[which]
         covariance = self.covariance[np.ix_(columns, columns)]
@@ -149,13 +149,9 @@ class FrequencyFit(Summarised):
             moved[k] += step
             slope[:, k] = (coefficients(moved) - centre) / step
         num, den = structure.polynomials(own)
-        return RationalModel(
-            num=num / den[0],
-            den=den / den[0],
-            delay=float(own[-1]),
-            covariance=np.asarray(slope @ covariance @ slope.T),
-            cost=self.costs[which],
-        )
+        known = np.asarray(slope @ covariance @ slope.T)
+        late = float(np.sqrt(max(known[-1, -1], 0.0)))
+        return TransferFunction(num / den[0], den / den[0], known[:-1, :-1], delay=float(own[-1]), delay_std=late)
 
     def summary(self) -> dict[str, str]:
         """Return the structure, its cost J and the parameters."""

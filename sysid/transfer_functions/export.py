@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import scipy
 from core.lazy import lazy
 from logparse import RotoridError
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
-from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunctionModel
+from sysid.transfer_functions.transfer_function import DETERMINED, TransferFunction, TransferFunctionModel
 
 if TYPE_CHECKING:
     import control
@@ -97,6 +97,23 @@ def _structs(models: Mapping[str, TransferMatrix | Mapping[str, TransferMatrix]]
     }
 
 
+def python_control() -> Any:
+    """Return python-control; ExportError without it."""
+    if find_spec("control") is None:
+        raise ExportError("python-control is not installed; install it with: pip install 'rotorid[control]'")
+    return control
+
+
+def functions_to_control(rows: Sequence[Sequence[TransferFunction]], **named: object) -> control.TransferFunction:
+    """Return transfer functions by output and input to python-control, delays as Padé approximations."""
+    tool, num, den = python_control(), [], []
+    for row in rows:
+        late = [tool.pade(f.delay, PADE_ORDER if f.delay > 0.0 else 0) for f in row]
+        num.append([np.polymul(f.num, pade[0]) for f, pade in zip(row, late, strict=True)])
+        den.append([np.polymul(f.den, pade[1]) for f, pade in zip(row, late, strict=True)])
+    return tool.TransferFunction(num, den, **named)
+
+
 def to_control(model: TransferMatrix) -> control.TransferFunction:
     """Return a model to python-control, as one system with named inputs and outputs.
 
@@ -107,19 +124,8 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
     ExportError
         Without python-control, the extra ``control``.
     """
-    if find_spec("control") is None:
-        raise ExportError("python-control is not installed; install it with: pip install 'rotorid[control]'")
-    rows = [[model.transfer_functions[o][i] for i in model.input_names] for o in model.output_names]
-    late = [[control.pade(function.delay, PADE_ORDER if function.delay else 0) for function in row] for row in rows]
-    return control.TransferFunction(
-        [
-            [np.polymul(f.num, num) for f, (num, _) in zip(row, d, strict=True)]
-            for row, d in zip(rows, late, strict=True)
-        ],
-        [
-            [np.polymul(f.den, den) for f, (_, den) in zip(row, d, strict=True)]
-            for row, d in zip(rows, late, strict=True)
-        ],
+    return functions_to_control(
+        [[model.transfer_functions[o][i] for i in model.input_names] for o in model.output_names],
         inputs=list(model.input_names),
         outputs=list(model.output_names),
         name=_identifier(model.name),

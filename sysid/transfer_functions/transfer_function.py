@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.special import chdtri as chi2_isf
 
@@ -103,6 +104,12 @@ class TransferFunction(Summarised):
     def zeros(self) -> NDArray[np.complex128]:
         """Roots of the numerator, rad/s."""
         return np.asarray(np.roots(self.num), dtype=np.complex128)
+
+    @property
+    def state_space(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Matrices A, B, C and D of its controller canonical form, behind the delay."""
+        a, b, c, d = (np.asarray(each, dtype=np.float64) for each in scipy.signal.tf2ss(self.num, self.den))
+        return a, b, c, d
 
     @property
     def gain(self) -> float:

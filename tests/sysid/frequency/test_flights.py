@@ -129,7 +129,7 @@ def test_a_flexible_mode_is_found_with_its_damping(tmp_path: Path) -> None:
     assert found.parameters["mode_damping"].value == pytest.approx(0.04, rel=0.15)
     poles = found.transfer_function().poles
     assert np.min(np.abs(np.abs(poles) - 2.0 * np.pi * 18.0)) < 4.0
-    assert found.transfer_function().state_space.A.shape == (4, 4)
+    assert found.transfer_function().state_space[0].shape == (4, 4)
 
 
 def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
