@@ -228,7 +228,7 @@ _RATE_FIELDS = (
     {f"w_{axis}_ref": (f"{letter}Des", "deg/s") for axis, letter, _ in _AXES}
     | {f"w_{axis}": (letter, "deg/s") for axis, letter, _ in _AXES}
     | {f"out_{name}": (f"{letter}Out", "") for _, letter, name in _AXES}
-    | {"out_thrust": ("AOut", "")}
+    | {"out_thrust": ("AOut", ""), "a_up": ("A", "cm/s/s"), "a_up_ref": ("ADes", "cm/s/s")}
 )
 
 
@@ -260,18 +260,20 @@ def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:
 
 
 def systemid(messages: Messages) -> pd.DataFrame | None:
-    """Chirps of SYSTEMID mode: SIDD, with the axis that the last SIDS before them announces."""
+    """Chirps of SYSTEMID mode: SIDD, with the axis and the length that the last SIDS before them announces."""
     if "SIDD" not in messages or not len(messages["SIDD"]):
         return None
     frame = messages["SIDD"]
     columns = {"axis": np.full(len(frame), np.nan), "target": quantity(frame, "Targ", "")}
-    columns |= {"elapsed": quantity(frame, "Time", "s"), "frequency": 2.0 * np.pi * numbers(frame, "F")}
+    columns |= {"elapsed": quantity(frame, "Time", "s"), "planned": np.full(len(frame), np.nan)}
+    columns |= {"frequency": 2.0 * np.pi * numbers(frame, "F")}
     columns |= {f"w_{axis}": quantity(frame, f"G{axis}", "deg/s") for axis in "xyz"}
     columns |= {f"f_{axis}": quantity(frame, f"A{axis}", "m/s/s") for axis in "xyz"}
     table = series(frame.index, columns)
     if "SIDS" in messages and len(messages["SIDS"]):
-        announced = series(messages["SIDS"].index, {"axis": numbers(messages["SIDS"], "Ax")})["axis"]
-        table["axis"] = announced.reindex(table.index, method="ffill")
+        said = {name: numbers(messages["SIDS"], field) for name, field in (("axis", "Ax"), ("planned", "TR"))}
+        announced = pd.DataFrame(series(messages["SIDS"].index, said)).reindex(table.index, method="ffill")
+        table[list(said)] = announced
     return table
 
 

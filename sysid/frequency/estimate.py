@@ -218,7 +218,7 @@ def ordinary_record(source: LogSignals, axis: Axis, within: Within | None) -> Ax
 
     FrequencyError without the signals.
     """
-    if not axis.attitude and "RATE" not in source.log.messages:
+    if not axis.attitude and not source.tells_height:
         return throttle_record(source.log, within)
     return flight_record(source.log, source.of(axis), axis, within)
 

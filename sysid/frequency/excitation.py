@@ -76,7 +76,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
     target = table["target"].to_numpy(np.float64)
     new = (np.diff(elapsed) < -1e-3) | (np.diff(t) > _PAUSE) | (np.diff(axis) != 0.0)
     edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(t)]])
-    planned = _announced(log)
+    planned = table["planned"].to_numpy(np.float64)
     found = []
     for first, last in pairwise(edges):
         if last - first < 8:
@@ -89,8 +89,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
         # After its last cycle a run only waits.
         last = first + int(np.flatnonzero(moving)[-1]) + 1
         lasted = float(t[last - 1] - t[first])
-        plan = [length for begin, length in planned if begin <= t[first] + 1.0]
-        complete = not plan or lasted >= _COMPLETE * plan[-1]
+        complete = not lasted < _COMPLETE * planned[last - 1]
         swept = frequency[first:last][moving[: last - first]]
         swept = swept[np.isfinite(swept)]
         if len(swept) >= 8:
@@ -99,11 +98,3 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
             limits = _SHORTEST / max(lasted, 1e-3), _SHOWN / float(np.median(np.diff(t[first:last])))
         found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
     return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
-
-
-def _announced(log: FlightLog) -> list[tuple[float, float]]:
-    """Return the time and the planned length, s, of each run that SIDS announces."""
-    if "SIDS" not in log.messages or "TR" not in log.messages["SIDS"]:
-        return []
-    lengths = log.messages["SIDS"]["TR"]
-    return list(zip(lengths.index.astype(float), lengths.to_numpy(np.float64), strict=True))

@@ -1,15 +1,14 @@
-"""What the rate controllers of a log say: outputs, measurements and targets, as rows of the log."""
+"""What the rate controllers of a log say, and that of the height: outputs, measurements and targets, as rows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.units import quantity
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
@@ -65,26 +64,8 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     if within is not None:
         rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
     columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
-    known = {str(each.name): _as_logged(each.to_numpy()[rows]) for each in columns}
+    # In single precision, as the fast loop is logged: all in double are the largest thing in memory.
+    known = {str(each.name): each.to_numpy()[rows].astype(np.float32) for each in columns}
     log.tables.release(keep="imu")  # what the columns were made of is as large as they are
-    return RateSignals(t[rows], known, "RATE" in log.messages)
-
-
-def _as_logged(values: Logged) -> Logged:
-    """Return values in single precision, as the fast loop is logged: all in double are the largest thing in memory."""
-    return values.astype(np.float32)
-
-
-def with_vertical(log: FlightLog, signals: RateSignals) -> RateSignals:
-    """Return the rate controllers with that of the vertical acceleration, where they are those of RATE."""
-    if not signals.with_chirp:
-        return signals
-    # Not kept: of a long log it would be the largest thing in memory.
-    frame = log.messages.once("RATE", ("A", "ADes"))
-    times = frame.index.to_numpy(np.float64)
-    order = np.argsort(times, kind="stable")
-    columns = dict(signals.columns)
-    for name, source in (("a_up", "A"), ("a_up_ref", "ADes")):
-        if source in frame:
-            columns[name] = _as_logged(np.interp(signals.t, times[order], quantity(frame, source, "cm/s/s")[order]))
-    return replace(signals, columns=columns)
+    told = {name: values for name, values in known.items() if np.isfinite(values).any()}
+    return RateSignals(t[rows], told, "RATE" in log.messages)

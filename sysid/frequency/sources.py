@@ -22,7 +22,7 @@ from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.antialias import below
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.rate_signals import RateSignals, rate_signals, with_vertical
+from sysid.frequency.rate_signals import RateSignals, rate_signals
 from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
 from sysid.records.mixer import patterns, thrust_commands, voltage_at
 
@@ -51,9 +51,10 @@ class LogSignals:
         return as_motors_got(self.log, rate_signals(self.log, self._within))
 
     @cached_property
-    def vertical(self) -> RateSignals:
-        """Return the same with the vertical axis."""
-        return with_vertical(self.log, self.controllers)
+    def tells_height(self) -> bool:
+        """Whether the log has the vertical acceleration as the height controller saw it."""
+        felt = next(self.log.tables.columns("rates", ["a_up"]), None)
+        return felt is not None and bool(felt.notna().any())
 
     @cached_property
     def motors_and_gyros(self) -> RateSignals | None:
@@ -71,7 +72,7 @@ class LogSignals:
     def of(self, axis: Axis) -> RateSignals:
         """Return the signals of an axis; FrequencyError without any, with what to log."""
         if not axis.attitude:
-            return self.vertical
+            return self.controllers
         controllers, reason = None, ""
         try:
             known = self.controllers.columns

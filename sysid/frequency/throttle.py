@@ -69,6 +69,7 @@ def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
     """Return what lifted the craft, and what it is where it is not the throttle output."""
     throttle, motors = throttle_output(log.messages, log.vehicle), motor_patterns(log)
     found = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
+    found += [(thrust.dropna(), "") for thrust in log.tables.columns("rates", ["out_thrust"])]
     found += [] if motors is None else [(motors["out_thrust"].dropna(), "motor outputs to accelerometer")]
     found = [each for each in found if len(each[0]) >= _FEWEST]
     if not found:

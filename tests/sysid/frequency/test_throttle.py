@@ -1,5 +1,6 @@
 """The vertical axis from throttle at 10 Hz and the accelerometer, as logs without RATE have them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 import logparse
+from logparse import FlightLog
 from logparse.dataflash.writer import write_dataflash
+from logparse.tables import COLUMNS
 from sysid import frequency
 
 GAIN, LAG = 22.0, 0.06
@@ -76,3 +79,21 @@ def test_what_the_height_controller_puts_out_is_no_instrument(tmp_path: Path) ->
     log.messages.replace("CTUN", log.messages["CTUN"].rename(columns={"ThrIn": "ThI"}))
     with pytest.raises(frequency.FrequencyError, match="hardly moved, nor did the target of the height"):
         frequency.response(log, "vertical")
+
+
+def test_the_thrust_of_another_autopilot_is_a_throttle_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PX4 says its thrust command among the rates, and the climb asked for; it has no message of a throttle."""
+    log = _flown(tmp_path, stick=0.1)
+    rows = log.messages["CTUN"]["ThrOut"] / 1e3
+    columns = {"rates": ("out_thrust", rows), "setpoints": ("v_d_ref", 2.0 * (0.5 - rows))}
+    told = {
+        name: pd.DataFrame({column: values}).reindex(columns=list(COLUMNS[name]))
+        for name, (column, values) in columns.items()
+    }
+    monkeypatch.setattr(FlightLog, "tables", replace(log.tables, **told))
+    log.messages.replace("CTUN", rows.iloc[:0].to_frame())
+    frf = frequency.response(log, "vertical")
+    assert frf.instrument == "height target"
+    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(GAIN, rel=0.05)
