@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.chirp_records import chirp_record
-from sysid.frequency.composite import merge, roughness
+from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.fit import FrequencyFit, fit, refit
 from sysid.frequency.flight_records import flight_record
@@ -68,10 +68,6 @@ _DELAY, _DELAY_OF_STEP = 0.1e-3, 0.03
 
 #: Most times that the model is taken out again, and standard deviations by which nothing moves any more.
 _PASSES, _STAYS = 7, 0.3
-
-#: Roughness of a response, in its stated errors, above which they are too small: random errors that are correlated over
-#: a spectral window leave 0.37 (40 simulated flights, closed loop, three kinds of noise), independent ones 0.9.
-_ROUGH = 0.6
 
 #: Part of the rows from which on it is their loss that leaves no window whole.
 _WHOLE = 0.1
@@ -404,9 +400,6 @@ def _composite(
         why = "are too short" if lost < _WHOLE else f"miss {100.0 * lost:.0f} % of their rows, which is too much"
         raise FrequencyError(f"records of {longest:.1f} s {why} for windows on the {axis.name} axis")
     merged = merge(hz, parts, 0)
-    smooth = merged.response * (2j * np.pi * hz if axis.attitude else 1.0) if known is None else merged.response / known
-    excess = max(1.0, roughness(hz, smooth, merged.sigma, merged.coherence) / _ROUGH)
-    sigma = merged.sigma * excess
     gamma = np.clip(merged.coherence, 1e-6, 1.0 - 1e-12)
     with np.errstate(divide="ignore", invalid="ignore"):
         averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
@@ -421,8 +414,8 @@ def _composite(
         hz=hz,
         response=merged.response,
         coherence=np.where(covered, _less_its_error(coherence, averages), 0.0),
-        sigma=sigma,
-        sigma_phase=sigma.copy(),
+        sigma=merged.sigma,
+        sigma_phase=merged.sigma.copy(),
         averages=np.asarray(averages, dtype=np.float64),
         resolution=merged.resolution,
         multiple_coherence=merged.multiple,

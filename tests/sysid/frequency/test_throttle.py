@@ -81,9 +81,7 @@ def test_what_the_height_controller_puts_out_is_no_instrument(tmp_path: Path) ->
         frequency.response(log, "vertical")
 
 
-def test_the_thrust_of_another_autopilot_is_a_throttle_as_well(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_thrust_of_another_autopilot_is_a_throttle_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """PX4 says its thrust command among the rates, and the climb asked for; it has no message of a throttle."""
     log = _flown(tmp_path, stick=0.1)
     rows = log.messages["CTUN"]["ThrOut"] / 1e3
