@@ -19,6 +19,8 @@ _STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
 _SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
 #: Share of the range of an output below its upper limit that counts as being at it.
 _AT_LIMIT = 0.99
+#: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
+_AT_REST = 4.0
 _EARTH = 6.371e6
 #: What sources of height are called.
 SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
@@ -101,8 +103,8 @@ def battery(readings: Readings) -> BatteryReading | None:
     if voltage is None:
         return None
     flight = readings.flight
-    before, inside = voltage.loc[flight.start - 5.0 : flight.start], voltage.loc[flight.start : flight.stop]
-    after = voltage.loc[flight.stop + 1.0 : flight.stop + 5.0]
+    before, inside = voltage.loc[flight.start - _AT_REST : flight.start], voltage.loc[flight.start : flight.stop]
+    after = voltage.loc[flight.stop + 1.0 : flight.stop + 1.0 + _AT_REST]
     start = float((before if len(before) else inside.iloc[:3]).median())
     table = readings.tables.battery
     flown = None if table is None else table.loc[flight.start : flight.stop]
