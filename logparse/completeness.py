@@ -56,6 +56,9 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
 
 def _lacking(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
     """Find what the log lacks, and what it needs for it; without advice, which takes all needs together."""
+    if any(each.id == "message-layout" and each.severity is Severity.ERROR for each in log.findings):
+        # With its beginning the log lost what it would have to tell.
+        return
     yield from _missing(log)
     if log.flight is not None:
         yield from _rates(log)

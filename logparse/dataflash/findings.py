@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from core.findings import Finding, info, warning
+from core.findings import Finding, Severity, info, warning
 from logparse.file_findings import COPY_AGAIN, behind_the_end, listed, several_boots
 
 if TYPE_CHECKING:
@@ -18,12 +18,22 @@ def scan_findings(chain: "Chain") -> Iterator[Finding]:
     if unknown := {k: int(n) for k, n in enumerate(chain.unknown_ids) if n}:
         total, commonest = sum(unknown.values()), sorted(unknown, key=lambda k: -unknown[k])
         ids = listed(commonest)
-        yield warning(
-            "message-layout",
-            f"{total} messages have an id that no FMT row explains (ids {ids}); they were skipped.",
-            messages=total,
-            ids=ids,
-        )
+        if len(chain.gap_start) and chain.gap_start[0] == 0:
+            yield Finding(
+                "message-layout",
+                Severity.ERROR,
+                f"The beginning of the log is missing, which says what its messages mean; those with ids {ids} were "
+                "skipped.",
+                "Copy the log again, from its beginning.",
+                {"messages": total, "ids": ids},
+            )
+        else:
+            yield warning(
+                "message-layout",
+                f"{total} messages have an id that no FMT row explains (ids {ids}); they were skipped.",
+                messages=total,
+                ids=ids,
+            )
     yield from _definitions(chain)
     yield from _dropped_by_autopilot(chain)
     yield from several_boots(chain.spans)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.findings import Severity
 from logparse import RotoridError
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter
@@ -172,6 +173,15 @@ def test_a_lost_beginning_is_made_up_for_by_later_definitions() -> None:
         for name, count in source.counts(boot).items():
             counts[name] = counts.get(name, 0) + count
     assert sum(counts[name] for name in ("AA", "BB", "CC", "DD")) == 2 * len(places)
+
+
+def test_a_log_without_its_beginning_says_so() -> None:
+    """Definitions stand at the beginning: without all of them nothing is read, without some what they define."""
+    log, begin, _ = base_log(40)
+    with pytest.raises(RotoridError, match="beginning"):
+        DataflashSource(log[begin:])
+    (finding,) = (each for each in DataflashSource(log[100:]).findings if each.id == "message-layout")
+    assert finding.severity is Severity.ERROR
 
 
 def test_findings_name_the_place_and_are_few() -> None:

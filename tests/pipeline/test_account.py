@@ -244,6 +244,10 @@ def test_a_jammed_receiver_is_timed():
     assert (event.t, event.end) == pytest.approx((40.0, 46.0), abs=0.21)
     assert event.evidence["satellites_before"] == 12.0
     assert "jammed" in event.reason
+    # A row that damage changed is no loss, and who flew without a fix from the start loses none.
+    gps = flown().gps.copy()
+    gps.loc[43.0, ["fix", "satellites"]] = 0.0
+    assert told(gps=gps) == told(gps=gps.loc[:5.0]) == []
 
 
 def test_a_glitch_is_a_jump_against_its_own_speed():
@@ -398,6 +402,19 @@ def test_a_log_that_lacks_sensors_says_so_and_goes_on():
     assert found.height is None
     assert any("barometer" in each for each in found.unknown)
     assert found.headline == "Nothing happened in 60 s of flight."
+    # Where neither shocks nor attitude are known, a crash would not be seen.
+    assert not account(Tables(baro=flown().baro)).headline.startswith("Nothing happened")
+
+
+def test_a_log_that_was_cut_in_the_air_says_so():
+    tables = {name: getattr(flown(), name) for name in ("baro", "imu", "attitude")}
+    for part, words in ((slice(20.0, None), "begins"), (slice(None, 50.0), "ends")):
+        cut = Tables(**{name: each.loc[part] for name, each in tables.items()})
+        flight = Span(max(10.0, part.start or 0.0), min(70.0, part.stop or 70.0))
+        assert account(cut, flight=flight).headline.endswith(f"The log {words} in the air.")
+    # A hill on which it lands is no air.
+    landed = flown(baro=table(10.0, alt=lambda t: np.maximum(height(t), np.where(t > 40.0, 5.0, 0.0))))
+    assert "air" not in account(landed).headline
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,16 @@ def happening(identity: str, t: float, severity: Severity = Severity.ERROR, last
     return Finding(identity, severity, reason, more.pop("advice", "Look at it."), evidence, t=t, end=t + lasted)
 
 
+READ = ("height", "distance")
+
+
 def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Account:
     """Return the account of a flight in which this happened."""
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
     state = {} if flight is None else STATE | changed
-    told = headline(story, flight) or uneventful(flight, state.get("height"), state.get("distance"), SPEED)
+    told = "The log shows no flight." if flight is None else uneventful(flight, *map(state.get, READ), SPEED, seen=True)
+    told = headline(story, flight) or told
     return Account(flight=flight, happenings=ordered, story=story, headline=told, sound=flight, **state)
 
 

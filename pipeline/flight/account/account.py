@@ -9,7 +9,7 @@ from core.findings import Finding
 from logparse import FlightLog, Tables
 from pipeline.flight.account import state
 from pipeline.flight.account.attitude import attitude_happenings
-from pipeline.flight.account.ground import contact, ends_in_the_air, ground_happenings
+from pipeline.flight.account.ground import begins_in_the_air, contact, ends_in_the_air, ground_happenings
 from pipeline.flight.account.motors import motor_happenings
 from pipeline.flight.account.power import power_happenings
 from pipeline.flight.account.readings import Readings
@@ -69,9 +69,10 @@ def account_of(readings: Readings) -> Account:
     voltage = state.battery(readings)
     if voltage is None and tables.has("battery"):
         unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
-    told = headline(story, flight) or uneventful(flight, height, distance, speed)
-    if ends_in_the_air(readings) and readings.belongs.stop == math.inf:
-        told = f"{told} The log ends in the air."
+    seen = tables.has("imu") or tables.has("attitude")
+    told = headline(story, flight) or uneventful(flight, height, distance, speed, seen=seen)
+    for cut, words in ((begins_in_the_air, "begins"), (ends_in_the_air, "ends")):
+        told += f" The log {words} in the air." if cut(readings) else ""
     return Account(
         flight=flight,
         phases=_phases(readings, story),

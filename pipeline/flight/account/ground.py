@@ -22,8 +22,8 @@ _BEFORE, _AFTER = 3.0, 5.0
 #: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent,
 #: and a throttle chopped for a moment (31-3-2015_83) lets a craft drop for less.
 _FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.7
-#: Height [m] that a craft which was switched off in the air loses.
-_DROP = 1.5
+#: Height [m] that a craft which was switched off in the air loses; time [s] beside a flight whose log was cut.
+_DROP, _CUT = 1.5, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +53,29 @@ def contact(readings: Readings) -> Contact | None:
         t=t,
         force=force,
         sink=float(np.max(before)) if len(before) else np.nan,
-        lean=_rest(readings, Span(t, t + _AFTER)),
+        lean=_rest(readings, Span(max(t, readings.flight.stop), t + _AFTER)),
     )
 
 
+def begins_in_the_air(readings: Readings) -> bool:
+    """Return whether the log has nothing of the ground that the craft left."""
+    start = readings.flight.start
+    return _cut_in_the_air(readings, Span(start, start + _CUT), Span(start - _AFTER, start - _CUT))
+
+
 def ends_in_the_air(readings: Readings) -> bool:
-    """Return whether nothing of the log shows the craft on the ground again."""
+    """Return whether the log has nothing of the ground on which the craft came down."""
+    stop = readings.flight.stop
+    return _cut_in_the_air(readings, Span(_down(readings), stop + _CUT), Span(stop + _CUT, stop + _AFTER))
+
+
+def _cut_in_the_air(readings: Readings, near: Span, beyond: Span) -> bool:
+    """Return whether the height is that of the air at an end of the flight, and not known beyond."""
     height = readings.height
-    after = None if height is None else height.loc[_down(readings) : readings.flight.stop + _AFTER]
-    return after is not None and len(after) > 0 and bool(after.min() > 2.0 * _DROP)
+    if height is None or len(height.loc[beyond.start : beyond.stop]):
+        return False
+    known = height.loc[near.start : near.stop]
+    return len(known) > 0 and bool(known.min() > 2.0 * _DROP)
 
 
 def _rest(readings: Readings, after: Span) -> float:
@@ -139,7 +153,7 @@ def _touches(readings: Readings, until: float) -> Iterator[Finding]:
 def _falls(readings: Readings) -> Iterator[Finding]:
     """Find times in which nothing carried the craft although nobody had closed the throttle."""
     axes, throttle = readings.specific_force, readings.throttle
-    if axes is None:
+    if axes is None or throttle is None:
         return
     t = axes.index.to_numpy(np.float64)
     step = float(np.median(np.diff(t)))
@@ -148,12 +162,10 @@ def _falls(readings: Readings) -> Iterator[Finding]:
     # Mean over a tenth of a second: vibration is no part of what carries.
     size = max(round(0.1 / step), 1)
     force = np.linalg.norm(axes.rolling(size, center=True, min_periods=1).mean().to_numpy(np.float64), axis=1)
-    usual = np.nan if throttle is None else float(throttle.loc[readings.flight.start : readings.flight.stop].median())
+    usual = float(throttle.loc[readings.flight.start : readings.flight.stop].median())
     for first, last, _ in stretches(t, readings.flying(t) & (force < _FREE), join=0.1, shortest=_FALLING):
-        asked = None if throttle is None else throttle.loc[first - 0.3 : last]
-        if asked is not None and len(asked) and float(asked.min()) < 0.75 * usual:
-            continue
-        yield finding("fall", f"The craft fell for {last - first:.1f} s: nothing carried it.", t=first, end=last)
+        if not float(throttle.loc[first - 0.3 : last].min()) < 0.75 * usual:
+            yield finding("fall", f"The craft fell for {last - first:.1f} s: nothing carried it.", t=first, end=last)
 
 
 def _disarmed_in_air(readings: Readings) -> Finding | None:

@@ -50,17 +50,17 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     with np.errstate(invalid="ignore"):
         lost = (fix < 3.0) | (satellites < _FEWEST) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
     pause = max(_PAUSE, 3.0 * float(np.median(np.diff(t))))
-    losses = stretches(t, lost & flying, join=pause)
+    # One row alone is damage.
+    losses = [each for each in stretches(t, lost & flying, join=pause) if each.last > each.first]
     for first, last, rows in losses:
         before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
         left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
         counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
         counted += ", all at once, as when it is jammed" if had - left >= _FEWEST else ""
-        lasting = f"for {last - first:.1f} s" if last > first else "for a moment"
         yield finding(
             "gps-lost",
-            f"GPS lost its fix {lasting}{counted}.",
+            f"GPS lost its fix for {last - first:.1f} s{counted}.",
             severity=Severity.ERROR if last - first > 5.0 else Severity.WARNING,
             t=first,
             end=last,
@@ -97,7 +97,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
         return
     first, last = readings.flight.start, readings.flight.stop
     limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
-    inside = np.concatenate(([max(first, t[0])], t[(t > first) & (t < last)], [last]))
+    inside = np.append(t[(t > first) & (t < last)], last)
     for k in np.flatnonzero(np.diff(inside) > limit):
         begin, end = float(inside[k]), float(inside[k + 1])
         # Where another table stops too, it is the log that is silent.

@@ -121,12 +121,12 @@ def headline(story: Sequence[Finding], flight: Span | None) -> str:
 
 
 def uneventful(
-    flight: Span | None, height: Reading | None, distance: Reading | None, ground_speed: Reading | None
+    flight: Span, height: Reading | None, distance: Reading | None, ground_speed: Reading | None, *, seen: bool
 ) -> str:
-    """Write that nothing happened: how long, how high, how far, how fast."""
-    if flight is None:
-        return "The log shows no flight."
-    parts = [f"Nothing happened in {duration(flight.duration)} of flight"]
+    """Write that nothing happened: how long, how high, how far, how fast; `seen` is whether a crash would show."""
+    parts = [
+        f"{'Nothing happened in' if seen else 'What happened is not logged:'} {duration(flight.duration)} of flight"
+    ]
     if height is not None:
         parts.append(f"up to {number(height.value, 2)} m high")
     if distance is not None:
