@@ -8,11 +8,11 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.crafts.hooks import MEDIA_TYPE, atom
 from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
 from api.store.resources import Page
 from api.web.dependencies import After, HookId, Limit, Owner, PartsOf, page
+from api.web.page_templates import render
 
 router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 
@@ -95,5 +95,5 @@ def read_feed(request: Request, secret: str, parts: PartsOf) -> Response:
     owner = parts.feeds.owner_of(secret)
     if owner is None:
         raise ProblemError.missing("There is no such feed, or it has another address.")
-    base = str(request.base_url).rstrip("/")
-    return Response(atom(parts.crafts.alerts(owner, limit=_IN_FEED), base), media_type=MEDIA_TYPE)
+    alerts = parts.crafts.alerts(owner, limit=_IN_FEED)
+    return render(request, "feed.xml", {"alerts": alerts}, headers={"Content-Type": "application/atom+xml"})

@@ -44,6 +44,16 @@ def _moment(when: datetime) -> str:
     return when.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
+def _xml_time(when: datetime | None) -> str:
+    """Write a moment as RFC 3339 has it; None is the beginning of time."""
+    return f"{(when or datetime(1970, 1, 1, tzinfo=UTC)).astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _xml_text(text: str) -> str:
+    """Leave out what XML 1.0 cannot hold."""
+    return "".join(each for each in text if each in "\t\n" or (each >= " " and each not in "\ufffe\uffff"))
+
+
 def _duration(analysis: Analysis) -> str:
     """Report how long an analysis took; empty when it has not been begun or has not ended."""
     if analysis.started is None or analysis.ended is None:
@@ -80,6 +90,8 @@ _templates.env.undefined = StrictUndefined
 _templates.env.filters |= {
     "size": in_words,
     "moment": _moment,
+    "xml_time": _xml_time,
+    "xml_text": _xml_text,
     "duration": _duration,
     "stage": _stage,
     "settings": _settings,

@@ -5,14 +5,14 @@ The server itself does without those 200 MB, and whatever a log does to its read
 
 import logging
 import resource
-import threading
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import TimeoutError as LateError
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from http import HTTPStatus
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+from pebble import ProcessExpired, ProcessPool
 
 from api.problems import ProblemError
 from api.work.confinement import die_with_parent
@@ -29,19 +29,20 @@ class Desk:
     """One process that answers one question after the other; started with the first."""
 
     def __init__(self, memory: int, patience: float = 90.0, unpacked: int = MAX_UNPACKED_BYTES) -> None:
-        self._limits = (memory, unpacked)
-        self.patience = patience
-        self._lock = threading.Lock()
-        self._process: ProcessPoolExecutor | None = None
+        self.patience = patience  #: Seconds for one answer.
+        self._make = partial(
+            ProcessPool, 1, max_tasks=_ANSWERS, initializer=_limit, initargs=(memory, unpacked), context=CONTEXT
+        )
+        self._process = self._make()
 
     def ask(self, question: str, *arguments: object) -> Any:
         """Ask a function of `api.machine.questions`."""
-        process = self._running()
+        if not self._process.active:  # it was killed while it had nothing to do
+            self._process = self._make()
         try:
-            answer, problem = process.submit(_answer, question, arguments).result(timeout=self.patience)
-        except (LateError, BrokenProcessPool, MemoryError) as error:
+            answer, problem = self._process.schedule(_answer, (question, arguments), timeout=self.patience).result()
+        except (TimeoutError, ProcessExpired, BrokenProcessPool, MemoryError) as error:
             _log.warning("the question %s found no answer: %s", question, type(error).__name__)
-            self._give_up(process)
             detail = "The answer took too long, or needed more memory than this service has for it. Try again."
             raise ProblemError.of("no-answer", detail) from error
         if problem:
@@ -50,15 +51,7 @@ class Desk:
 
     def open(self) -> None:
         """Start the process: what it imports takes seconds, which nobody need wait for."""
-        self._running().submit(_import_questions)
-
-    def _running(self) -> ProcessPoolExecutor:
-        with self._lock:
-            if self._process is None:
-                self._process = ProcessPoolExecutor(
-                    1, CONTEXT, initializer=_limit, initargs=self._limits, max_tasks_per_child=_ANSWERS
-                )
-            return self._process
+        self._process.schedule(_import_questions)
 
     def refuse_junk(self, file: Path, name: str) -> None:
         """Raise ProblemError if a file does not begin like a log; one that nobody can look at now passes."""
@@ -72,22 +65,8 @@ class Desk:
 
     def close(self) -> None:
         """End the process."""
-        with self._lock:
-            process, self._process = self._process, None
-        if process is not None:
-            _end(process)
-
-    def _give_up(self, process: ProcessPoolExecutor) -> None:
-        with self._lock:
-            if self._process is process:
-                self._process = None
-        _end(process)
-
-
-def _end(process: ProcessPoolExecutor) -> None:
-    for each in list((process._processes or {}).values()):  # nothing public ends one that does not answer
-        each.kill()
-    process.shutdown(wait=False, cancel_futures=True)
+        self._process.stop()  # type: ignore[no-untyped-call]
+        self._process.join()
 
 
 def _import_questions() -> None:

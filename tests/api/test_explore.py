@@ -1,5 +1,7 @@
 """What is asked of a log while somebody waits: junk is refused at the door, fields are listed, signals are thinned."""
 
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from api.problems import ProblemError
 from api.work.desk import Desk
 from logparse import read_log
 from tests.api.conftest import running
+from tests.api.programs import wait_until
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
 
@@ -132,6 +135,9 @@ def test_a_question_that_takes_too_long_is_given_up_and_the_next_is_answered(tmp
     assert given_up.value.problem.status == 503
     hasty.refuse_junk(tmp_path, "a.bin")  # what nobody can look at now passes
     hasty.patience = 120.0
+    assert hasty.ask("recognise", SAMPLE, "a.bin") is None
+    os.kill(hasty._process.schedule(os.getpid).result(), signal.SIGKILL)  # while it has nothing to do
+    wait_until(lambda: not hasty._process.active)
     assert hasty.ask("recognise", SAMPLE, "a.bin") is None
     hasty.close()
 
