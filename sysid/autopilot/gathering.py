@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 from estimation import estimate
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
+from sysid.autopilot.gains import feed_forward, gain_values
+from sysid.autopilot.motor_lines import NO_BATCHES
+from sysid.autopilot.notches import NAMES as NOTCH
+from sysid.autopilot.notches import notch_study, notch_values
 from sysid.autopilot.thrust_curve import NAMES as THRUST
 from sysid.autopilot.thrust_curve import thrust_values
 from sysid.autopilot.values import AutopilotValue, AutopilotValues, ParameterFile, refused
-from sysid.loops.controller import LoopError
+from sysid.frequency.excitation import find_chirps
+from sysid.frequency.survey import survey
+from sysid.loops.controller import AXES, LoopError
+from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.same_craft import other_craft
 from sysid.loops.tuning import without_copies
 from sysid.records.experiment import Experiment
 from sysid.rigid_body.body_fit import fit_rigid_body
 from sysid.rigid_body.model import RigidBodyModel
+
+#: What is said where gains are proposed beside what changes the loops.
+_ONE_BY_ONE = (
+    f"{ParameterFile.GAINS} is for the loops as they flew: load it alone, or load the others and fly the chirps again."
+)
 
 #: Samples per second of the rigid body's records.
 _RATE = 50.0
@@ -55,7 +68,36 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         values += refused(DRAG, ParameterFile.WIND, flown, str(error))
     else:
         values += _of_the_body(model, flights, records)
-    return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(failures))
+    chirps = [log for log in flights if any(chirp.at_mixer for chirp in find_chirps(log))]
+    values += _notch(flights, chirps, flown)
+    with_rates = [log for log in flights if log.tables.has("rates")]
+    if with_rates:
+        values += feed_forward(survey(with_rates, tuple(AXES)), flown)
+    values += gain_values(chirps or flights, flown)
+    proposed = {each.file for each in values if each.proposed.value is not None}
+    remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])
+    return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))
+
+
+def _notch(
+    flights: Sequence[FlightLog], chirps: Sequence[FlightLog], flown: Mapping[str, float]
+) -> list[AutopilotValue]:
+    """Return the notch by the last flight whose batches show the motors' lines; else why the last one's do not."""
+    reasons = []
+    for log in reversed(flights):
+        try:
+            study = notch_study(log)
+        except RotoridError as error:
+            reasons.append(str(error))
+            continue
+        loops: dict[str, RateLoop] = {}
+        for axis in ("roll", "pitch"):
+            with suppress(RotoridError):
+                loops[axis] = rate_loop(chirps, axis)
+        return notch_values(log, study, loops, flown)
+    # Of flights without batches nothing more is to be said than that.
+    why = next((each for each in reasons if NO_BATCHES not in each), reasons[0])
+    return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, why)
 
 
 def _of_the_body(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 
 from core.parameter import Parameter
@@ -25,6 +26,7 @@ class ParameterFile(StrEnum):
     ESC = "20_esc.param"
     THROTTLE = "24_throttle_controller.param"
     MOTOR_NOTCH = "25_motor_notch_filter_results.param"
+    PID_FILTERS = "28_pid_notch_filter_results.param"
     D_FF = "46_pid_d_ff.param"
     WIND = "47_windspeed_estimation.param"
     GAINS = "57_analytical_pid_optimization.param"
@@ -39,6 +41,12 @@ class AutopilotValue:
     now: float | None  #: As flown; None where the log does not tell.
     #: What to set, with its sigma and reason; its value is None where nothing is proposed, and the reason says why.
     proposed: Parameter
+
+    @property
+    def shown(self) -> str:
+        """The proposed value for people; empty where there is none."""
+        value, sigma = self.proposed.value, self.proposed.sigma
+        return "" if value is None else uncertain(value, sigma) if sigma else f"{value:g}"
 
     @property
     def line(self) -> str:
@@ -67,14 +75,14 @@ class AutopilotValues(Summarised):
         for file in ParameterFile:
             own = [each for each in self.values if each.file is file]
             rows += [Row(file.value, kind="part")] if own else []
-            said = ""
-            for each in own:
-                now, what = "" if each.now is None else number(each.now, _DIGITS), each.proposed
-                cell = (
-                    Cell("stays", "unknown") if what.value is None else Cell(uncertain(what.value, what.sigma), "good")
-                )
-                rows.append(Row(f"  {each.name}", [now, cell, "the same" if what.reason == said else what.reason]))
-                said = what.reason
+            for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
+                first, *others = alike
+                cell = Cell(new, "good") if new else Cell("stays", "unknown")
+                now = "" if first.now is None else number(first.now, _DIGITS)
+                if new or not others:
+                    rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]
+                else:
+                    rows.append(Row(f"  {first.name} to {others[-1].name}", ["", cell, why]))
         return Table("parameter", ["now", "proposed", "why, or why not"], rows, texts=(2,))
 
     def write(self, folder: Path) -> list[Path]:

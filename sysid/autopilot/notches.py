@@ -1,0 +1,299 @@
+"""The gyro's harmonic notch from raw batches: what it should follow, what noise reaches the motors with it and without.
+
+ArduPilot's notch (HarmonicNotchFilter) follows throttle as FREQ sqrt(throttle / REF), not below FM_RAT of it, or the
+rotors' speeds that the ESCs report. Noise at the motors is the gyro's spectrum through notch, low-pass and the rate
+controller: in each batch with the notch where it stood at that batch's throttle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from core.parameter import Parameter
+from core.quantity import number
+from logparse import FlightLog
+from sysid.autopilot.motor_lines import Batch, LineError, MotorLines, gyro_batches, motor_lines
+from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused, typed
+from sysid.loops.controller import AXES, RateController
+from sysid.loops.filters import DigitalFilter, cascade, harmonic_notches, second_order
+from sysid.loops.loop import RateLoop
+from sysid.loops.margins import margins_of
+from sysid.loops.settings import read_settings
+
+_PREFIX = "INS_HNTCH_"
+NAMES = tuple(_PREFIX + name for name in ("ENABLE", "MODE", "REF", "FREQ", "BW", "ATT", "HMNCS", "FM_RAT"))
+FILTERS = ("FLTD", "FLTT")
+
+#: What the notch follows (INS_HNTCH_MODE).
+_THROTTLE, _ESC = 1.0, 3.0
+
+#: Attenuation, dB, that ArduPilot advises, and between which parts of the frequency the notch's least one lies.
+_ATTENUATION, _LEAST_PART = 40.0, (0.5, 0.7)
+
+#: Bandwidths over frequency, the last ArduPilot's advice: the narrowest whose noise is at most so many times the last's
+#: over all throttles flown costs least phase.
+_BANDWIDTHS, _AS_QUIET = (0.25, 1.0 / 3.0, 0.5), 1.1
+
+#: Part of the frequency within which a notch that flew is right, and ESCs report the speed of the line.
+_SAME = 0.02
+
+#: Lowest frequency of what is noise, Hz: below, the craft moves; that of what notches are for; half-width of a line as
+#: a part of its frequency.
+_NOISE, _VIBRATION = 2.0, 30.0
+
+#: Factor between noise foretold and measured at the mixer beyond which the filters are not those of the parameters.
+_APART = 2.0
+
+#: Factor of the filters that stay of which it is said what they would do.
+_WIDER = 1.5
+
+#: Frequencies at which phase is told where no loop is identified, Hz.
+_PHASE_AT = (10.0, 20.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotorNoise:
+    """Noise in hover with one set of filters."""
+
+    gyro: float  #: rad/s rms above 30 Hz behind the filters, as a batch would log it.
+    mixer: Mapping[str, float]  #: rms of the controllers' outputs by axis.
+    phase_deg: Mapping[float, float]  #: What the notches cost at frequencies, Hz.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NotchStudy:
+    """Lines of the motors, and noise as flown and as proposed."""
+
+    lines: MotorLines
+    measured: Mapping[str, float]  #: rms of the controllers' outputs in the batches, from RATE, by axis.
+    measured_gyro: float | None  #: rad/s rms above 30 Hz in batches behind the filters; None without any.
+    now: MotorNoise
+    then: MotorNoise
+    values: Mapping[str, float]  #: The notch proposed, by parameter.
+
+
+def notch_values(
+    log: FlightLog, study: NotchStudy, loops: Mapping[str, RateLoop], flown: Mapping[str, float]
+) -> list[AutopilotValue]:
+    """Return the notch that a flight's batches ask for, with what it does to noise and loops, and filters that stay."""
+    lines, values = study.lines, study.values
+    follows = f"motors' line in hover; goes with throttle to the {lines.exponent:.2f} ± {lines.exponent_sigma:.2f}"
+    rms = {
+        name: " ".join(f"{axis} {number(x, 2)}" for axis, x in noise.mixer.items() if axis != "yaw")
+        for name, noise in (("now", study.now), ("then", study.then))
+    }
+    filters = _filters(log, study, flown)
+    if _flies_already(flown, values):
+        why = f"what flew is right: {follows}, {lines.hz:.1f} ± {lines.sigma:.1f} Hz; noise at the mixer {rms['now']}"
+        return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, why), *filters]
+    costs = _costs(study, loops)
+    reasons = {
+        "ENABLE": f"noise at the mixer in hover {rms['now']} as flown, {rms['then']} with it; it costs {costs}",
+        "MODE": "rotor speeds as the ESCs report them" if values[_PREFIX + "MODE"] == _ESC else "throttle",
+        "REF": "throttle of hover" if values[_PREFIX + "MODE"] == _THROTTLE else "as ESC telemetry wants it",
+        "FREQ": follows,
+        "BW": "a wider one would be hardly quieter at the throttles flown, and cost more phase",
+        "ATT": "as ArduPilot advises",
+        "HMNCS": "lines stand out at " + ", ".join(f"{k * lines.hz:.0f} Hz" for k in lines.harmonics),
+        "FM_RAT": "down to the throttle of descents",
+    }
+    sigmas = {"FREQ": lines.sigma, "BW": lines.sigma}
+    found = {
+        _PREFIX + name: Parameter(values[_PREFIX + name], sigmas.get(name), "Hz" if name in sigmas else "", why)
+        for name, why in reasons.items()
+    }
+    return [*decided(found, ParameterFile.MOTOR_NOTCH, flown), *filters]
+
+
+def _filters(log: FlightLog, study: NotchStudy, flown: Mapping[str, float]) -> list[AutopilotValue]:
+    """Return what wider low-pass filters would do: they stay, because a mode of the frame would be raised as well."""
+    parameters = {**log.parameters_flown, **study.values}
+    names = [("INS_GYRO_FILTER",), *(tuple(f"ATC_RAT_{axis}_{name}" for axis in ("RLL", "PIT")) for name in FILTERS)]
+    result = []
+    for each in names:
+        now = [parameters.get(name, 0.0) for name in each]
+        if not min(now) > 0.0:
+            continue
+        wider = parameters | {name: _WIDER * value for name, value in zip(each, now, strict=True)}
+        noise = max(motor_noise(log, study.lines, wider).mixer[axis] for axis in ("roll", "pitch"))
+        why = (
+            f"at {_WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
+            f"{number(max(study.then.mixer['roll'], study.then.mixer['pitch']), 2)} as it is; that no mode of the "
+            "frame rises with it only chirps show: rotorid tune"
+        )
+        file = ParameterFile.MOTOR_NOTCH if len(each) == 1 else ParameterFile.PID_FILTERS
+        result += refused(each, file, flown, why)
+    return result
+
+
+def notch_study(log: FlightLog) -> NotchStudy:
+    """Find the motors' lines of a flight and compute its noise with the notch as flown and as proposed.
+
+    Raises
+    ------
+    LineError
+        As `gyro_batches` and `motor_lines`, and where the filters that flew are not those of the parameters.
+    """
+    before, after, quantum = gyro_batches(log)
+    lines = motor_lines(log, before, quantum)
+    values = _proposed(log, lines)
+    parameters = log.parameters_flown
+    now, then = (motor_noise(log, lines, each) for each in (parameters, {**parameters, **values}))
+    measured = _measured(log, lines.batches)
+    told = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
+    behind = [each for each in after if each.steady and abs(each.throttle / lines.hover - 1.0) < _SAME]
+    filtered = None
+    if behind:
+        squares = [each.power[:, each.hz >= _VIBRATION].sum(axis=1).mean() * each.step for each in behind]
+        filtered = float(np.sqrt(np.mean(squares)))
+        told.append(("gyro behind the filters", filtered, now.gyro))
+    for what, seen, foretold in told:
+        if not 1.0 / _APART < seen / foretold < _APART:
+            raise LineError(
+                f"{log.name}: the {what} has {number(seen, 2)} of noise, and {number(foretold, 2)} by the filters in "
+                "the parameters: they did not fly, or the batches are of another gyro"
+            )
+    return NotchStudy(lines, measured, filtered, now, then, values)
+
+
+def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
+    """Return the notch for the lines of a flight."""
+    flight, table = log.flight, log.tables.setpoints
+    assert flight is not None
+    assert table is not None  # the batches are of a flight with its throttle
+    least = float(np.percentile(table["throttle"].loc[flight.start : flight.stop].dropna(), 1.0))
+    esc = _reported(log, lines)
+    part = np.sqrt(max(least, 0.0) / lines.hover)
+    values = {
+        _PREFIX + "ENABLE": 1.0,
+        _PREFIX + "MODE": _ESC if esc else _THROTTLE,
+        _PREFIX + "REF": 1.0 if esc else typed(lines.hover),
+        _PREFIX + "FREQ": typed(lines.hz),
+        _PREFIX + "BW": 0.0,
+        _PREFIX + "ATT": _ATTENUATION,
+        _PREFIX + "HMNCS": float(sum(1 << (k - 1) for k in lines.harmonics)),
+        _PREFIX + "FM_RAT": round(float(np.clip(part, *_LEAST_PART)), 2),
+    }
+    choices = [values | {_PREFIX + "BW": typed(width * lines.hz)} for width in _BANDWIDTHS]
+    everywhere = replace(lines, batches=lines.steady)
+    noise = [motor_noise(log, everywhere, {**log.parameters_flown, **each}).mixer["roll"] for each in choices]
+    return next(each for each, loud in zip(choices, noise, strict=True) if loud <= _AS_QUIET * noise[-1])
+
+
+def _reported(log: FlightLog, lines: MotorLines) -> bool:
+    """Return whether ESC telemetry reports the speed that the line has."""
+    if log.tables.esc is None:
+        return False
+    speeds = log.tables.esc.filter(regex=r"^w\d+$")
+    during = [speeds.loc[each.start : each.stop].to_numpy(np.float64) for each in lines.batches]
+    values = np.concatenate([part[np.isfinite(part) & (part > 1.0)] for part in during]) / (2.0 * np.pi)
+    return len(values) > 0 and abs(float(np.median(values)) / lines.hz - 1.0) < _SAME
+
+
+def _flies_already(flown: Mapping[str, float], values: Mapping[str, float]) -> bool:
+    """Return whether the notch as flown has the lines."""
+
+    def get(name: str) -> float:
+        return flown.get(_PREFIX + name, 0.0)
+
+    wanted = {name: values[_PREFIX + name] for name in ("ENABLE", "MODE", "REF", "FREQ", "HMNCS")}
+    follows = get("MODE") == wanted["MODE"] or get("MODE") == _ESC
+    there = abs(get("FREQ") / wanted["FREQ"] - 1.0) < _SAME and abs(get("REF") / wanted["REF"] - 1.0) < 2.0 * _SAME
+    lines = int(get("HMNCS")) & int(wanted["HMNCS"]) == int(wanted["HMNCS"])
+    return get("ENABLE") == 1.0 and follows and there and lines
+
+
+def _notches(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:
+    """Return the first harmonic notch as it stood in a batch; none where it is not enabled."""
+
+    def get(name: str, otherwise: float = 0.0) -> float:
+        return parameters.get(_PREFIX + name, otherwise)
+
+    if get("ENABLE") <= 0.0 or not get("FREQ") > 0.0:
+        return ()
+    nominal, reference = get("FREQ"), get("REF")
+    base = nominal
+    if get("MODE") == _THROTTLE and reference > 0.0:
+        base = nominal * max(get("FM_RAT", 1.0), float(np.sqrt(batch.throttle / reference)))
+    elif get("MODE") > _THROTTLE:
+        base = lines.hz * (batch.throttle / lines.hover) ** lines.exponent
+    options = int(get("OPTS"))
+    return harmonic_notches(
+        batch.rate,
+        base,
+        nominal=nominal,
+        bandwidth=get("BW"),
+        attenuation_db=get("ATT"),
+        harmonics=int(get("HMNCS")),
+        composite=2 if options & 1 else 3 if options & 16 else 1,
+    )
+
+
+def motor_noise(log: FlightLog, lines: MotorLines, parameters: Mapping[str, float]) -> MotorNoise:
+    """Send the batches of hover through filters and controllers."""
+    controllers = {axis: _controller(log, axis, parameters) for axis in AXES}
+    gyro, mixer = [], []
+    for batch in lines.batches:
+        heard = batch.hz >= _NOISE
+        hz, step = batch.hz[heard], batch.step
+        notches = _notches(parameters, batch, lines)
+        through = second_order(batch.rate, parameters["INS_GYRO_FILTER"]).response(hz) * cascade(notches, hz)
+        # Rounding to the batch's quantum is white, and none of it passes the filters.
+        power = np.maximum(batch.power[:, heard] - lines.quantum**2 / 6.0 / batch.rate, 0.0) * np.abs(through) ** 2
+        high = hz >= _VIBRATION
+        gyro.append(power[:, high].sum(axis=1).mean() * step + lines.quantum**2 / 12.0)
+        gains = [np.abs(each.error_response(hz)) ** 2 for each in controllers.values()]
+        mixer.append([float(axis @ gain) * step for axis, gain in zip(power, gains, strict=True)])
+    middle = lines.batches[len(lines.batches) // 2]
+    angle = np.degrees(np.angle(cascade(_notches(parameters, middle, lines), np.array(_PHASE_AT))))
+    return MotorNoise(
+        gyro=float(np.sqrt(np.mean(gyro))),
+        mixer=dict(zip(controllers, np.sqrt(np.mean(mixer, axis=0)).tolist(), strict=True)),
+        phase_deg=dict(zip(_PHASE_AT, (-angle).tolist(), strict=True)),
+    )
+
+
+def _controller(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> RateController:
+    """Return an axis' rate controller with filters of the parameters."""
+    settings = read_settings(log, axis)
+    own = {name: parameters.get(f"ATC_RAT_{AXES[axis]}_{name}", 0.0) for name in FILTERS}
+    return settings.changed(**own).controller
+
+
+def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
+    """Return the rms of the controllers' outputs during the batches, each about its mean; empty without RATE."""
+    found = {}
+    for axis, column in (("roll", "out_roll"), ("pitch", "out_pitch"), ("yaw", "out_yaw")):
+        output = next(iter(log.tables.columns("rates", [column])), None)
+        if output is None:
+            return {}
+        parts = [output.loc[each.start : each.stop].to_numpy(np.float64) for each in batches]
+        squares = [np.var(part) for part in parts if len(part) > 20 and np.isfinite(part).all()]
+        if squares:
+            found[axis] = float(np.sqrt(np.mean(squares)))
+    return found
+
+
+def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
+    """Return what the notch costs in phase, and the margin it leaves where the loop is identified."""
+    told = []
+    batch = study.lines.batches[len(study.lines.batches) // 2]
+    for axis, loop in loops.items():
+        margins = loop.margins
+        if margins.crossover_hz.value is None:
+            continue
+        change = cascade(_notches(study.values, batch, study.lines), loop.hz)
+        notched = loop.plant.response / loop.flown.gyro.response(loop.hz) * change
+        notched = notched * second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
+        left = margins_of(loop.hz, notched * loop.flown.feedback(loop.hz))
+        lost = -np.degrees(np.interp(margins.crossover_hz.value, loop.hz, np.angle(change)))
+        told.append(
+            f"{lost:.0f} deg at {axis}'s crossover of {margins.crossover_hz.value:.1f} Hz, leaving "
+            f"{float(left.phase_deg[0]):.0f} deg and {float(left.gain_db[0]):.1f} dB of "
+            f"{margins.phase_deg.value or np.nan:.0f} deg and {margins.gain_db.value or np.nan:.1f} dB"
+        )
+    phases = " and ".join(f"{cost:.0f} deg at {hz:.0f} Hz" for hz, cost in study.then.phase_deg.items())
+    return "; ".join(told) or phases

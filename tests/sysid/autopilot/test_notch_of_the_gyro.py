@@ -1,0 +1,141 @@
+"""The notch from raw batches: lines of motors, and noise at the mixer that filters in the time domain confirm."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy
+
+from logparse import Tables, read_log
+from sysid.autopilot.motor_lines import LineError
+from sysid.autopilot.notches import motor_noise, notch_study, notch_values
+from sysid.autopilot.values import AutopilotValues
+from sysid.loops.filters import harmonic_notches, second_order
+
+RATE, SIZE = 1000.0, 1024
+FILTERS = {f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT", "YAW") for name in ("FLTT", "FLTD")}
+PARAMETERS = FILTERS | {"INS_GYRO_FILTER": 40.0, "SCHED_LOOP_RATE": 400.0} | {
+    f"ATC_RAT_{axis}_{name}": value
+    for axis in ("RLL", "PIT", "YAW")
+    for name, value in {"P": 0.1, "I": 0.1, "D": 0.003, "FLTE": 0.0, "IMAX": 0.5}.items()
+} | {f"ATC_ANG_{axis}_P": 4.5 for axis in ("RLL", "PIT", "YAW")}  # fmt: skip
+
+
+#: Outputs of a controller that hears far more than the filters of the parameters let through.
+LOUD = pd.DataFrame(
+    np.random.default_rng(1).normal(0.0, 0.3, (7000, 3)), np.arange(7000) / 100.0, ["out_roll", "out_pitch", "out_yaw"]
+)
+
+
+def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates=None, loud=1.0, **parameters):
+    """Make thirty batches at steady throttles of a craft whose fundamental is weaker than its second harmonic."""
+    generator, tables = np.random.default_rng(7), []
+    t = np.arange(SIZE) / RATE
+    throttles = np.tile([0.4, 0.4, 0.4, 0.5, 0.3, 0.4], 5)
+    starts = 10.0 + 2.0 * np.arange(len(throttles))
+    for number, (start, throttle) in enumerate(zip(starts, throttles, strict=True)):
+        hz = hover_hz * (throttle / 0.4) ** exponent * (1.0 - sag * number / len(throttles))
+        noise = 0.003 * generator.standard_normal((SIZE, 3))
+        for k, amplitude in ((1, 0.03), (2, 0.08)):
+            noise += loud * amplitude * np.sin(2.0 * np.pi * (k * hz * t + generator.uniform()))[:, None]
+        tables.append(pd.DataFrame(noise, columns=["gyro_x", "gyro_y", "gyro_z"], index=start + t).assign(batch=number))
+    setpoints = pd.DataFrame(
+        {"throttle": np.repeat(throttles, 4)}, index=np.add.outer(starts, [-0.4, 0.3, 0.9, 1.4]).ravel()
+    )
+    heads = pd.DataFrame([(1, each, 1e6) for each in instances], columns=["type", "instance", "mul"])
+    vehicle = SimpleNamespace(firmware="ArduCopter", version="4.5.7")
+    return SimpleNamespace(
+        name="made.bin",
+        path=SimpleNamespace(name="made.bin"),
+        flight=SimpleNamespace(start=5.0, stop=75.0),
+        vehicle=vehicle,
+        messages={"ISBH": heads},
+        parameters_flown=PARAMETERS | {"INS_LOG_BAT_OPT": float(option)} | parameters,
+        tables=Tables(setpoints=setpoints, rates=rates, further={"gyro_batch": (pd.concat(tables),) * len(instances)}),
+    )
+
+
+def proposed(log):
+    return AutopilotValues((log.name,), tuple(notch_values(log, notch_study(log), {}, log.parameters_flown))).proposed
+
+
+def test_lines_and_what_they_follow():
+    found = proposed(flight())
+    assert found["INS_HNTCH_FREQ"] == pytest.approx(83.0, rel=0.005)
+    assert (found["INS_HNTCH_MODE"], found["INS_HNTCH_REF"], found["INS_HNTCH_HMNCS"]) == (1.0, 0.4, 3.0)
+    lines = notch_study(flight(exponent=0.8)).lines
+    assert lines.exponent == pytest.approx(0.8, abs=0.05)
+
+
+def test_the_noise_at_the_mixer_is_that_of_the_filters_in_the_time_domain():
+    """Every batch sample by sample through notch, low-pass and PD at the loop's rate."""
+    log = flight()
+    study = notch_study(log)
+    controller_p, controller_d, alpha = 0.1, 0.003, 1.0 / (1.0 + 400.0 / (2.0 * np.pi * 20.0))
+    for noise, notched in ((study.now, False), (study.then, True)):
+        squares = []
+        for batch in study.lines.batches:
+            x = log.tables.further["gyro_batch"][0].loc[batch.start : batch.stop, "gyro_x"].to_numpy()
+            base = study.values["INS_HNTCH_FREQ"] * np.sqrt(batch.throttle / study.values["INS_HNTCH_REF"])
+            notches = harmonic_notches(
+                RATE,
+                base,
+                nominal=study.values["INS_HNTCH_FREQ"],
+                bandwidth=study.values["INS_HNTCH_BW"],
+                attenuation_db=40.0,
+                harmonics=3,
+            )
+            for each in (*(notches if notched else ()), second_order(RATE, 40.0)):
+                x = scipy.signal.lfilter(each.b, each.a, x)
+            y = np.interp(np.arange(0.2, 1.0, 1.0 / 400.0), np.arange(SIZE) / RATE, x)
+            d = scipy.signal.lfilter([alpha], [1.0, alpha - 1.0], np.diff(y) * 400.0)
+            squares.append(np.var(controller_p * y[1:] + controller_d * d))
+        # Interpolation to loops of 2.5 samples takes up to 1 dB at the second harmonic.
+        assert 20.0 * abs(np.log10(noise.mixer["roll"] / np.sqrt(np.mean(squares)))) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        ({"exponent": 0.0}, "a mode of the frame"),
+        ({"sag": 0.12}, "battery that sags"),
+        ({"instances": (1,)}, "of IMU 2, and the loops fly on IMU 1"),
+        ({"option": 2}, "behind the filters"),
+        ({"loud": 0.001}, "no notch is needed"),
+        ({"option": 4, "instances": (0, 2)}, "did not fly"),  # what is behind the filters is what is before them
+        ({"rates": LOUD}, "did not fly"),
+    ],
+)  # fmt: skip
+def test_what_the_batches_cannot_tell_is_named(made, reason):
+    with pytest.raises(LineError, match=reason):
+        notch_study(flight(**made))
+
+
+def test_a_notch_that_flies_right_stays():
+    right = {"ENABLE": 1.0, "MODE": 1.0, "REF": 0.4, "FREQ": 83.2, "BW": 41.0, "ATT": 40.0, "HMNCS": 7.0}
+    assert not proposed(flight(**{f"INS_HNTCH_{name}": value for name, value in right.items()}))
+
+
+@cache
+def firmware(path):
+    return read_log(path)
+
+
+@pytest.mark.parametrize(("craft", "hz", "with_notch"), [("quad15", 94.1, 0.00053), ("octa8", 69.2, 0.0009)])
+def test_firmware_flights_before_and_after_a_notch(unpacked, craft, hz, with_notch):
+    """The fundamental within 2 %; noise in hover within 3 dB as flown, and of the next flight with its notch."""
+    before, after = (firmware(unpacked(f"autopilot/vibration_{craft}_{name}")) for name in ("off", "notch"))
+    study, flown = notch_study(before), notch_study(after)
+    assert study.lines.hz == pytest.approx(hz, rel=0.005)
+    assert study.lines.harmonics == (1, 2)
+    foretold = motor_noise(before, study.lines, after.parameters_flown)
+    for axis in ("roll", "pitch"):
+        assert 20.0 * abs(np.log10(study.now.mixer[axis] / study.measured[axis])) < 1.0
+        assert 20.0 * abs(np.log10(flown.now.mixer[axis] / flown.measured[axis])) < 1.0
+    # The craft sways a little more behind a notch, whose lag is in its loops.
+    assert 20.0 * abs(np.log10(foretold.mixer["roll"] / with_notch)) < 3.0
+    assert 20.0 * abs(np.log10(foretold.gyro / flown.measured_gyro)) < 3.0
+    assert proposed(before)["INS_HNTCH_FREQ"] == pytest.approx(hz, rel=0.005)
+    assert not proposed(after)
