@@ -189,6 +189,9 @@ def layout_of(**parts: Any) -> Drawn:
     }
     base.update(parts)
     quiet = {"gridcolor": "@grid", "linecolor": "@grid", "zerolinecolor": "@grid", "automargin": False}
+    for name, axis in parts.items():
+        if name.startswith("yaxis") and "title" in axis:  # beside the numbers, however long they are
+            base[name] = axis | {"title": {"standoff": 6} | axis["title"]}
     return {name: quiet | each if name.startswith(("xaxis", "yaxis")) else each for name, each in base.items()}
 
 

@@ -27,8 +27,8 @@ _HEIGHT = 270
 _SIDE_HEIGHT = 330
 #: Width of a letter above a plot, as a part of the plot's width.
 _LETTER = 0.012
-#: What a map has names for.
-_ENDS = ("start", "end")
+#: What a map has names for, and where they stand: a flight that ends where it began must not write one over the other.
+_ENDS = {"start": "top right", "end": "bottom right"}
 #: Plots below each other for which there is room.
 _PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
@@ -53,9 +53,13 @@ def first_figures(result: FlightResult) -> list[Figure]:
 def _map(figure: Figure) -> Figure:
     """Name start and end in the map, which takes less room than a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    ends = {"mode": "markers+text", "textposition": "top right"}
-    data = [each | ends | {"text": [each["name"]]} if each["name"] in _ENDS else each for each in figure.data]
-    return replace(figure, height=_SIDE_HEIGHT, caption="", data=data, layout=layout)
+    data = [
+        each | {"mode": "markers+text", "textposition": _ENDS[name], "text": [name]} if name in _ENDS else each
+        for each in figure.data
+        for name in (each["name"],)
+    ]
+    caption = "Dots: GPS." if any(each["name"] == "GPS" for each in figure.data) else ""
+    return replace(figure, height=_SIDE_HEIGHT, caption=caption, data=data, layout=layout)
 
 
 def _matters(result: FlightResult) -> Figure | None:

@@ -318,7 +318,7 @@ def motors_over_flights(drift: Drift, name: str, lines: Sequence[Drawn]) -> Figu
         "What each motor is commanded in hover, over the mean of all motors, flight by flight: a motor that weakens is "
         "told more from flight to flight, while its opposite is told the same."
     )
-    return plot.figure(name, caption, 330)
+    return plot.figure(name, caption, 330, margin={"l": 78})
 
 
 def _title(quantity: RangeFlown | None, otherwise: str) -> str:

@@ -88,7 +88,7 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
     if any(each.coherence is not None for each in curves):
         coherent = [{"title": {"text": "coherence"}, "range": [0.0, 1.0]}]
     axis = {"type": "log", "title": {"text": "frequency (Hz)"}}
-    panels: list[str | Drawn] = [f"gain ({unit})", "phase (deg)", *coherent]
+    panels: list[str | Drawn] = [f"gain ({unit.replace('^2', '²')})", "phase (deg)", *coherent]
     plot = Plot(*panels, x=axis, shares=(48.0, 32.0, 20.0) if coherent else (54.0, 46.0), gap=0.1)
     first = None
     for each in curves:

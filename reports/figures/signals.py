@@ -122,6 +122,7 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequenc
             if limit < 3.0 * top or limit == min(panel.limits.values()):
                 plot.limit(factor * limit, level)
     caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]
+    caption += " Dotted: when something happened." if happened else ""
     return plot.figure(f"health-{name}", caption, 120 + 110 * len(panels), time=True)
 
 

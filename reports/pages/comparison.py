@@ -78,9 +78,10 @@ def heading(pair: Pair) -> str:
     return pair.a.name if pair.a.name == pair.b.name else f"{pair.a.name} → {pair.b.name}"
 
 
-def flights(pair: Pair) -> str:
-    """Report how many flights the two sides hold, and when they were."""
-    return f"{_flights(pair.a)} before, {_flights(pair.b)} after"
+def flights(pair: Pair, numbers: Comparison) -> str:
+    """Name the two sides, with how many flights they hold and when they were."""
+    sides = ((numbers.a, pair.a, "Before"), (numbers.b, pair.b, "after"))
+    return "; ".join(f"{word}: {side.report}, {_flights(facts)}" for side, facts, word in sides)
 
 
 def _flights(side: Facts) -> str:
@@ -100,7 +101,7 @@ def comparison_page(numbers: Comparison) -> str:
     """Render the page."""
     drawn = [_intervals(pair, f"changes-{place}") for place, pair in enumerate(numbers.pairs)]
     shown = [
-        (heading(pair), flights(pair), pair.sentences, figure, list(tables(pair)))
+        (heading(pair), flights(pair, numbers), pair.sentences, figure, list(tables(pair)))
         for pair, figure in zip(numbers.pairs, drawn, strict=True)
     ]
     figures = [figure for figure in drawn if figure is not None]
@@ -136,7 +137,7 @@ def comparison_markdown(numbers: Comparison) -> str:
     """Write the comparison for a pull request or a mail."""
     lines = [f"# {escaped(_title(numbers))}", ""]
     for pair in numbers.pairs:
-        lines += [f"## {escaped(heading(pair))}", "", flights(pair), ""]
+        lines += [f"## {escaped(heading(pair))}", "", flights(pair, numbers), ""]
         lines += [f"{escaped(sentence)}\n" for sentence in pair.sentences]
         for title, table in tables(pair):
             lines += [f"### {title}", "", table.markdown(), ""]
@@ -148,7 +149,7 @@ def comparison_overview(numbers: Comparison) -> RenderableType:
     parts: list[RenderableType] = []
     for pair in numbers.pairs:
         parts += [
-            Text(f"{heading(pair)}: {flights(pair)}", style="bold"),
+            Text(f"{heading(pair)}: {flights(pair, numbers)}", style="bold"),
             *(Text(sentence) for sentence in pair.sentences),
         ]
         for title, table in tables(pair):

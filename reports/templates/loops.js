@@ -146,8 +146,9 @@ const loops = (() => {
     c.fillStyle = ink;
     c.fillText(title, 44, 14);
     c.strokeStyle = "rgba(128,128,128,.35)";
-    for (let n = 0; n <= 4; n++) {
-      const v = limits[0] + n * (limits[1] - limits[0]) / 4;
+    const parts = logX ? 4 : 5;
+    for (let n = 0; n <= parts; n++) {
+      const v = limits[0] + n * (limits[1] - limits[0]) / parts;
       c.beginPath();
       c.moveTo(44, py(v));
       c.lineTo(w - 8, py(v));
@@ -186,7 +187,7 @@ const loops = (() => {
     ];
     plot(find("gain"), "Broken loop, gain (dB) over Hz; brown: as flown", now.hz, set(gain), true, [-30, 30]);
     plot(find("phase"), "Broken loop, phase (deg)", now.hz, set(phase), true, [-360, 0]);
-    plot(find("sensitivity"), "Disturbances: sensitivity (dB)", now.hz, set(lost), true, [-30, 15]);
+    plot(find("sensitivity"), "Disturbances: sensitivity (dB)", now.hz, set(lost), true, [-40, 20]);
     plot(find("step"), "Rate after a step of its target, over s", now.step.t, [
       { y: flown.step.y, colour: colours.flown, width: 1.5 }, { y: now.step.y, colour: colours.now, width: 2 },
     ], false, [-0.5, 2]);

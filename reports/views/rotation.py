@@ -151,16 +151,17 @@ def coupling_sentence(found: AxisCoupling) -> str:
 
 
 def parameter_table(axes: Sequence[AxisRotation], *, brief: bool = False) -> Table:
-    """Tabulate the parameters, without columns that say nothing of any axis; in brief without errors in percent."""
-    rows = [_cells(axis, brief) for axis in axes]
+    """Tabulate the parameters by axis, without rows that say nothing of any; in brief without errors in percent."""
+    columns = [_cells(axis, brief) for axis in axes]
     # In brief, sentences beside the table tell the attitude's bandwidth.
-    shown = [k for k in range(len(_HEADS) - brief) if any(row[k] != _NOTHING for row in rows)]
+    rows = [Row(head, [cells[k] for cells in columns]) for k, head in enumerate(_HEADS[: len(_HEADS) - brief])]
     return Table(
-        label="axis",
-        heads=[_HEADS[k] for k in shown],
-        rows=[Row(axis.axis, [row[k] for k in shown]) for axis, row in zip(axes, rows, strict=True)],
+        label="",
+        heads=[axis.axis for axis in axes],
+        rows=[row for row in rows if any(cell != _NOTHING for cell in row.cells)],
         caption="Parameters with one standard deviation; in brackets Cramér-Rao's error and insensitivity in "
         "percent. J up to 50 is excellent, up to 100 good.",
+        texts=range(len(axes)),
     )
 
 
