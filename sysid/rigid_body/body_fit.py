@@ -23,8 +23,8 @@ from sysid.rigid_body.body_parameters import (
     undetermined,
 )
 from sysid.rigid_body.conditions.carried import WIND_SIGMA
-from sysid.rigid_body.conditions.trim import known_at_best, match_path, trim_from, trim_prior
-from sysid.rigid_body.conditions.wind import FlightTrim, wind_knots
+from sysid.rigid_body.conditions.trim import known_at_best, match_path, trim_from, trim_prior, wind_knots
+from sysid.rigid_body.conditions.wind import FlightTrim
 from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, fit_best_law, flight_slice, mean_winds
 from sysid.rigid_body.methods.systematic import wind_error, with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel

@@ -22,12 +22,12 @@ so that inertia over arm is ``I_xx / l = m thrust / roll_gain``. Motion alone gi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from core.quantity import uncertain
-from core.serialization import plain, recorded, restored
+from core.serialization import plain, restored
 from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
@@ -35,7 +35,7 @@ from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Car
 from sysid.rigid_body.conditions.drift_band import drift_sigma
 from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
-from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord, TrimRecord
+from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion, motion
 from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
@@ -366,25 +366,8 @@ class RigidBodyModel(Summarised):
 
     def record(self) -> RigidBodyRecord:
         """Return what files hold of the model."""
-        return RigidBodyRecord(
-            name=self.name,
-            parameters=self.parameters,
-            estimated=self.estimated,
-            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
-            correlation=tuple(tuple(row) for row in self.correlation.tolist()),
-            condition=self.condition,
-            rotor_drag=self.rotor_drag,
-            axis_drag=self.axis_drag,
-            mass=self.mass,
-            reference_density=self.reference_density,
-            reference_voltage=self.reference_voltage,
-            wind_height=WIND_HEIGHT,
-            flights={name: recorded(trim, TrimRecord) for name, trim in self.flights.items()},
-            rotation_fit=self.rotation_fit,
-            rmse=self.rmse,
-            training=self.training,
-            findings=self.findings,
-        )
+        held = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("vehicle", "carried")}
+        return restored(plain({**held, "correlation": self.correlation, "wind_height": WIND_HEIGHT}), RigidBodyRecord)
 
     @classmethod
     def from_record(cls, record: RigidBodyRecord, vehicle: Vehicle) -> RigidBodyModel:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import msgspec
 
 from logparse import Finding
+from sysid.rigid_body.conditions.wind import FlightTrim
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,23 +45,6 @@ class BodyParameter:
         return BodyParameter.of(self.name, self.unit, self.used, 0.0, reason)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrimRecord:
-    """Wind and thrust scale of a flight, see `sysid.FlightTrim`."""
-
-    wind_n: float
-    wind_e: float
-    wind_sigma: float | None
-    in_runs: tuple[float | None, float | None, float | None]
-    thrust_scale: float
-    thrust_scale_sigma: float | None
-    source: str
-    wind_exponent: float
-    wind_exponent_sigma: float | None
-    looked_until: float | None
-    variation: tuple[tuple[float, float, float], ...]
-
-
 class RigidBodyRecord(
     msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="rigid_body"
 ):
@@ -78,7 +62,7 @@ class RigidBodyRecord(
     reference_density: float
     reference_voltage: float | None
     wind_height: float
-    flights: Mapping[str, TrimRecord]
+    flights: Mapping[str, FlightTrim]
     rotation_fit: Mapping[str, float | None]
     rmse: float | None
     training: tuple[str, ...]

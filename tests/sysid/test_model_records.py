@@ -8,15 +8,12 @@ import pytest
 from sysid import (
     ClosedLoopModel,
     FitReport,
-    FlightTrim,
     OrderScan,
-    RigidBodyModel,
     SixDofModel,
     TransferFunction,
     TransferFunctionModel,
     Validation,
 )
-from sysid.rigid_body.model_record import RigidBodyRecord, TrimRecord
 from sysid.rigid_body.six_dof.model import SixDofReport
 from sysid.statistics.residuals import ResidualTest
 from sysid.transfer_functions.disturbance import Disturbance
@@ -41,9 +38,6 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         (TransferFunction, FunctionRecord, {}, set()),
         (Disturbance, DisturbanceRecord, {"memory": "memory_seconds"}, set()),
         (FitReport, FitRecord, {}, set()),
-        # The report has the vehicle once, beside its models; winds that were followed are found anew.
-        (RigidBodyModel, RigidBodyRecord, {}, {"vehicle", "carried"}),
-        (FlightTrim, TrimRecord, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (ResidualTest, ResidualReport, {}, {"output"}),

@@ -19,7 +19,7 @@ from sysid.rigid_body.conditions.carried import (
     Carried,
     carry_states,
 )
-from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim, wind_knots, wind_shapes
+from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim
 from sysid.rigid_body.methods.systematic import wind_error
 from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
@@ -198,3 +198,19 @@ def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
         "weigh the craft and check battery and propellers; fit flights of one load together",
         {"flight": flight, "thrust_scale": trim.thrust_scale, "sigma": trim.thrust_scale_sigma},
     )
+
+
+def wind_knots(t: Floats, spacing: float | None) -> Floats:
+    """Place the points in time of a varying wind; none for a constant one."""
+    if spacing is None:
+        return np.zeros(0)
+    count = max(round((t[-1] - t[0]) / spacing), 1)
+    return np.linspace(t[0], t[-1], count + 1)
+
+
+def wind_shapes(t: Floats, knots: Floats) -> Floats:
+    """Arrange how the wind varies: a constant, and a triangle of height 1 about each knot; shape (N, 1 + knots)."""
+    shapes = np.ones((len(t), 1 + len(knots)))
+    for column, row in enumerate(np.eye(len(knots)), start=1):
+        shapes[:, column] = np.interp(t, knots, row)
+    return shapes

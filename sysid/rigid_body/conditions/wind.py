@@ -7,10 +7,16 @@ the exponent is near 0.1, in the evening 0.4.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
+from core.lazy import lazy
 
-from sysid.records.experiment import Floats
+if TYPE_CHECKING:
+    import numpy as np
+
+    from sysid.records.arrays import Floats
+else:
+    np = lazy("numpy")  # pages read winds without it
 
 #: Height to which winds refer, m.
 WIND_HEIGHT = 10.0
@@ -63,19 +69,3 @@ class FlightTrim:
             return mean
         knots, *parts = np.array(self.variation).T
         return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
-
-
-def wind_knots(t: Floats, spacing: float | None) -> Floats:
-    """Place the points in time of a varying wind; none for a constant one."""
-    if spacing is None:
-        return np.zeros(0)
-    count = max(round((t[-1] - t[0]) / spacing), 1)
-    return np.linspace(t[0], t[-1], count + 1)
-
-
-def wind_shapes(t: Floats, knots: Floats) -> Floats:
-    """Arrange how the wind varies: a constant, and a triangle of height 1 about each knot; shape (N, 1 + knots)."""
-    shapes = np.ones((len(t), 1 + len(knots)))
-    for column, row in enumerate(np.eye(len(knots)), start=1):
-        shapes[:, column] = np.interp(t, knots, row)
-    return shapes
