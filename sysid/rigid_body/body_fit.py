@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,14 +21,13 @@ from sysid.rigid_body.body_parameters import (
     thrust_over,
     undetermined,
 )
-from sysid.rigid_body.conditions.carried import WIND_SIGMA
-from sysid.rigid_body.conditions.trim import known_at_best, match_path, trim_from, trim_prior, wind_knots
+from sysid.rigid_body.conditions.trim import left_open, trim_prior, whole_trim
 from sysid.rigid_body.conditions.wind import FlightTrim
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, fit_best_law, flight_slice, mean_winds
-from sysid.rigid_body.methods.systematic import wind_error, with_shared_errors
+from sysid.rigid_body.methods.filter_error import Prior, fit_best_law
+from sysid.rigid_body.methods.systematic import with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Motion, motion
+from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
 from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
@@ -123,7 +121,8 @@ def fit_rigid_body(
             )
         )
     report("paths", 0.7)
-    trims = _trims(motions, fine, law, wind_spacing)
+    shared, doubt = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
+    trims = [whole_trim(flight, shared, law, "fit", wind_spacing, doubt) for flight in motions]
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)
     report("rotation", 0.8)
     place = THETA.index("thrust_expo")
@@ -181,31 +180,6 @@ def _prior(
     if not start[0] > 0.0:
         start[0] = STANDARD_GRAVITY / pulls.mean()
     return prior, start
-
-
-def _trims(motions: Sequence[Motion], fine: FilterErrorFit, law: int, spacing: float | None) -> list[FlightTrim]:
-    """Find wind and thrust scale of every flight with its craft's parameters held.
-
-    Winds that vary follow the paths; standard errors are those of the filter error, because gusts are no error of a
-    mean wind, and of the attitude.
-    """
-    trims, winds = [], mean_winds(motions, fine, law)
-    for k, (flight, wind) in enumerate(zip(motions, winds, strict=True)):
-        own, knots = flight_slice(k), wind_knots(flight.t, spacing)
-        start = np.concatenate([fine.values[own][: len(OWN)], wind.mean])
-        path = match_path(flight, fine.values[:SHARED], start, law, knots)
-        trim = trim_from(path, fine.covariance[own, own], knots, "fit")
-        told = np.max(np.diag(wind.covariance)) + wind_error(flight, wind.mean, wind.drag) ** 2
-        in_runs = np.sqrt(np.max(np.diag(wind.noise)) + known_at_best(wind.mean)[-1] ** 2)
-        trims.append(
-            replace(
-                trim,
-                # Nothing is known worse than beforehand.
-                wind_sigma=float(1.0 / np.sqrt(1.0 / told + 1.0 / WIND_SIGMA**2)),
-                in_runs=(*trim.in_runs[:2], float(in_runs)),
-            )
-        )
-    return trims
 
 
 def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:

@@ -33,7 +33,7 @@ from logparse import Finding, MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma
-from sysid.rigid_body.conditions.trim import early_trim, unusual_thrust, whole_trim
+from sysid.rigid_body.conditions.trim import early_trim, left_open, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
@@ -408,10 +408,7 @@ class RigidBodyModel(Summarised):
     def _doubt(self) -> Floats:
         """Covariance of `_shared`, but for what a flight's thrust scale makes up for, and the lag, which is small."""
         places = [self.estimated.index(name) for name in THETA]
-        doubt = self.covariance[np.ix_(places, places)]
-        doubt[LAG], doubt[:, LAG] = 0.0, 0.0
-        doubt[0, 0] = doubt[0, 1:] @ np.linalg.pinv(doubt[1:, 1:]) @ doubt[1:, 0]
-        return doubt
+        return left_open(self.covariance[np.ix_(places, places)])
 
     def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""

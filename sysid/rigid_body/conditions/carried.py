@@ -138,6 +138,7 @@ class Carried:
     departure: Floats  #: shape (K + 1,): Of the thrust scale.
     craft: Floats  #: shape (K + 1, SHARED): What to add to the craft's parameters.
     covariances: Floats  #: shape (K + 1, 7 + SHARED, 7 + SHARED): Of the four in turn.
+    about: Floats  #: shape (4,): Where the equations were linearised.
     wander: Wander
 
 
@@ -147,6 +148,7 @@ def carry_states(
     law: int,
     known: tuple[Floats, Floats] | None = None,
     doubt: Floats | None = None,
+    like: Carried | None = None,
 ) -> Carried:
     """Follow wind and thrust scale through a flight.
 
@@ -154,17 +156,14 @@ def carry_states(
 
     `known` are wind exponent, thrust scale and wind of the flight beforehand, and their standard deviations, (4,) each;
     what is known of any flight if None. `doubt` is the covariance of the craft's parameters `shared`, held if None.
+    What `like` found of the same flight's beginning is not found again.
     """
     mean, sigma = (ANY_FLIGHT, ANY_SIGMA) if known is None else known
     doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt
-    size = min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t))
-    early = flight.cut(0, size)
-    own = _start(early, shared, law, mean, sigma)
-    for _ in range(_LINEARISATIONS):
-        blocks = velocity_increments(early, np.concatenate([shared, own]), law)
-        wander = fit_wander(blocks, mean - own, sigma, float(np.hypot(*own[len(OWN) :])))
-        states, _ = _filtered(blocks, mean - own, sigma, wander, doubt)
-        own = np.clip(own + states[-1, :FIXED], LOWEST, HIGHEST)
+    if like is None:
+        own, wander = _settled(flight, shared, law, mean, sigma, doubt)
+    else:
+        own, wander = like.about, like.wander
     blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
     states, covariances = _filtered(blocks, mean - own, sigma, wander, doubt)
     return Carried(
@@ -174,8 +173,23 @@ def carry_states(
         departure=states[:, FIXED + 2],
         craft=np.maximum(states[:, STATES:], np.where(_POSITIVE, -shared, -np.inf)),
         covariances=covariances,
+        about=own,
         wander=wander,
     )
+
+
+def _settled(
+    flight: Motion, shared: Floats, law: int, mean: Floats, sigma: Floats, doubt: Floats
+) -> tuple[Floats, Wander]:
+    """Find where a flight is linearised, (4,), and what wanders, from its beginning."""
+    early = flight.cut(0, min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t)))
+    own = _start(early, shared, law, mean, sigma)
+    for _ in range(_LINEARISATIONS):
+        blocks = velocity_increments(early, np.concatenate([shared, own]), law)
+        wander = fit_wander(blocks, mean - own, sigma, float(np.hypot(*own[len(OWN) :])))
+        states, _ = _filtered(blocks, mean - own, sigma, wander, doubt)
+        own = np.clip(own + states[-1, :FIXED], LOWEST, HIGHEST)
+    return own, wander
 
 
 def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander, doubt: Floats) -> tuple[Floats, Floats]:

@@ -21,7 +21,7 @@ from sysid.rigid_body.conditions.carried import (
 )
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim
 from sysid.rigid_body.methods.systematic import wind_error
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, velocity_increments
+from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
@@ -50,34 +50,85 @@ def trim_prior() -> tuple[Floats, Floats, Floats, Floats]:
     return ANY_FLIGHT, np.array([ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA]), LOWEST, HIGHEST
 
 
-def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Floats | None = None) -> FlightTrim:
+def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Floats) -> FlightTrim:
     """Find wind and thrust scale from the beginning of a flight, for what comes after it.
 
     They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
     take every gust for the mean, and paths that are tens of metres off for noise that prior knowledge outvotes.
 
-    `doubt` is the covariance of the craft's parameters, which a trim makes up for; none if None.
+    `doubt` is the covariance of the craft's parameters, which a trim makes up for (`left_open`).
     """
     told = carry_states(flight, shared, law)
-    trim = trim_from(told.own[-1], _stated(flight, shared, law, told, told.own[-1], doubt), np.zeros(0), source)
-    return with_attitude(replace(trim, looked_until=float(flight.t[-1])), flight, shared, law, _in_runs(told))
+    trim = _trim(flight, shared, law, source, told, told.own[-1], doubt)
+    return replace(trim, looked_until=float(flight.t[-1]))
 
 
 def whole_trim(
-    flight: Motion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats | None = None
+    flight: Motion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats
 ) -> FlightTrim:
     """Match the free run over a whole flight from the measured initial state by wind and thrust scale alone.
 
     The start and the wind's exponent are those of the filter (`early_trim`), and so are standard errors, because one
-    free run has no scatter to tell errors from; what lies between the two is added.
+    free run has no scatter to tell errors from; what lies between the two is added. The mean of a wind that varies goes
+    to the mean wind.
     """
-    told = carry_states(flight, shared, law)
-    own = match_path(flight, shared, told.own[-1], law, np.zeros(0))
-    covariance = _stated(flight, shared, law, told, own, doubt)
-    knots = wind_knots(flight.t, spacing)
-    if len(knots) > 0:
-        own = match_path(flight, shared, own, law, knots)
-    return with_attitude(trim_from(own, covariance, knots, source), flight, shared, law, _in_runs(told))
+    told, knots = carry_states(flight, shared, law), wind_knots(flight.t, spacing)
+    values = match_path(flight, shared, told.own[-1], law, knots)
+    own, departures = values[:FIXED].copy(), values[FIXED:].reshape(-1, 2)
+    if len(knots):
+        # Each knot stands for the time about it.
+        width = np.gradient(knots)
+        width[[0, -1]] *= 0.5
+        average = width @ departures / width.sum()
+        own[_WIND:], departures = own[_WIND:] + average, departures - average
+    variation = tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, departures, strict=True))
+    return replace(_trim(flight, shared, law, source, told, own, doubt, whole=True), variation=variation)
+
+
+def _trim(
+    flight: Motion,
+    shared: Floats,
+    law: int,
+    source: str,
+    told: Carried,
+    own: Floats,
+    doubt: Floats,
+    *,
+    whole: bool = False,
+) -> FlightTrim:
+    """Name exponent, thrust scale and wind of a flight, (4,), with errors by a filter to which the craft is open.
+
+    Errors for runs are those of what a filter found with the craft's parameters held (`told`); that of the wind holds
+    the attitude's besides. The mean wind of a `whole` flight is that with which its forces balance, gusts included: a
+    filter's is of a process, of which the flight is a sample.
+    """
+    wide, at_best = carry_states(flight, shared, law, doubt=doubt, like=told), known_at_best(own[_WIND:]) ** 2
+    errors = np.diag(wide.covariances[-1])[:FIXED] + (own - wide.own[-1]) ** 2 + at_best
+    in_runs = np.sqrt(np.diag(told.covariances[-1])[:FIXED] + at_best).tolist()
+    blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
+    pushed = blocks.jacobian[:, :2].mean(axis=0)
+    to_wind = np.linalg.pinv(pushed[:, SHARED + _WIND :], rcond=1e-9)
+    if whole:
+        others = scipy.linalg.block_diag(doubt, np.diag(errors[:_WIND]))
+        slope = to_wind @ pushed[:, : SHARED + _WIND]
+        noise = told.wander.noise(blocks.seconds)[0] / len(blocks.missed) * to_wind @ to_wind.T
+        errors[_WIND:] = np.diag(slope @ others @ slope.T + noise) + at_best[_WIND:]
+    drag = float(np.sqrt(abs(np.linalg.det(pushed[:, SHARED + _WIND :])))) / blocks.seconds
+    leant = wind_error(flight, own[_WIND:], drag)
+    exponent, scale, north, east = own.tolist()
+    exponent_sigma, scale_sigma = np.sqrt(errors[:_WIND]).tolist()
+    known = 1.0 / (errors[_WIND:].max() + leant**2) + 1.0 / WIND_SIGMA**2  # nothing is known worse than beforehand
+    return FlightTrim(
+        wind_n=north,
+        wind_e=east,
+        wind_sigma=float(known**-0.5),
+        in_runs=(in_runs[0], in_runs[1], max(in_runs[_WIND:])),
+        thrust_scale=scale,
+        thrust_scale_sigma=scale_sigma,
+        source=source,
+        wind_exponent=exponent,
+        wind_exponent_sigma=exponent_sigma,
+    )
 
 
 def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: Floats) -> Floats:
@@ -112,75 +163,10 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     return np.concatenate([start[:1], found.x])
 
 
-def with_attitude(
-    trim: FlightTrim, flight: Motion, shared: Floats, law: int, in_runs: tuple[float, float, float]
-) -> FlightTrim:
-    """Return a trim with the attitude's error in the standard error of its wind, and with those for runs."""
-    wind = np.array([trim.wind_n, trim.wind_e])
-    blocks = velocity_increments(flight, np.array([*shared, trim.wind_exponent, trim.thrust_scale, *wind]), law)
-    by_wind = blocks.jacobian[:, :2, SHARED + _WIND :].mean(axis=0)
-    error = wind_error(flight, wind, float(np.sqrt(abs(np.linalg.det(by_wind)))) / blocks.seconds)
-    known = 1.0 / (trim.wind_sigma**2 + error**2) + 1.0 / WIND_SIGMA**2  # nothing is known worse than beforehand
-    return replace(trim, wind_sigma=float(known**-0.5), in_runs=in_runs)
-
-
 def known_at_best(wind: Floats) -> Floats:
     """Return the least standard deviations of exponent, thrust scale and wind, (4,), in a wind [m/s], (2,)."""
     best = float(np.hypot(_CALM_AT_BEST, _WIND_AT_BEST * np.hypot(*wind)))
     return np.array([_EXPONENT_AT_BEST, _SCALE_AT_BEST, best, best])
-
-
-def _in_runs(told: Carried) -> tuple[float, float, float]:
-    """Return standard errors of what a filter found of a flight with the craft's parameters held."""
-    variance = np.diag(told.covariances[-1])[:FIXED] + known_at_best(told.own[-1, _WIND:]) ** 2
-    exponent, scale, north, east = np.sqrt(variance).tolist()
-    return exponent, scale, max(north, east)
-
-
-def _stated(flight: Motion, shared: Floats, law: int, told: Carried, own: Floats, doubt: Floats | None) -> Floats:
-    """Mean squares of errors of the exponent, thrust scale and wind that were found of a flight; shape (4, 4)."""
-    if doubt is not None:
-        told = carry_states(flight, shared, law, doubt=doubt)
-    apart = own - told.own[-1]
-    at_best = np.diag(known_at_best(own[_WIND:]) ** 2)
-    return np.asarray(told.covariances[-1][:FIXED, :FIXED] + np.outer(apart, apart) + at_best)
-
-
-def trim_from(values: Floats, covariance: Floats, knots: Floats, source: str) -> FlightTrim:
-    """Name thrust scale and wind coefficients of one flight; the mean of the variation goes to the mean wind.
-
-    `values` are exponent, scale, mean wind and the departures at k knots, (4 + 2 k,); `covariance` is of all, or of the
-    first four.
-    """
-    exponent, scale = map(float, values[:_WIND])
-    mean, parts = values[_WIND : _WIND + 2], values[_WIND + 2 :].reshape(-1, 2)
-    # Each knot stands for the time about it.
-    width = np.gradient(knots) if len(knots) > 1 else np.ones(len(knots))
-    if len(knots) > 1:
-        width[[0, -1]] *= 0.5
-    share = width / width.sum() if len(knots) else width
-    average = share @ parts if len(knots) else np.zeros(2)
-    sigma = []
-    for axis in range(2):
-        weights = np.zeros(len(covariance))
-        weights[_WIND + axis] = 1.0
-        if len(weights) > _WIND + 2:
-            weights[_WIND + 2 + axis :: 2] = share
-        sigma.append(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
-    north, east = mean + average
-    exponent_sigma, scale_sigma = np.sqrt(np.maximum(np.diag(covariance)[:_WIND], 0.0))
-    return FlightTrim(
-        wind_n=float(north),
-        wind_e=float(east),
-        wind_sigma=float(max(sigma)),
-        in_runs=(float(exponent_sigma), float(scale_sigma), float(max(sigma))),
-        thrust_scale=scale,
-        thrust_scale_sigma=float(scale_sigma),
-        source=source,
-        wind_exponent=exponent,
-        wind_exponent_sigma=float(exponent_sigma),
-        variation=tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, parts - average, strict=True)),
-    )
 
 
 def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
@@ -214,3 +200,14 @@ def wind_shapes(t: Floats, knots: Floats) -> Floats:
     for column, row in enumerate(np.eye(len(knots)), start=1):
         shapes[:, column] = np.interp(t, knots, row)
     return shapes
+
+
+def left_open(covariance: Floats) -> Floats:
+    """Return the errors of a craft's parameters that a trim has to live with, of their covariance (SHARED, SHARED).
+
+    Without those that a flight's thrust scale makes up for, and the lag, which is small.
+    """
+    doubt = covariance.copy()
+    doubt[LAG], doubt[:, LAG] = 0.0, 0.0
+    doubt[0, 0] = doubt[0, 1:] @ np.linalg.pinv(doubt[1:, 1:]) @ doubt[1:, 0]
+    return doubt

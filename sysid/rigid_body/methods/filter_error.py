@@ -114,16 +114,6 @@ class FilterErrorFit:
         return float(self.costs.sum())
 
 
-@dataclass(frozen=True, slots=True)
-class MeanWind:
-    """Mean wind of a flight north and east, (2,) m/s, its covariance, (2, 2), and the drag that tells it, 1/s."""
-
-    mean: Floats
-    covariance: Floats
-    noise: Floats  #: shape (2, 2): The part of it that is there if the craft's parameters are right.
-    drag: float
-
-
 @dataclass(slots=True)
 class _Linearised:
     """Normal equations, and each cluster's cost and score."""
@@ -268,36 +258,6 @@ def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats,
             break
         stopped |= over
     return reached
-
-
-def mean_winds(motions: Sequence[Motion], fit: FilterErrorFit, law: int) -> list[MeanWind]:
-    """Compute the mean wind of each flight, gusts included, from the balance of its mean acceleration.
-
-    Over a whole flight the velocity changes by what the mean forces make it. The wind parameter of the fit is the mean
-    of a process of which the flight is a sample; this is the sample's.
-    """
-    result = []
-    for k, (motion, (gusts, _)) in enumerate(zip(motions, fit.disturbances, strict=True)):
-        own = flight_slice(k)
-        values = fit.values.copy()
-        for _ in range(_STEPS):
-            left, jacobian, _ = _velocities(motion, values, k, law)
-            by_wind = jacobian[-1, :2, SHARED + len(OWN) :]
-            step = np.linalg.lstsq(by_wind, (left[-1] - left[0])[:2], rcond=1e-9)[0]
-            values[own.start + len(OWN) : own.stop] += step
-            if np.abs(step).max() < 1e-6:
-                break
-        inverse = np.linalg.pinv(by_wind, rcond=1e-9)
-        # What the fit takes drag, tilt and thrust to be moves the wind with which forces balance.
-        places = np.r_[np.arange(SHARED), own.start : own.start + len(OWN)]
-        slope = inverse @ jacobian[-1, :2, : SHARED + len(OWN)]
-        seconds = float(motion.t[-1] - motion.t[0])
-        unseen = 2.0 * gusts.noise**2 + gusts.jolt**2 * seconds
-        noise = unseen * inverse @ inverse.T
-        covariance = slope @ fit.covariance[np.ix_(places, places)] @ slope.T + noise
-        drag = float(np.sqrt(abs(np.linalg.det(by_wind)))) / seconds
-        result.append(MeanWind(values[own.start + len(OWN) : own.stop], covariance, noise, drag))
-    return result
 
 
 def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Velocities:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, flight_slice
+from sysid.rigid_body.methods.filter_error import FilterErrorFit
 from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
@@ -44,10 +44,6 @@ _TOP = 0.2
 #: gusts are too slow for the height controller to answer as to news, s.
 ANSWER_SECONDS, SLOW_GUSTS = 10.0, 3.0
 
-#: Error of a wind's exponent by the height of the ground under its profile.
-EXPONENT_ERROR = 0.09
-
-
 #: Motors of one kind differ by this part (standard deviation), which cannot be told from a centre of gravity to one
 #: side.
 UNLIKE_MOTORS = 0.04
@@ -66,8 +62,6 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     curved = np.zeros(SHARED)
     curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
     covariance[:SHARED, :SHARED] += np.outer(curved, curved)
-    exponents = [flight_slice(k).start for k in range(len(motions))]
-    covariance[exponents, exponents] += EXPONENT_ERROR**2
     assumed = np.diag(covariance - fit.covariance)[:SHARED]
     return replace(fit, covariance=covariance, assumed=assumed)
 
