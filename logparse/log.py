@@ -118,15 +118,24 @@ class FlightLog(Summarised):
     @cached_property
     def parameters_flown(self) -> Mapping[str, float]:
         """Parameters as they were when `flight` ended: what was set after it belongs to flights to come."""
-        flight = self.flight
-        if flight is None or "PARM" not in self.messages:
+        return self.parameters if self.flight is None else self.parameters_at(self.flight.stop)
+
+    def parameters_at(self, t: float) -> Mapping[str, float]:
+        """Return parameters as they were at a time, or first became known after it.
+
+        Parameters
+        ----------
+        t : float
+            s on the boot clock.
+        """
+        if "PARM" not in self.messages:
             return self.parameters
         rows = self.messages["PARM"]
-        later = rows.index.to_numpy(np.float64) > flight.stop
+        later = rows.index.to_numpy(np.float64) > t
         if not later.any():
             return self.parameters
-        before = _last_values(rows[~later], "Name", "Value")
-        return dict(self.parameters) | {name: value for name, value in before.items() if _possible(value)}
+        first, before = _last_values(rows[::-1], "Name", "Value"), _last_values(rows[~later], "Name", "Value")
+        return {name: value for name, value in (first | before).items() if _possible(value)}
 
     @cached_property
     def vehicle(self) -> "Vehicle":

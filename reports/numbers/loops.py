@@ -82,6 +82,7 @@ class TuningReport:
     refused: str | None
     proposed: Mapping[str, float]
     rollback: Mapping[str, float]
+    flown: Mapping[str, float]
     remarks: tuple[str, ...]
     axes: tuple[AxisReport, ...]
 
@@ -95,6 +96,7 @@ def tuning_report(tuning: Tuning) -> TuningReport:
         refused=tuning.refused,
         proposed=tuning.proposed,
         rollback=tuning.rollback,
+        flown=tuning.flown,
         remarks=tuning.remarks,
         axes=tuple(map(_axis, tuning.axes)),
     )

@@ -45,7 +45,8 @@ def loops_page(tuning: Tuning) -> str:
         data=Markup(data),
         tuning=numbers,
         changes=[
-            (name, f"{tuning.rollback[name]:.6g}", f"{value:.6g}") for name, value in sorted(tuning.proposed.items())
+            (name, *(f"{each:.6g}" for each in (tuning.rollback[name], tuning.flown[name], value)))
+            for name, value in sorted(tuning.proposed.items())
         ],
         axes=[_axis(axis, axis.loop) for axis in tuning.axes if axis.loop is not None],
     )

@@ -71,6 +71,9 @@ def tune(
     aim: Annotated[
         str, typer.Option(help="rejection (of disturbances), quiet (actuators), or margins (wide).")
     ] = "rejection",
+    i_term: Annotated[
+        float | None, typer.Option(help="I as a part of P. Default: what is best; where I flew at 0, 1 (yaw 0.1).")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for proposed.param, rollback.param, tuning.json and tuning.html. Default: out/NAME."),
@@ -79,10 +82,12 @@ def tune(
 ) -> None:
     """Propose gains of the rate controllers for the worst case of what the flights leave possible, or refuse.
 
+    The logs may hold the chirps of one axis each, with its I at 0, as ArduPilot's procedure flies them.
+
     The gains keep 6 dB, 45 deg and a peak of 6 dB, and change by a factor of two at most. Without the evidence there
     is a reason, what to fly instead, and no number; the exit status is then 3.
 
-    Example: rotorid tune FLIGHT.bin --out tuning
+    Example: rotorid tune ROLL.bin PITCH.bin YAW.bin --out tuning
     """
     from core.serialization import as_json as strict_json
     from reports.numbers.loops import tuning_report
@@ -91,7 +96,7 @@ def tune(
 
     out = out or folder_of(parted(logs[0])[0])
     prepare(out)
-    result = propose([open_log(log) for log in logs], aim)
+    result = propose([open_log(log) for log in logs], aim, i_term)
     text = strict_json(tuning_report(result))
     (out / "tuning.json").write_text(text, encoding="utf-8")
     (out / "tuning.html").write_text(loops_page(result), encoding="utf-8")
@@ -107,7 +112,9 @@ def tune(
         typer.echo(f"nothing is proposed: {result.refused}")
     else:
         for name, value in sorted(result.proposed.items()):
-            typer.echo(f"{name:<20} {result.rollback[name]:>12.6g} -> {value:.6g}")
+            before, flown = result.rollback[name], result.flown[name]
+            during = "" if before == flown else f" ({flown:.6g} during the chirp)"
+            typer.echo(f"{name:<20} {before:>12.6g} -> {value:.6g}{during}")
         for axis in result.axes:
             if axis.tuned is None:
                 typer.echo(f"{axis.axis}: unchanged: {axis.refused}")

@@ -19,13 +19,14 @@ import scipy
 from logparse import FlightLog
 from sysid.frequency.axes import FrequencyError, axis_of
 from sysid.frequency.chirp_records import FEWEST_ROWS, below_folding, chirp_spline
-from sysid.frequency.excitation import Chirp, find_chirps
+from sysid.frequency.excitation import Chirp
 from sysid.frequency.rate_signals import rate_signals
 from sysid.frequency.records import on_uniform_clock
 from sysid.loops.controller import AXES, LoopSettings
 from sysid.loops.evidence import limited_chirp
 from sysid.loops.filters import Complexes, Floats, first_order
 from sysid.loops.settings import read_settings
+from sysid.loops.signals import mixer_chirps
 
 #: Rms of the logarithm of logged over computed response beyond which a block is not as its parameters say. In firmware
 #: (36 chirps) P and the error are exact, I, D, the target and the angle controller within 0.025 (a gyro of 1 kHz gives
@@ -137,8 +138,7 @@ def gyro_seen(log: FlightLog, axis: str) -> bool:
 
 
 def _chirped(log: FlightLog) -> list[str]:
-    found = {chirp.axis for chirp in find_chirps(log) if chirp.at_mixer and chirp.worthwhile}
-    return [axis for axis in AXES if axis in found]
+    return [axis for axis in AXES if mixer_chirps(log, axis)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,11 +164,10 @@ class _Block:
 
 def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
     """Compare each block of the loop that each chirp on the axis shows."""
-    for chirp in find_chirps(log):
-        if chirp.axis == settings.axis and chirp.at_mixer and chirp.worthwhile:
-            yield from _gyro_block(log, chirp, settings)
-            if limited_chirp(log, settings.axis) is None:  # at a limit the controller is another, which says so itself
-                yield from _controller_blocks(log, chirp, settings)
+    for chirp in mixer_chirps(log, settings.axis):
+        yield from _gyro_block(log, chirp, settings)
+        if limited_chirp(log, settings.axis) is None:  # at a limit the controller is another, which says so itself
+            yield from _controller_blocks(log, chirp, settings)
 
 
 def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:

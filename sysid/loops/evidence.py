@@ -19,6 +19,7 @@ from sysid.loops.controller import AXES
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
+from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import unseen_mode
 from sysid.records.periodogram import welch
 
@@ -119,7 +120,10 @@ def _autotuned(log: FlightLog) -> bool:
 
 
 def _changed_in_flight(log: FlightLog) -> list[str]:
-    """Return parameters of the loops that take another value after take-off, or between chirps that count."""
+    """Return parameters of the loops that take another value after take-off, or between chirps that count.
+
+    An I only counts during the chirps of its axis, for which the published procedure sets it to 0 in the air.
+    """
     if "PARM" not in log.messages or log.flight is None:
         return []
     rows = log.messages["PARM"]
@@ -128,13 +132,16 @@ def _changed_in_flight(log: FlightLog) -> list[str]:
     chirps = [chirp for chirp in find_chirps(log) if chirp.at_mixer]
     start = min([log.flight.start, *(chirp.start for chirp in chirps)])
     stop = max([log.flight.stop, *(chirp.stop for chirp in chirps)])
+    own = {f"ATC_RAT_{letters}_I": mixer_chirps(log, axis) for axis, letters in AXES.items()}
     before: dict[str, float] = {}
     changed = []
     for t, name, value in zip(rows.index, rows["Name"].astype(str), rows["Value"].to_numpy(np.float64), strict=True):
         ours = name.startswith(_OF_THE_LOOPS)
         if not ours:
             continue
-        if start < t < stop and name in before and before[name] != value and name not in changed:
+        alone = own.get(name)
+        counts = alone[0].start < t < alone[-1].stop if alone else start < t < stop
+        if counts and name in before and before[name] != value and name not in changed:
             changed.append(name)
         before[name] = value
     return changed
@@ -220,9 +227,7 @@ def limited_chirp(log: FlightLog, axis: str) -> str | None:
     frame = log.messages[message]
     t = frame.index.to_numpy(np.float64)
     limited, rows, scaled = 0, 0, 0
-    for chirp in find_chirps(log):
-        if chirp.axis != axis or not chirp.at_mixer:
-            continue
+    for chirp in mixer_chirps(log, axis):
         inside = (t >= chirp.start) & (t <= chirp.stop)
         rows += int(inside.sum())
         if "Flags" in frame:
@@ -261,9 +266,7 @@ def sagged(log: FlightLog, axis: str) -> str | None:
     if battery is None or log.vehicle.battery_voltage_max > 0.0:
         return None
     t, voltage = battery.index.to_numpy(np.float64), battery["voltage"].to_numpy(np.float64)
-    for chirp in find_chirps(log):
-        if chirp.axis != axis or not chirp.at_mixer:
-            continue
+    for chirp in mixer_chirps(log, axis):
         third = chirp.duration / 3.0
         parts = [
             voltage[(t >= start) & (t <= start + third) & np.isfinite(voltage)]
@@ -313,7 +316,13 @@ def weak_band(loop: RateLoop) -> str | None:
     if loop.hz[-1] < 1.6 * crossover:
         reason = "RATE is logged too seldom (aliasing)" if nyquist < 2.2 * crossover else "SID_F_STOP_HZ is too low"
         return f"{axis}: crossover is at {crossover:.1f} Hz and the response ends at {loop.hz[-1]:.1f} Hz: {reason}"
-    near = (loop.hz > AROUND[0] * crossover) & (loop.hz < AROUND[1] * crossover)
+    seen = loop.hz <= loop.plant.seen
+    near = seen & (loop.hz > AROUND[0] * crossover) & (loop.hz < AROUND[1] * crossover)
+    if not near.any():
+        return (
+            f"{axis}: the chirp ended at {loop.plant.seen:.1f} Hz, far below the crossover at {crossover:.0f} Hz; fly "
+            f"one to {1.6 * crossover:.0f} Hz or more"
+        )
     share = float(np.mean(loop.plant.coherence[near] >= COHERENT))
     if share < MOST_OF:
         return (
@@ -334,6 +343,7 @@ def two_ways_apart(loop: RateLoop) -> str | None:
     if crossover is None:
         return f"{loop.axis}: no crossover within the measured band"
     direct = plant_of(loop.measured)
+    crossover = min(crossover, float(direct.hz[-1]) / 1.5)
     near = (loop.hz > 0.6 * crossover) & (loop.hz < 1.5 * crossover)
     near &= (loop.hz >= direct.hz[0]) & (loop.hz <= direct.hz[-1])
     own = loop.with_settings(loop.flown).response[near]

@@ -11,13 +11,14 @@ from core.summary import Summarised
 from logparse import GivenLogs, logs_of
 from sysid.frequency.excitation import Within
 from sysid.frequency.response import FrequencyResponse
+from sysid.loops.beyond import followed
 from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.filters import Complexes, Floats, low_pass_alpha
 from sysid.loops.known_margins import MARGINS, Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.plant import Plant, plant_of
 from sysid.loops.settings import read_settings
-from sysid.loops.signals import LoopRecord, loop_records, loop_response, plant_response
+from sysid.loops.signals import LoopRecord, loop_records, loop_response, mixer_chirps, plant_response
 
 #: Part of the draws that an interval holds.
 CONFIDENCE = 0.95
@@ -66,6 +67,11 @@ class RateLoop(Summarised):
         return np.asarray(self.plant.draws * self.gyro_change * self.settings.feedback(self.hz))
 
     @property
+    def own_draws(self) -> Complexes:
+        """Return the same of the flight itself, without what the next one may differ by."""
+        return np.asarray(self.plant.own_draws * self.gyro_change * self.settings.feedback(self.hz))
+
+    @property
     def margins(self) -> Margins:
         """Compute margins with errors from the identified response, as the next flight with these settings has them."""
         return summarise(self.hz, self.response, self.draws)
@@ -73,8 +79,7 @@ class RateLoop(Summarised):
     @property
     def own_margins(self) -> Margins:
         """Compute the margins of the flight itself: without what the next one may differ by."""
-        through = np.asarray(self.gyro_change * self.settings.feedback(self.hz))
-        return summarise(self.hz, self.response, self.plant.own_draws * through)
+        return summarise(self.hz, self.response, self.own_draws)
 
     @property
     def measured_margins(self) -> Margins:
@@ -135,6 +140,9 @@ class RateLoop(Summarised):
 def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLoop:
     """Identify an axis' loop from the chirps of one or several flights with the same settings.
 
+    Flights without a chirp on this axis, of which others are given, do not count: the published procedure flies one
+    axis in each.
+
     Parameters
     ----------
     log : FlightLog, path-like, or a sequence of either
@@ -152,6 +160,7 @@ def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLo
     logs = logs_of(log)
     if not logs:
         raise LoopError("no log was given")
+    logs = [one for one in logs if mixer_chirps(one, axis)] or logs
     settings = [read_settings(one, axis) for one in logs]
     if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
         raise LoopError(
@@ -167,7 +176,7 @@ def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSe
     return RateLoop(
         name=name,
         frf=frf,
-        plant=plant_of(frf),
+        plant=followed(plant_of(frf), frf, settings.gyro),
         flown=settings,
         settings=settings,
         measured=loop_response(records, settings.axis),

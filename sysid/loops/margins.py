@@ -37,8 +37,8 @@ def margins_of(hz: Floats, loop: Complexes) -> MarginSet:
     """Compute the margins of broken-loop responses.
 
     `hz` (n,): increasing; `loop` (K, n) or (n,). The controller integrates twice and the attitude once: at low
-    frequency the phase may come from -270 deg, so a crossing of -180 deg from below with a gain above one is the limit
-    of lowering the gain and no gain margin.
+    frequency the phase may come from -270 deg, and noise may let it cross -180 deg there and back: of a stable loop a
+    crossing with a gain above one is the limit of lowering the gain and no gain margin.
     """
     loop = np.atleast_2d(loop)
     log_hz = np.log(hz)
@@ -65,7 +65,7 @@ def margins_of(hz: Floats, loop: Complexes) -> MarginSet:
         share = np.where(np.isfinite(share), share, 0.0)
         axis = re[:, :-1] + share * (re[:, 1:] - re[:, :-1])
         gains = -20.0 * np.log10(np.where(axis < 0.0, -axis, np.nan))
-    counted = (axis < 0.0) & (down | (up & (gains > 0.0)))
+    counted = (axis < 0.0) & ((gains > 0.0) & (down | up) | down & ~stable[:, None])
     gain = np.min(np.where(counted, gains, np.inf), axis=1)
 
     kept = sensitivity <= REJECTED

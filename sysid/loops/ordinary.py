@@ -7,13 +7,10 @@ import numpy as np
 from sysid.frequency.fit import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.structures import low_pass
+from sysid.loops.beyond import OF_STICKS, drawn_models
 from sysid.loops.controller import LoopError, LoopSettings
-from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.plant import DENSITY, DRAWS, SEED, Plant
-
-#: Standard deviation of ln G per factor e of frequency beyond the coherent band: lags and modes that do not show below.
-_BEYOND = 0.15
+from sysid.loops.plant import DENSITY, Plant
 
 #: Factor of the highest coherent frequency up to which the model is followed.
 _FARTHEST = 2.5
@@ -72,46 +69,14 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
     hz = np.exp(np.arange(np.log(coherent[0]), np.log(_FARTHEST * top), 1.0 / DENSITY))
     gyro = settings.gyro.response(hz) / low_pass(hz, frf.gyro_filter_hz)
     response = np.asarray(found.response(hz) * gyro)
-    draws = _draws(found, hz, top) * gyro
+    draws = drawn_models(found, hz, top, OF_STICKS) * gyro
     draws[0] = response
     sigma = np.std(np.log(np.abs(draws)), axis=0)
     coherence = np.interp(hz, frf.hz, frf.coherence, right=0.0)
-    plant = Plant(hz, response, sigma, coherence, draws, draws)
+    plant = Plant(hz, response, sigma, coherence, draws, draws, seen=top)
     loop = RateLoop(name, frf, plant, settings, settings, None)
     _useful(loop, top)
     return loop
-
-
-def _draws(found: FrequencyFit, hz: Floats, top: float) -> Complexes:
-    """Draw models that the flight leaves possible, of all structures by their probability, shape (DRAWS, n)."""
-    generator = np.random.default_rng(SEED)
-    fits = (found, *(other for _, other in found.others))
-    shares = np.array([1.0, *(share for share, _ in found.others)])
-    picked = generator.choice(len(fits), DRAWS, p=shares / shares.sum())
-    models = np.empty((DRAWS, len(hz)), np.complex128)
-    for which in np.unique(picked):
-        rows = picked == which
-        models[rows] = _models(fits[which], hz, int(rows.sum()), generator)
-    unknown = np.maximum(np.log(hz / top), 0.0) * _BEYOND
-    unseen = generator.standard_normal((DRAWS, 1)) + 1j * generator.standard_normal((DRAWS, 1))
-    return np.asarray(models * np.exp(unseen * unknown), np.complex128)
-
-
-def _models(found: FrequencyFit, hz: Floats, count: int, generator: np.random.Generator) -> Complexes:
-    """Draw models of one structure from the errors of its parameters, shape (count, n)."""
-    deviation = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    # Positive parameters keep their sign.
-    values = generator.multivariate_normal(found.values, found.covariance, count, method="svd")
-    positive = np.array([spec.positive for spec in found.structure[0].specs])
-    least = np.where(positive, 0.05 * np.abs(found.values), -np.inf)
-    values = np.where(deviation > 0.0, np.maximum(values, least), found.values)
-    models = np.stack([found.at(one).response(hz) for one in values])
-    names = found.structure[0].names
-    if "lag" not in names:
-        # Below the coherent band's end a lag looks like a delay; how much of the delay is one is open.
-        lag = np.maximum(values[:, [names.index("delay")]], 0.0) * generator.uniform(0.0, 1.0, (count, 1))
-        models = models * np.exp(2j * np.pi * hz * lag) / (1.0 + 2j * np.pi * hz * lag)
-    return np.asarray(models, np.complex128)
 
 
 def _useful(loop: RateLoop, top: float) -> None:

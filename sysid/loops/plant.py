@@ -41,6 +41,7 @@ class Plant:
     coherence: Floats  #: shape (n,)
     draws: Complexes  #: shape (DRAWS, n): Responses that the data leave possible, for the next flight.
     own_draws: Complexes  #: shape (DRAWS, n): The same for the flight itself.
+    seen: float  #: Frequency up to which it was measured, Hz; beyond, models that fit below are followed.
 
     def coherence_at(self, hz: Floats) -> Floats:
         """Interpolate the coherence."""
@@ -80,7 +81,9 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     resolution = np.interp(dense, hz, frf.resolution[keep])
     coherence = np.interp(dense, hz, frf.coherence[keep])
     here, between = _errors(dense, error, resolution, reach, gain_between_flights(frf.axis))
-    return Plant(dense, response, error, coherence, response * np.exp(here + between), response * np.exp(here))
+    return Plant(
+        dense, response, error, coherence, response * np.exp(here + between), response * np.exp(here), float(dense[-1])
+    )
 
 
 def _smoothed(at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats) -> tuple[complex, float, float]:

@@ -41,6 +41,22 @@ class Aim:
     peak_db: float = 6.0
     noise: float = 1.5
 
+    def at_least(self, flown: Mapping[str, float]) -> Aim:
+        """Return the same, and in nothing less than margins that flew."""
+        return Aim(
+            gain_db=max(self.gain_db, flown["gain_db"]),
+            phase_deg=max(self.phase_deg, flown["phase_deg"]),
+            peak_db=min(self.peak_db, flown["peak_db"]),
+        )
+
+    def missed_by(self, bounds: Mapping[str, float]) -> float:
+        """Return by which part bounds miss the aim where they miss it most; negative where they keep it."""
+        return max(
+            1.0 - bounds["gain_db"] / self.gain_db,
+            1.0 - bounds["phase_deg"] / self.phase_deg,
+            bounds["peak_db"] / self.peak_db - 1.0,
+        )
+
     @property
     def words(self) -> str:
         """Return the margins in words."""
@@ -53,6 +69,10 @@ AIMS: Mapping[str, Aim] = {
     "quiet": Aim(noise=1.0),
     "margins": Aim(gain_db=8.0, phase_deg=55.0, peak_db=5.0),
 }
+
+
+#: What a first step from gains that keep less must keep at the worst: a craft flies well with it, and is then measured.
+LEAST = Aim(gain_db=4.5, phase_deg=35.0, peak_db=8.0)
 
 
 def worst_case(loop: RateLoop) -> dict[str, float] | None:
@@ -114,7 +134,7 @@ class ActuatorNoise:
 
     def __init__(self, loop: RateLoop) -> None:
         self._hz = np.linspace(2.0, 0.499 * loop.flown.controller.loop_rate, 400)
-        self._inside = self._hz <= loop.hz[-1]
+        self._inside, self._seen = self._hz <= loop.hz[-1], self._hz <= loop.plant.seen
         self._flown = self._to_mixer(loop.with_settings(loop.flown))
 
     def factor(self, loop: RateLoop) -> float:
@@ -122,10 +142,10 @@ class ActuatorNoise:
         raised = self._to_mixer(loop) / self._flown
         power = self._flown**2
         rms, slew = (np.sqrt((raised**2 * each).sum() / each.sum()) for each in (power, power * self._hz**2))
-        return float(max(rms, slew, *raised[~self._inside]))
+        return float(max(rms, slew, *raised[~self._seen]))
 
     def _to_mixer(self, loop: RateLoop) -> Floats:
-        """Compute the gain from the gyro's noise to the mixer; beyond the measured band the loop is taken as open."""
+        """Compute the gain from the gyro's noise to the mixer; where the craft is not known the loop is open."""
         settings, inside = loop.settings, self._inside
         gain = np.abs(settings.controller.error_response(self._hz) * settings.gyro.response(self._hz))
         broken = loop.response

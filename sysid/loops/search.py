@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.loops.controller import LoopSettings
 from sysid.loops.evidence import RANGES
@@ -14,7 +15,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
-from sysid.loops.safety import ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
+from sysid.loops.safety import LEAST, ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
@@ -22,6 +23,9 @@ _P = np.geomspace(0.501, 1.996, 13)
 _D = np.geomspace(0.501, 1.996, 11)
 _I = (0.7, 1.0, 1.4)
 _FLTD = (1.0, 1.5, 2.0)
+
+#: I over P of ArduCopter's default gains.
+DEFAULT_I: Mapping[str, float] = {"roll": 1.0, "pitch": 1.0, "yaw": 0.1}
 
 #: The same of the filters of target and error and of the feed-forward; highest filter that ArduCopter documents, Hz.
 _OTHER_FILTERS, _FF, _HIGHEST_FILTER = (0.7, 1.0, 1.5, 2.0), (0.7, 1.0, 1.4), 100.0
@@ -56,13 +60,14 @@ class AxisTuning:
 
     axis: str
     refused: str | None
-    loop: RateLoop | None = None  #: As flown.
+    loop: RateLoop | None = None  #: As flown; where I flew at 0, with the I that is flown otherwise.
     tuned: RateLoop | None = None  #: With the proposed values.
     worst: Mapping[str, float] = field(default_factory=dict)  #: Bound of each proposed margin that the 95 % set keeps.
     noise: float | None = None  #: Actuator noise over that of the flown settings.
     score: float = -np.inf  #: What was maximised: more is better, 0 as flown.
     #: Factor by which the gain of the loop rises beyond the measured band where it may count.
     unseen: float = 1.0
+    short: bool = False  #: Whether it is a first step: surely better than as flown, not yet sure to keep the aim.
     wider: bool = False  #: Whether disturbances are rejected up to a higher frequency than as flown.
 
     @property
@@ -85,21 +90,31 @@ class _Field:
     ending: Floats  #: Amplification of disturbances where a low chirp ended.
 
 
-def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0) -> AxisTuning:
+def integral_part(settings: LoopSettings, i_term: float | None) -> float | None:
+    """Return I as a part of P where it is not searched: as given, or the firmware's own where I flew at 0."""
+    return DEFAULT_I[settings.axis] if i_term is None and settings.controller.I == 0.0 else i_term
+
+
+def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float | None = None) -> AxisTuning:
     """Search one axis at one setting of the gyro filter; refused where no candidate keeps the aim.
 
+    I is `i_term` times P where that is given, or where I flew at 0: the loop is then compared with itself with that I.
     One that rejects less is proposed only where the flown gains fall short of the aim: otherwise it would buy nothing
     but certainty, which a better chirp buys too. Gains that raise the loop where nothing was measured are tried only
     where others reject no more than as flown. The filters of target and error and the feed-forward come last, around
     the best of the others.
     """
-    best = _searched(loop, aim, gyro_factor)
+    part = integral_part(loop.flown, i_term)
+    if part is not None:
+        flown = loop.flown.changed(I=typed(part * loop.flown.controller.P))
+        loop = replace(loop, flown=flown, settings=flown)
+    best = _searched(loop, aim, gyro_factor, part)
     if best.tuned is None or best.gains or not keeps(flown_margins(loop), aim)[0]:
         return best
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: the flown gains keep {aim.words} by the best estimate, and none that are sure to keep it "
-        f"reject more; {_would_tell(loop)}",
+        f"reject more; {would_tell(loop)}",
         loop,
     )
 
@@ -109,9 +124,9 @@ def flown_margins(loop: RateLoop) -> MarginSet:
     return margins_of(loop.hz, loop.with_settings(loop.flown).response)
 
 
-def _searched(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
+def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) -> AxisTuning:
     bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
-    candidates = _field(loop, bare, _gains(loop))
+    candidates = _field(loop, bare, _gains(loop, part))
     raised = may_raise(loop)
     best = _best(loop, aim, candidates, raised[0])
     allowed = raised[0]
@@ -121,22 +136,43 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float) -> AxisTuning:
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
             best, allowed = found, most
+    if best.tuned is None and not keeps(flown_margins(loop), aim)[0]:
+        best = _first_step(loop, aim, candidates, best)
     others = _others(loop)
-    if best.tuned is None or not others:
+    if best.tuned is None or best.short or not others:
         return best
     found = _best(loop, aim, _field(loop, best.tuned.settings, others), allowed)
     return found if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER else best
 
 
-def _gains(loop: RateLoop) -> list[dict[str, float]]:
-    """Lay out P, I, D and the derivative's filter."""
+def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTuning) -> AxisTuning:
+    """Return the candidate that falls least short of the aim at its worst, where the flown gains fall shorter.
+
+    Gains as thin as those of some firmware's defaults are not within a factor of two of any that are sure to keep the
+    aim; what is surely better is flown, measured and tuned again.
+    """
+    flown, actuators = worst_case(loop), ActuatorNoise(loop)
+    best, least = refused, LEAST if flown is None else LEAST.at_least(flown)
+    for k in np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0])):
+        tuned = loop.with_settings(candidates.bare.changed(**candidates.values[k]))
+        bounds = worst_case(tuned)
+        if bounds is None or not bounds_keep(bounds, least) or actuators.factor(tuned) > aim.noise:
+            continue
+        if best.tuned is None or aim.missed_by(bounds) < aim.missed_by(best.worst):
+            best = _tuning(loop, aim, candidates, int(k), tuned, bounds)
+    return best
+
+
+def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
+    """Lay out P, I (or a fixed part of P), D and the derivative's filter."""
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
     candidates = []
-    for p, d, i, fltd in itertools.product(_P, _D if flown.D > 0.0 else (1.0,), _I, _filters(loop, flown.FLTD, _FLTD)):
+    searched = (_P, _D if flown.D > 0.0 else (1.0,), _I if part is None else (1.0,), _filters(flown.FLTD, _FLTD))
+    for p, d, i, fltd in itertools.product(*searched):
         values = {
             "P": typed(flown.P * p),
-            "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])),
+            "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])) if part is None else typed(part * typed(flown.P * p)),
             "D": typed(flown.D * d),
             "FLTD": typed(flown.FLTD * fltd),
         }
@@ -149,8 +185,8 @@ def _others(loop: RateLoop) -> list[dict[str, float]]:
     """Lay out the filters of target and error, and the feed-forward, of those that are in use."""
     flown = loop.flown.controller
     factors = {
-        "FLTT": _filters(loop, flown.FLTT, _OTHER_FILTERS),
-        "FLTE": _filters(loop, flown.FLTE, _OTHER_FILTERS),
+        "FLTT": _filters(flown.FLTT, _OTHER_FILTERS),
+        "FLTE": _filters(flown.FLTE, _OTHER_FILTERS),
         "FF": _FF if flown.FF > 0.0 else (1.0,),
     }
     return [
@@ -160,13 +196,9 @@ def _others(loop: RateLoop) -> list[dict[str, float]]:
     ]
 
 
-def _filters(loop: RateLoop, flown: float, factors: Sequence[float]) -> tuple[float, ...]:
-    """Return the factors of a filter that keep it in the documented range; of none, none.
-
-    None is opened over a band in which no chirp looked for modes of the frame.
-    """
-    highest = _HIGHEST_FILTER if saw_modes(loop) else flown
-    return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= highest)
+def _filters(flown: float, factors: Sequence[float]) -> tuple[float, ...]:
+    """Return the factors of a filter that keep it in the documented range; of none, none."""
+    return tuple(k for k in factors if k == 1.0 or 0.0 < flown * k <= _HIGHEST_FILTER)
 
 
 def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str, float]]) -> _Field:
@@ -196,14 +228,7 @@ def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str,
 def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     """Return the candidate of the best score that keeps the aim at its worst, or why there is none."""
     nominal, score = field.nominal, field.score
-    good = (
-        (field.unseen <= unseen)
-        & (field.noise <= _ROUNDED * aim.noise)
-        & (field.ending <= AMPLIFIED)
-        & nominal.stable
-        & keeps(nominal, aim)
-        & np.isfinite(nominal.rejection_hz)
-    )
+    good = _sound(field, aim, unseen)
     order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
     actuators = ActuatorNoise(loop)
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
@@ -223,17 +248,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
         if bounds is None:
             continue
         if bounds_keep(bounds, aim):
-            return AxisTuning(
-                axis=loop.axis,
-                refused=None,
-                loop=loop,
-                tuned=tuned,
-                worst=promised(tuned, bounds, asdict(aim)),
-                noise=noise,
-                score=float(score[k]),
-                unseen=float(field.unseen[k]),
-                wider=bool(field.gained[k] > 0.0),
-            )
+            return _tuning(loop, aim, field, int(k), tuned, bounds)
         for name in spare:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):
@@ -241,12 +256,44 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within a factor of two keep {aim.words} for everything that the data leave possible; "
-        f"{_would_tell(loop)}",
+        f"{would_tell(loop)}",
         loop,
     )
 
 
-def _would_tell(loop: RateLoop) -> str:
+def _sound(field: _Field, aim: Aim, unseen: float) -> NDArray[np.bool_]:
+    """Return which candidates keep an aim by the best estimate, and raise what nobody saw by a factor at most."""
+    nominal = field.nominal
+    return np.asarray(
+        (field.unseen <= unseen)
+        & (field.noise <= _ROUNDED * aim.noise)
+        & (field.ending <= AMPLIFIED)
+        & nominal.stable
+        & keeps(nominal, aim)
+        & np.isfinite(nominal.rejection_hz),
+        np.bool_,
+    )
+
+
+def _tuning(
+    loop: RateLoop, aim: Aim, field: _Field, k: int, tuned: RateLoop, bounds: Mapping[str, float]
+) -> AxisTuning:
+    """Return a candidate as what is proposed."""
+    return AxisTuning(
+        axis=loop.axis,
+        refused=None,
+        loop=loop,
+        tuned=tuned,
+        worst=promised(tuned, bounds, asdict(aim)),
+        noise=ActuatorNoise(loop).factor(tuned),
+        score=float(field.score[k]),
+        unseen=float(field.unseen[k]),
+        wider=bool(field.gained[k] > 0.0),
+        short=not bounds_keep(bounds, aim),
+    )
+
+
+def would_tell(loop: RateLoop) -> str:
     """Return which chirp would leave less open."""
     other = "a longer chirp, or one in calmer air," if saw_modes(loop) else f"a chirp to {FIRST_MODES:.0f} Hz or more"
     return f"{other} would leave less open"

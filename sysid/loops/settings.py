@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from sysid.loops.controller import (
     RateController,
 )
 from sysid.loops.filters import DigitalFilter, harmonic_notches
+from sysid.loops.signals import mixer_chirps
 
 #: Firmware whose rate controller is the one in `controller`.
 OLDEST, NEWEST = (4, 0), (4, 7)
@@ -72,7 +74,7 @@ def firmware_version(log: FlightLog) -> tuple[int, int]:
 def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     """Read an axis' loop from the parameters of a log of ArduCopter."""
     firmware_version(log)
-    parameters = log.parameters_flown
+    parameters = parameters_of(log, axis)
     letters = AXES[axis]
     wanted = [f"ATC_RAT_{letters}_{name}" for name in NEEDED]
     wanted += [f"ATC_ANG_{letters}_P", "INS_GYRO_FILTER", "SCHED_LOOP_RATE"]
@@ -90,7 +92,7 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     if odd:
         raise LoopError(f"{log.path.name}: notches within the controller ({', '.join(odd)}) are not modelled")
     terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*NEEDED, *OPTIONAL)}
-    gyro, remarks = _gyro_path(log)
+    gyro, remarks = _gyro_path(log, parameters)
     angle = AngleController(
         P=parameters[f"ATC_ANG_{letters}_P"],
         late=1.0 / parameters["SCHED_LOOP_RATE"],
@@ -104,9 +106,17 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     )
 
 
-def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
+def parameters_of(log: FlightLog, axis: str) -> Mapping[str, float]:
+    """Return the parameters that held during the last chirp at the mixer on an axis; without one those of the flight.
+
+    The published procedure sets I of the axis under test to 0 in the air, just before its chirp.
+    """
+    chirps = mixer_chirps(log, axis)
+    return log.parameters_at(chirps[-1].start) if chirps else log.parameters_flown
+
+
+def _gyro_path(log: FlightLog, parameters: Mapping[str, float]) -> tuple[GyroPath, tuple[str, ...]]:
     """Read the gyro's filters; harmonic notches at their frequency in hover."""
-    parameters = log.parameters_flown
     rate, remarks = _GYRO_RATE, []
     imu = log.messages.once("IMU", ("GHz", "I")) if "IMU" in log.messages else None
     if imu is not None and "GHz" in imu:
@@ -126,7 +136,7 @@ def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
         none = [f"{prefix}{name} = {known[name]:g}" for name in ("FREQ", "BW", "ATT") if not known[name] > 0.0]
         if none:
             raise LoopError(f"{log.path.name}: {', '.join(none)} of a notch that is enabled is no value of one")
-        base, remark = _notch_base(log, prefix, known["FREQ"])
+        base, remark = _notch_base(log, parameters, prefix, known["FREQ"])
         options = int(parameters.get(f"{prefix}OPTS", 0.0))
         notches += harmonic_notches(
             rate,
@@ -141,9 +151,8 @@ def _gyro_path(log: FlightLog) -> tuple[GyroPath, tuple[str, ...]]:
     return GyroPath(parameters["INS_GYRO_FILTER"], rate, tuple(notches)), tuple(remarks)
 
 
-def _notch_base(log: FlightLog, prefix: str, nominal: float) -> tuple[float, str]:
+def _notch_base(log: FlightLog, parameters: Mapping[str, float], prefix: str, nominal: float) -> tuple[float, str]:
     """Return the frequency of the first harmonic, Hz: as tracked in flight (FTN, FTN1), else from hover throttle."""
-    parameters = log.parameters_flown
     mode = int(parameters.get(f"{prefix}MODE", 0.0))
     reference = parameters.get(f"{prefix}REF", 0.0)
     name = prefix.rstrip("_")

@@ -37,11 +37,16 @@ class LoopRecord:
     chirp: Chirp | None = None  #: Where it is in its log; None for signals that are of no log.
 
 
+def mixer_chirps(log: FlightLog, axis: str, within: Within | None = None) -> list[Chirp]:
+    """Return the chirps at the mixer on one axis that show dynamics, in order."""
+    return [c for c in find_chirps(log, within) if c.axis == axis and c.at_mixer and c.worthwhile]
+
+
 def loop_records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:
     """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order."""
     which = axis_of(axis)
     signals = rate_signals(log)
-    chirps = [c for c in find_chirps(log, within) if c.axis == axis and c.at_mixer and c.worthwhile]
+    chirps = mixer_chirps(log, axis, within)
     if not chirps:
         number = {"roll": 10, "pitch": 11, "yaw": 12}.get(axis, 0)
         raise LoopError(

@@ -19,14 +19,18 @@ from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction, gyro_seen
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.evidence import motors_limited, oscillation, sagged, saturation, unfit_log, unsupported, weak_band
-from sysid.loops.loop import rate_loop
+from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
-from sysid.loops.search import AxisTuning, flown_margins, tune_axis
+from sysid.loops.search import AxisTuning, flown_margins, integral_part, tune_axis, would_tell
 from sysid.loops.settings import read_settings
+from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
+
+#: Largest part of P that I may be asked to be.
+_LARGEST_I = 3.0
 
 #: Factors of the gyro's filter that are tried.
 _GYRO = (1.0, 1.25, 1.5, 2.0)
@@ -43,7 +47,8 @@ class Tuning(Summarised):
     aim: Aim
     #: By parameter name: exactly as written to the files; empty where refused.
     proposed: dict[str, float]
-    rollback: dict[str, float]
+    rollback: dict[str, float]  #: The same as they were on the craft before the flights.
+    flown: dict[str, float]  #: The same as they were during the chirps.
     refused: str | None  #: Why nothing is proposed.
     axes: tuple[AxisTuning, ...]
     remarks: tuple[str, ...]
@@ -86,20 +91,25 @@ class Tuning(Summarised):
         return {"logs": listed(self.logs), "proposed": listed(changes, most=4)}
 
 
-def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
+def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = None) -> Tuning:
     """Propose gains for the axes whose logs support it.
 
     Parameters
     ----------
     logs : FlightLog, path-like, or a sequence of either
-        Flights of one craft with the same settings and chirps at the mixer.
+        Flights of one craft with the same settings and chirps at the mixer, of all axes in one or one axis in each.
     aim : Aim or {"rejection", "quiet", "margins"}
+    i_term : float, optional
+        I as a part of P; default: what rejects best about the I that flew, and where that was 0, as in ArduPilot's
+        published procedure, the firmware's own part of 1 (0.1 for yaw).
 
     Raises
     ------
     LoopError
-        For an aim that there is not.
+        For an aim that there is not, or an I that is none.
     """
+    if i_term is not None and not 0.0 < i_term <= _LARGEST_I:
+        raise LoopError(f"I = {i_term:g} P is none: a part between 0 and {_LARGEST_I:g} is flown")
     if isinstance(aim, str):
         if aim not in AIMS:
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
@@ -109,7 +119,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
     def refuse(reason: str, axes: tuple[AxisTuning, ...] = ()) -> Tuning:
-        return Tuning(names, aim, {}, {}, reason, axes, (), made)
+        return Tuning(names, aim, {}, {}, {}, reason, axes, (), made)
 
     if not flights:
         return refuse("no log was given")
@@ -130,21 +140,34 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     closed = _gyro_filter_stays(flights, found)
     staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
     options = [f for f in _GYRO if f == 1.0 or (closed is None and others_keep(staying, f))]
-    best = {axis: tune_axis(loop, aim) for axis, loop in loops.items()}
+    best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
     for factor in options[1:]:
-        tuned = {axis: tune_axis(loop, aim, factor) for axis, loop in loops.items()}
+        tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
         if all(item.tuned is not None for item in tuned.values()) and worth_of(tuned) > worth_of(best):
             best = tuned
     axes = tuple(best.get(item.axis, item) for item in found)
-    proposed, rollback = _differences(axes)
+    proposed = _proposed(axes)
+    before, flown = ({name: each[name] for name in proposed} for each in (_before(flights), _during(loops)))
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
     remarks += [
-        f"{item.axis}: above {item.loop.hz[-1]:.0f} Hz, where no chirp looked for modes of the frame, the gain of the "
-        f"loop rises by up to {item.unseen:.1f}; a chirp to a higher SID_F_STOP_HZ, with RATE as fast, would tell"
+        f"{axis}: I was 0 during the chirps; it is tuned with I = {integral_part(loop.flown, i_term):g} P, and "
+        "compared with the flown P and D beside such an I"
+        for axis, loop in loops.items()
+        if loop.flown.controller.I == 0.0
+    ]
+    remarks += [
+        f"{item.axis}: above {item.loop.plant.seen:.0f} Hz, where no chirp looked for modes of the frame, the gain of "
+        f"the loop rises by up to {item.unseen:.1f}; a chirp to a higher SID_F_STOP_HZ, with RATE as fast, would tell"
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
     remarks += [remark for item in axes if (remark := rejects_less(item, aim))]
+    remarks += [
+        f"{item.axis}: a first step: no gains within a factor of two are sure to keep {aim.words}; fly these and tune "
+        f"again, or {would_tell(item.loop)}"
+        for item in axes
+        if item.short and item.loop is not None
+    ]
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
@@ -155,7 +178,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection") -> Tuning:
     if not proposed:
         reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
         return refuse("; ".join(dict.fromkeys(reasons)), axes)
-    return Tuning(names, aim, proposed, rollback, None, axes, tuple(dict.fromkeys(remarks)), made)
+    return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
 def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
@@ -192,8 +215,9 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
     )
 
 
-def _examined(logs: Sequence[FlightLog], axis: str) -> AxisTuning:
-    """Identify an axis and look at the evidence."""
+def _examined(flights: Sequence[FlightLog], axis: str) -> AxisTuning:
+    """Identify an axis and look at the evidence of the flights with a chirp on it."""
+    logs = [log for log in flights if mixer_chirps(log, axis)] or list(flights)
     try:
         loop = rate_loop(logs, axis)
         alone = [rate_loop(log, axis) for log in logs] if len(logs) > 1 else [loop]
@@ -234,15 +258,30 @@ def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
     )
 
 
-def _differences(axes: Sequence[AxisTuning]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the parameters that differ from the flown ones, and their flown values."""
+def _proposed(axes: Sequence[AxisTuning]) -> dict[str, float]:
+    """Return what is proposed of each axis that changes: its P, I and D, and whatever else differs from the flown."""
     proposed: dict[str, float] = {}
-    rollback: dict[str, float] = {}
     for item in axes:
         if item.tuned is None or item.loop is None:
             continue
         before, after = item.loop.flown.parameters(), item.tuned.settings.parameters()
-        for name, value in after.items():
-            if np.float32(value) != np.float32(before[name]):
-                proposed[name], rollback[name] = value, before[name]
-    return proposed, rollback
+        other = {name: value for name, value in after.items() if np.float32(value) != np.float32(before[name])}
+        if other:
+            gains = [f"ATC_RAT_{AXES[item.axis]}_{term}" for term in ("P", "I", "D")]
+            proposed |= {name: after[name] for name in gains} | other
+    return proposed
+
+
+def _during(loops: Mapping[str, RateLoop]) -> dict[str, float]:
+    """Return parameters of loops as they were during the chirps."""
+    return {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
+
+
+def _before(logs: Sequence[FlightLog]) -> dict[str, float]:
+    """Return parameters as they were on the craft before the flights: an I that is 0 in one was another's before."""
+    found: dict[str, float] = {}
+    for log in logs:
+        for name, value in log.parameters_at(-np.inf).items():
+            if name not in found or (found[name] == 0.0 and name.endswith("_I")):
+                found[name] = value
+    return found

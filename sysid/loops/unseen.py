@@ -51,6 +51,9 @@ _SCATTERS, _SWING = 4.5, 0.5
 #: Amplification of disturbances at the end of a chirp below `FIRST_MODES` up to which its band holds the loop's peak.
 AMPLIFIED = 10.0 ** (3.0 / 20.0)
 
+#: Standard deviations of what the models below a chirp's end leave open of the loop that count as explained by it.
+_LEFT_OPEN = 2.0
+
 #: Steps of the robust fit of the noise's floor, and the fewest frequencies that show one.
 _FITS, _FEWEST = 10, 4
 
@@ -71,7 +74,7 @@ _LAST, _SLOPE, _TURN, _SURE, _STEEP, _FORWARD = 1.2, (-3.0, -0.9), 0.0, 2.5, (-3
 
 def saw_modes(loop: RateLoop) -> bool:
     """Return whether the measured band reaches the frequencies at which frames first bend."""
-    return bool(loop.hz[-1] >= FIRST_MODES)
+    return bool(loop.plant.seen >= FIRST_MODES)
 
 
 def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
@@ -79,18 +82,16 @@ def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
 
     0 where the chirp saw the first modes of frames. Where it did not, a mode just beyond adds to what is left there of
     the loop: the peak of a craft that its chirp saw only half was 7.1 dB for 6.0 promised.
-
-    `hz` (n,): frequencies of that band, Hz; `broken` (K, n): responses of broken loops. Returns (K,).
     """
     if saw_modes(loop):
         return np.zeros(len(broken))
-    last = hz > hz[-1] / _LAST
+    last = (hz > loop.plant.seen / _LAST) & (hz <= loop.plant.seen)
     return np.asarray(1.0 / np.abs(1.0 + broken[:, last]).min(axis=1))
 
 
 def may_raise(loop: RateLoop) -> tuple[float, ...]:
     """Return the factors by which the gain of a loop may rise beyond its measured band, in the order of trying."""
-    return UNSEEN_RAISED if saw_modes(loop) else (_NOT_RAISED,)
+    return UNSEEN_RAISED if saw_modes(loop) else (_NOT_RAISED, UNSEEN_RAISED[0])
 
 
 def bends_at_its_end(loop: RateLoop) -> str | None:
@@ -98,8 +99,8 @@ def bends_at_its_end(loop: RateLoop) -> str | None:
 
     Up to a fifth below a mode its gain rises or falls more steeply, or its phase forward, than lags and delays let it.
     """
-    end = float(loop.hz[-1])
-    last = loop.hz > end / _LAST
+    end = loop.plant.seen
+    last = (loop.hz > end / _LAST) & (loop.hz <= end)
     x = np.log(loop.hz[last])
     drawn = np.concatenate([loop.plant.response[None, last], loop.plant.own_draws[1:, last]])
     craft = np.log(drawn / loop.flown.gyro.response(loop.hz[last]))
@@ -126,7 +127,7 @@ def raised_unseen(
     hz, craft = _rigid(loop)
     gain = np.abs(settings.feedbacks(candidates, hz) * settings.gyro.response(hz))
     factor = gain / np.abs(loop.flown.feedback(hz) * loop.flown.gyro.response(hz))
-    counts = (not saw_modes(loop)) | (MODE * gain * craft > _SMALL)
+    counts = MODE * gain * craft > _SMALL
     return np.asarray(np.maximum(np.where(counts, factor, 1.0).max(axis=1), 1.0)), np.asarray(factor.max(axis=1))
 
 
@@ -136,8 +137,8 @@ def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:
     Just below a mode the band may end in a dip, which is of the frame: no frequency of the last octave counts for less
     than a craft with one lag would leave of it at the end.
     """
-    end = float(loop.hz[-1])
-    last = loop.hz > 0.5 * end
+    end = loop.plant.seen
+    last = (loop.hz > 0.5 * end) & (loop.hz <= end)
     craft = np.abs(loop.plant.response[last] / loop.flown.gyro.response(loop.hz[last]))
     hz = np.geomspace(end, max(_UP_TO, 1.1 * end), _STEPS)
     return hz, float(np.max(craft * (loop.hz[last] / end) ** 2)) * end / hz
@@ -145,7 +146,7 @@ def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:
 
 def chirp_end(loop: RateLoop) -> float:
     """Return the frequency up to which the craft was excited, Hz."""
-    return float(max([loop.hz[-1], *(record.plant.band[1] for record in loop.records)]))
+    return float(max([loop.plant.seen, *(record.plant.band[1] for record in loop.records)]))
 
 
 def unseen_mode(loop: RateLoop) -> str | None:
@@ -177,7 +178,7 @@ def unseen_mode(loop: RateLoop) -> str | None:
 def _standing_out(loop: RateLoop, high: float, floor_to: float) -> float | None:
     """Return where the noise beyond the chirps stands out of its floor below `high`, Hz."""
     for resolution, least in _STANDS_OUT.items():
-        spectrum = _noise(loop, resolution, float(loop.hz[-1]), floor_to)
+        spectrum = _noise(loop, resolution, loop.plant.seen, floor_to)
         if spectrum is None:
             continue
         looked_at = spectrum[0] <= max(high, spectrum[0][_FEWEST - 1])
@@ -191,7 +192,10 @@ def _standing_out(loop: RateLoop, high: float, floor_to: float) -> float | None:
 
 
 def _noise(loop: RateLoop, resolution: float, low: float, high: float) -> tuple[Floats, Floats, float] | None:
-    """Return the noise before the gyro's filter over its floor: Hz, logarithm of power, and how much that scatters."""
+    """Return the noise before the gyro's filter over its floor: Hz, logarithm of power, and how much that scatters.
+
+    Less what the loop makes of it by the models that fit below, and what they leave open: the rest is of no such craft.
+    """
     step = loop.records[0].plant.dt
     size = round(1.0 / (step * resolution))
     hz = np.asarray(np.fft.rfftfreq(size, step), np.float64)
@@ -203,12 +207,18 @@ def _noise(loop: RateLoop, resolution: float, low: float, high: float) -> tuple[
         return None
     hz = hz[kept]
     noise = np.log(power.mean(axis=0) / np.abs(loop.flown.gyro.response(hz)) ** 2)
+    known = np.searchsorted(loop.hz, hz[hz <= loop.hz[-1]])
+    closed = 2.0 * np.log(np.abs(1.0 + np.vstack([loop.response, loop.own_draws])[:, known]))
+    noise[: len(known)] += closed[0]
     floor = np.column_stack([np.ones(len(hz)), np.log(hz), (hz[0] / hz) ** 4])[:, : 3 if len(hz) > 8 else 2]
     weight = np.ones(len(hz))
     for _ in range(_FITS):
         rest = noise - floor @ np.linalg.lstsq(floor * weight[:, None], noise * weight, rcond=None)[0]
         rest = rest - np.median(rest)
         weight = 1.0 / np.sqrt(1.0 + (rest / (1.5 * np.median(np.abs(rest)) + 0.1)) ** 2)
+    left_open = np.zeros(len(hz))
+    left_open[: len(known)] = _LEFT_OPEN * closed.std(axis=0)
+    rest = np.sign(rest) * np.maximum(np.abs(rest) - left_open, 0.0)
     return np.asarray(hz, np.float64), np.asarray(rest, np.float64), float(1.0 / np.sqrt(len(power)))
 
 

@@ -14,6 +14,7 @@ def test_a_refusal_is_written_and_escaped():
         aim=Aim(),
         proposed={},
         rollback={},
+        flown={},
         refused="no chirps </script>",
         axes=(AxisTuning("roll", "no chirps"),),
         remarks=(),
