@@ -93,5 +93,5 @@ class Trajectory(Summarised):
             "method": self.method,
             "origin": f"{math.degrees(self.origin.lat):.6f} deg N, {math.degrees(self.origin.lon):.6f} deg E",
             "states": listed(list(self.states.columns), 8),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }

@@ -489,6 +489,7 @@ def position_control(
     yaw: float,
     reference: np.ndarray,
     errors: np.ndarray,
+    level: bool,
     limited: bool,
     dt: float,
     gravity: float,
@@ -498,7 +499,8 @@ def position_control(
     """Position P, velocity PID, then lean angles and throttle (Elhesasy 2024, eq. 21-24).
 
     `upright` is the cosine of the tilt, `yaw` the believed heading, `reference` (10,) and `errors` (9,) the rows of
-    this tick, `limited` whether the last allocation was cut (then nothing integrates).
+    this tick, `level` whether it is to stay level wherever it drifts, `limited` whether the last allocation was cut
+    (then nothing integrates).
     """
     smoothing = 1.0 - exp(-dt * 2.0 * pi * 5.0)
     velocity_target, accel_target = autopilot.velocity_target, autopilot.accel_target
@@ -512,7 +514,7 @@ def position_control(
         velocity_target[0] *= cascade.speed_limit[0] / horizontal
         velocity_target[1] *= cascade.speed_limit[0] / horizontal
     velocity_target[2] = min(max(velocity_target[2], -cascade.speed_limit[1]), cascade.speed_limit[2])
-    held = 0.0 if limited or not flying else inf
+    held = 0.0 if limited or level or not flying else inf
     for i in range(3):
         error = velocity_target[i] - (x[VELOCITY + i] + errors[3 + i])
         accel_target[i] = pid(error, cascade.velocity_pid[i], autopilot.velocity_memory[i], smoothing, dt, held)
@@ -529,6 +531,8 @@ def position_control(
         right *= limit / lean
     autopilot.angle_target[1] = -atan(forward / gravity)
     autopilot.angle_target[0] = atan(right * cos(autopilot.angle_target[1]) / gravity)
+    if level:
+        autopilot.angle_target[0], autopilot.angle_target[1] = 0.0, 0.0
     autopilot.angle_target[2] = reference[9]
     # Vertical: the output is normalised thrust about hover, more of it when tilted.
     throttle = cascade.hover_thrust * (1.0 - reference[8] / gravity) - accel_target[2]
@@ -733,8 +737,9 @@ def fly_cascade(
     """Fly a reference with the PID cascade of Elhesasy 2024, x in place; a record (56 + 2 n,) every few steps of dt.
 
     Physics and inertial sensors run every step, attitude control every second step, position control five times
-    slower (every tenth step). Returns the number of records, how it ended (COMPLETED, DIVERGED or OVERTURNED: tilted by
-    more than 90 deg, which no mission asks for) and the last step.
+    slower (every tenth step). Once a motor failed, two seconds on its side disarm the craft, as by ArduPilot's crash
+    check. Returns the number of records, how it ended (COMPLETED, DIVERGED or OVERTURNED: tilted by more than 90 deg
+    with all motors sound, which no mission asks for) and the last step.
     """
     frame, air, drive, cascade, sensors = craft
     n = now.pwm.size
@@ -743,11 +748,12 @@ def fly_cascade(
     rate = np.zeros(3)
     coefficients = low_pass(cascade.filter_frequency, dt)
     limited = False
-    state, still, row, clips = DISARMED, 0, 0, 0
+    state, still, tipped, row, clips = DISARMED, 0, 0, 0, 0
     for k in range(steps):
         tick, wind, excitation = k // 10, forcing.winds[k], forcing.excitation[k // 2]
         rotation_matrix(x[ATTITUDE:RATE], C)
-        if C[2, 2] < 0.0:
+        sound = forcing.speed[tick].min() == 1.0
+        if C[2, 2] < 0.0 and sound:
             return row, OVERTURNED, k
         attitude_angles(C, now.angles)
         errors, drift = forcing.navigation[tick], forcing.drift[tick]
@@ -761,10 +767,16 @@ def fly_cascade(
                 still = still + 1 if touched_down(x) else 0
                 if still * (10.0 * dt) > 1.0:
                     state = LANDED
+            tipped = tipped + 1 if C[2, 2] < sqrt(0.5) and not sound else 0
+            if tipped * (10.0 * dt) > 2.0:
+                state = LANDED
             yaw = now.angles[2] + errors[8]
             if state in (FLYING, LANDING):
                 target = forcing.reference[tick]
-                position_control(x, C[2, 2], yaw, target, errors, limited, 10.0 * dt, frame.gravity, cascade, autopilot)
+                level, gravity = forcing.level[tick], frame.gravity
+                position_control(
+                    x, C[2, 2], yaw, target, errors, level, limited, 10.0 * dt, gravity, cascade, autopilot
+                )
             else:
                 stand_by(wrap(yaw), autopilot)
 
@@ -786,7 +798,7 @@ def fly_cascade(
 
         draw(load[6], dt, drive, now.pack)
         for i in range(n):
-            now.command[i] = drive_speed(now.pwm[i], now.pack[0], drive)
+            now.command[i] = forcing.speed[tick, i] * drive_speed(now.pwm[i], now.pack[0], drive)
 
         if k % every == 0:
             records[row, 0] = k * dt

@@ -149,8 +149,10 @@ class Forcing(NamedTuple):
     phase: np.ndarray  # (M,): DISARMED, IDLE, FLYING or LANDING
     reference: np.ndarray  # (M, 10): position, velocity, acceleration (NED) and yaw
     excitation: np.ndarray  # (5 M, 4): added at the mixer to roll, pitch, yaw and throttle
+    level: np.ndarray  # (M,): whether the craft is to stay level wherever it drifts, as in SYSTEMID mode
     navigation: np.ndarray  # (M, 9): errors of the autopilot's own position, velocity and attitude (roll, pitch, yaw)
     drift: np.ndarray  # (M, 6): of the biases of gyro and accelerometer
+    speed: np.ndarray  # (M, n): share of the commanded speed that each rotor still follows; 1: sound
     winds: np.ndarray  # (N, 3): velocity of the air
     noise: np.ndarray  # (N, 6): standard normal, of gyro and accelerometer
 

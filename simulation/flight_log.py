@@ -18,12 +18,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.signal import lfilter
 
 from logparse.dataflash.writer import MessageTable, write_dataflash
 from logparse.mavlink.writer import write_tlog as write_mavlink
 from simulation._kernels import FLYING, LANDING
 from simulation.atmosphere import GRAVITY
-from simulation.instruments import InstrumentedFlight, Instruments, attitude_angles
+from simulation.instruments import RATE_FILTERS, InstrumentedFlight, Instruments, attitude_angles
 from simulation.mission import CHIRP_AXES
 from simulation.sensors import SpeedControllers
 
@@ -34,6 +35,7 @@ ORGN origins QBLLe s#DUm F-GGB Type=type Lat=lat Lng=lon Alt=alt
 MODE modes QMBB s--- F--- Mode=mode ModeNum=mode Rsn=reason
 ARM arming QBIBB s---- F---- ArmState=state ArmChecks=0 Forced=0 Method=method
 EV events QB s- F- Id=event
+ERR errors QBB s-- F-- Subsys=subsystem ECode=code
 IMU imu QBffffffIIfBBHH s#EEEooo--O--zz F-000000-----00
     I=0 GyrX=gyro_x GyrY=gyro_y GyrZ=gyro_z AccX=accel_x AccY=accel_y AccZ=accel_z EG=0 EA=0 T=temperature GH=1 AH=1
     GHz=sampled_hz AHz=sampled_hz
@@ -75,9 +77,9 @@ SIDS chirps QBfffffff s--ssssss F--------
     Ax=axis Mag=magnitude FSt=start_hz FSp=stop_hz TFin=fade TC=hold TR=duration TFout=fade
 SIDD chirping Qfffffffff ss-zkkkooo F---------
     Time=elapsed Targ=chirp F=frequency Gx=gyro_x_deg Gy=gyro_y_deg Gz=gyro_z_deg Ax=accel_x Ay=accel_y Az=accel_z
-PIDR pid QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
-PIDP pid QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
-PIDY pid QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
+PIDR terms_roll QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
+PIDP terms_pitch QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
+PIDY terms_yaw QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
 RCIN sticks QH sY F- C3=throttle_us
 ISBH bursts QHBBHHQf s-----sz F-----F-
     N=number type=1 instance=0 mul=scale smp_cnt=samples SampleUS=start_us smp_rate=hz
@@ -123,6 +125,8 @@ STATUSTEXT texts severity=6 text=short
 
 _STABILIZE, _AUTO, _GUIDED, _SYSTEMID = 0, 3, 4, 25
 #: EV.Id of ArduPilot (LogEvent).
+#: ERR.Subsys of ArduPilot (LogErrorSubsystem): the crash check, which disarmed.
+_CRASH_CHECK = 12
 _EVENT_ARMED, _EVENT_DISARMED, _EVENT_AUTO_ARMED, _EVENT_LANDED, _EVENT_NOT_LANDED = 10, 11, 15, 18, 28
 #: MAV_TYPE by number of rotors, MAV_MODE_FLAG and MAV_STATE.
 _TYPES = {4: 2, 6: 13, 8: 14}
@@ -165,15 +169,22 @@ class Logging:
     """What is logged how often; the rest at ArduPilot's usual 10 Hz."""
 
     imu: float = 50.0  #: Rows of IMU per second.
-    rate: float = 10.0  #: Rows of RATE per second.
+    rate: float = 10.0  #: Rows of ATT and RATE per second.
+    pid: float = 0.0  #: Rows of each of PIDR, PIDP and PIDY per second; 0: none.
     esc: float = 0.0  #: Rows of ESC per second and motor; 0: the speed controllers do not report.
 
 
 def write_bin(path: Path, log: InstrumentedFlight, logging: Logging = Logging()) -> None:
     """Write a mission as a DataFlash log, truth rows (SIM, SIM2) at 25 Hz."""
     streams = _instruments(log, logging.imu, logging.esc) | _decisions(log) | _chirps(log)
-    control = _control(log)
-    _write(path, streams | {"control": control, "attitude": control, "rates": _rates(log, logging.rate)}, log.boot)
+    if logging.pid:
+        streams |= _terms(log, logging.pid)
+    streams |= {
+        "control": _control(log, 10.0),
+        "attitude": _control(log, logging.rate),
+        "rates": _rates(log, logging.rate),
+    }
+    _write(path, streams, log.boot)
 
 
 def write_open_loop(path: Path, log: Instruments, imu: float = 50.0) -> None:
@@ -372,16 +383,17 @@ def _decisions(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
     times, numbers, reasons = zip(*modes, strict=True)
     events = (_EVENT_ARMED, _EVENT_AUTO_ARMED, _EVENT_NOT_LANDED, _EVENT_LANDED, _EVENT_DISARMED)
     moments = (reference.arm, reference.takeoff, flight.airborne[0], flight.disarm, flight.disarm)
-    return {
+    crash = {"errors": _frame([flight.disarm], subsystem=_CRASH_CHECK, code=1)} if flight.crashed else {}
+    return crash | {
         "modes": _frame(times, mode=numbers, reason=reasons),
-        "arming": _frame([reference.arm, flight.disarm], state=[1, 0], method=[2, 13]),
+        "arming": _frame([reference.arm, flight.disarm], state=[1, 0], method=[2, 12 if flight.crashed else 13]),
         "events": _frame(moments, event=events),
     }
 
 
-def _control(log: InstrumentedFlight) -> pd.DataFrame:
-    """Return what the autopilot believes, wants and does, ten times a second."""
-    rows = log.rows(10.0)
+def _control(log: InstrumentedFlight, rate: float) -> pd.DataFrame:
+    """Return what the autopilot believes, wants and does, at this rate [Hz]."""
+    rows = log.rows(rate)
     gravity = log.place.gravity
     plan, nav = log.planned(rows), log.navigated(rows)
     active = rows["state"].isin((FLYING, LANDING)).to_numpy()
@@ -410,6 +422,27 @@ def _rates(log: InstrumentedFlight, rate: float) -> pd.DataFrame:
     return rows.assign(**{f"turn_{axis}_deg": rows[f"gyro_{axis}_deg"] - bias[k] for k, axis in enumerate("xyz")})
 
 
+def _terms(log: InstrumentedFlight, rate: float) -> dict[str, pd.DataFrame]:
+    """Return the terms of the rate controllers, as `simulation._kernels.pid` forms them in each loop."""
+    loop = 1.0 / (2.0 * log.flight.setup.step)
+    rows, cascade = log.rows(loop), log.flight.setup.cascade
+    smoothing = -math.expm1(-2.0 * math.pi * RATE_FILTERS["FLTD"] / loop)
+    added = log.flight.reference.excitation()[: len(rows)]
+    gains = {"roll": cascade.roll_rate, "pitch": cascade.pitch_rate, "yaw": cascade.yaw_rate}
+    terms = {}
+    for k, (axis, (P, _, D)) in enumerate(gains.items()):
+        target = rows[f"w_{'xyz'[k]}_ref"].to_numpy()
+        actual = rows[f"gyro_{'xyz'[k]}"].to_numpy() - log.sensors.inertial.gyro_bias[k]
+        slope = lfilter([smoothing], [1.0, smoothing - 1.0], np.diff(target - actual, prepend=0.0) * loop)
+        own = rows[f"out_{axis}"].to_numpy() - added[:, k]
+        proportional, derivative = P * (target - actual), D * slope
+        frame = _frame(
+            rows.index, target=target, actual=actual, P=proportional, I=own - proportional - derivative, D=derivative
+        )
+        terms[f"terms_{axis}"] = frame.assign(FF=0.0).iloc[:: round(loop / rate)]
+    return terms
+
+
 def _chirps(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
     """Return what the chirps of a mission were, and what they did, at the rate of the attitude loop."""
     chirps = log.flight.reference.chirps
@@ -417,7 +450,7 @@ def _chirps(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
         return {}
     settings = [dataclasses.asdict(chirp) | {"hold": chirp.hold, "duration": chirp.duration} for _, chirp in chirps]
     flown = pd.DataFrame(settings, index=pd.Index([start for start, _ in chirps], name="t"))
-    rows = _degrees(log.rows(1.0 / (2.0 * log.flight.setup.step)), "gyro_x", "gyro_y", "gyro_z")
+    rows = _unfiltered(log)
     parts = []
     for start, chirp in chirps:
         during = rows.loc[start : start + chirp.duration]
@@ -430,10 +463,24 @@ def _chirps(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
     }
 
 
+def _unfiltered(log: InstrumentedFlight) -> pd.DataFrame:
+    """Return the angle turned through in each attitude loop over its time: two samples of the gyro, not filtered."""
+    step, inertial = log.flight.setup.step, log.sensors.inertial
+    rows = log.rows(1.0 / (2.0 * step))
+    # The sample between two loops lies half-way between theirs.
+    turned = rows[["w_x", "w_y", "w_z"]].rolling(2, min_periods=1).mean().to_numpy()
+    turned = 0.5 * (rows[["w_x", "w_y", "w_z"]].to_numpy() + turned) + np.array(inertial.gyro_bias)
+    white = (inertial.gyro_noise + inertial.gyro_vibration) / math.sqrt(2.0 * 2.0 * step)
+    turned += white * np.random.RandomState(log.flight.setup.seed).standard_normal(turned.shape)
+    return _degrees(
+        rows.assign(gyro_x=turned[:, 0], gyro_y=turned[:, 1], gyro_z=turned[:, 2]), "gyro_x", "gyro_y", "gyro_z"
+    )
+
+
 def _ground_station(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
     """Return what only telemetry has."""
     flight = log.flight
-    rows = _control(log).join(_truth(log, 10.0).filter(like="true_"))
+    rows = _control(log, 10.0).join(_truth(log, 10.0).filter(like="true_"))
     lat, lon, alt = log.geodetic(log.navigated(rows))
     mag = log.mag.reindex(rows.index, method="nearest")
     bias = flight.setup.sensors.inertial.gyro_bias

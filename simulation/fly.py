@@ -140,6 +140,15 @@ def propagate(
     return pd.DataFrame(states[: rows + 1, : 13 + n], index=times, columns=columns)
 
 
+@dataclass(frozen=True, slots=True)
+class MotorLoss:
+    """A motor that gives only a part of the thrust that it is asked for."""
+
+    motor: int  #: As the autopilot numbers it, from 1.
+    t: float  #: Since when, s from the start of the simulation.
+    thrust: float  #: The part that is left; 0: it stands.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """Everything that determines a simulated flight."""
@@ -150,6 +159,7 @@ class Setup:
     wind: Wind = field(default_factory=Wind)
     cascade: Cascade = field(default_factory=Cascade)
     sensors: Sensors = field(default_factory=Sensors)
+    losses: tuple[MotorLoss, ...] = ()
     seed: int = 0  #: Of all noise.
     step: float = TICK / 10.0  #: Of the physics, s; attitude is controlled every second step, position every tenth.
 
@@ -158,6 +168,16 @@ class Setup:
             raise ParameterError(f"step {self.step:g} s must lie in 1e-5 to 2e-3 s (control runs every second step)")
         if not 0 <= self.seed <= 400_000_000:
             raise ParameterError(f"seed {self.seed} must lie in 0 to 400 000 000")
+        for loss in self.losses:
+            if not (1 <= loss.motor <= len(self.vehicle.rotors) and loss.t >= 0.0 and 0.0 <= loss.thrust <= 1.0):
+                raise ParameterError(f"{loss}: wants a motor of the craft, t >= 0 and 0 <= thrust <= 1")
+
+    def rotor_speed(self, t: np.ndarray) -> np.ndarray:
+        """Share of the commanded speed that each rotor follows at times [s]; shape (t.size, n)."""
+        share = np.ones((t.size, len(self.vehicle.rotors)))
+        for loss in self.losses:
+            share[t >= loss.t, loss.motor - 1] = math.sqrt(loss.thrust)
+        return share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,8 +189,13 @@ class Flight:
     reference: Reference
     navigation: np.ndarray  #: shape (M, 9): Errors of the autopilot's own position, velocity and attitude at each tick.
     hover_thrust: float  #: Fraction of thrust that the autopilot takes for hover.
-    airborne: tuple[float, float]  #: First and last time off the ground, s.
-    disarm: float  #: Time at which the autopilot disarmed after landing, s.
+    airborne: tuple[float, float]  #: First and last time off the ground, s; a crash ends with its hardest shock.
+    disarm: float  #: Time at which the autopilot disarmed after landing or a crash, s.
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the craft was disarmed before it was to land."""
+        return self.disarm < self.reference.land
 
 
 def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
@@ -224,7 +249,9 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
         cascade=setup.cascade.kernel_parameters(vehicle, hover_thrust),
         sensors=setup.sensors.inertial.kernel_parameters(step, hover_speed),
     )
-    forcing = Forcing(reference.phase, reference.samples, reference.excitation(), navigation, drift, winds, noise)
+    speed = setup.rotor_speed(np.arange(ticks) * reference.tick)
+    planned = reference.phase, reference.samples, reference.excitation(), reference.level()
+    forcing = Forcing(*planned, navigation, drift, speed, winds, noise)
     start = AutopilotState.at_boot(), Instant.at_boot(n, vehicle.battery.voltage_full)
     rows, end, last = _kernels.fly_cascade(x, step, every, forcing, craft, *start, records)
     if end == _kernels.DIVERGED:
@@ -244,13 +271,18 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
             f"{-truth['p_d'].iloc[-1]:.1f} m above it, having left it at {up[0]:.1f} s"
         )
     disarm = float(landed[0])
+    down = float(up[-1])
+    if disarm < reference.land:
+        # A craft that fell bounces: its flight ended with the hardest shock.
+        force = truth.loc[up[0] : up[-1], ["f_x", "f_y", "f_z"]]
+        down = float(force.index.to_numpy()[np.argmax((force * force).sum(axis=1))])
     return Flight(
         setup=setup,
         truth=truth.loc[: disarm + after],
         reference=reference,
         navigation=navigation,
         hover_thrust=hover_thrust,
-        airborne=(float(up[0]), float(up[-1])),
+        airborne=(float(up[0]), down),
         disarm=disarm,
     )
 

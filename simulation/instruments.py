@@ -27,6 +27,9 @@ COMPASS_ORIENT=0 COMPASS_OFS_X=0 COMPASS_OFS_Y=0 COMPASS_OFS_Z=0 AHRS_ORIENTATIO
 BATT_MONITOR=4 BATT_CAPACITY=0 BARO1_GND_PRESS=0 SCHED_LOOP_RATE=400 LOG_DISARMED=1
 """
 
+#: Filters of the rate loops [Hz], 0 for none, and the limit of their integral.
+RATE_FILTERS = {"IMAX": 1.0, "FF": 0.0, "FLTT": 0.0, "FLTE": 0.0, "FLTD": 20.0}
+
 _GPS_EPOCH = dt.datetime(1980, 1, 6, tzinfo=dt.UTC)
 _LEAP_SECONDS = 18
 
@@ -174,9 +177,9 @@ class InstrumentedFlight(Instruments):
             (flight.reference.arm, "Arming motors"),
             (flight.reference.takeoff, "Mission: 1 Takeoff"),
         ]
-        texts += [(t, f"Mission: {k} {name}") for k, (t, name) in enumerate(flight.reference.items, start=2)]
-        texts.append((flight.reference.land, f"Mission: {len(flight.reference.items) + 2} Land"))
-        texts.append((flight.disarm, "Disarming motors"))
+        items = (*flight.reference.items, (flight.reference.land, "Land"))
+        texts += [(t, f"Mission: {k} {name}") for k, (t, name) in enumerate(items, start=2) if t < flight.disarm]
+        texts.append((flight.disarm, "Crash: Disarming" if flight.crashed else "Disarming motors"))
         return texts
 
     def parameters(self) -> dict[str, float]:
@@ -189,4 +192,6 @@ class InstrumentedFlight(Instruments):
         for axis, gains in (("RLL", cascade.roll_rate), ("PIT", cascade.pitch_rate), ("YAW", cascade.yaw_rate)):
             for letter, gain in zip("PID", gains, strict=True):
                 parameters[f"ATC_RAT_{axis}_{letter}"] = gain
+            # The rate loop of `simulation._kernels`: only the slope of the error is filtered, the integral is free.
+            parameters |= {f"ATC_RAT_{axis}_{name}": value for name, value in RATE_FILTERS.items()}
         return parameters

@@ -46,7 +46,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Chirp:
-    """Hold the position while a sine of growing frequency is added at the mixer, as ArduPilot's SYSTEMID mode does.
+    """Stay level, hold height and heading while a sine of growing frequency is added at the mixer: SYSTEMID mode.
 
     The first frequency is held for two periods, then the frequency grows exponentially.
     """
@@ -186,6 +186,14 @@ class Reference:
             during = (t >= start) & (t <= start + chirp.duration)
             added[during, CHIRP_AXES.index(chirp.axis)] = chirp.signal(t[during] - start)
         return added
+
+    def level(self) -> np.ndarray:
+        """Whether a chirp is flown at each tick, shape (M,): position is left alone then."""
+        t = np.arange(len(self.phase)) * self.tick
+        level = np.zeros(t.shape, dtype=bool)
+        for start, chirp in self.chirps:
+            level |= (t >= start) & (t <= start + chirp.duration)
+        return level
 
 
 class _Planner:

@@ -18,7 +18,7 @@ from simulation import survey_quadcopter
 from simulation.controllers import Cascade
 from simulation.elhesasy2024 import octocopter
 from simulation.flight_log import Logging, write_bin, write_tlog
-from simulation.fly import Flight, Setup, fly
+from simulation.fly import Flight, MotorLoss, Setup, fly
 from simulation.instruments import InstrumentedFlight
 from simulation.mission import Chirp, GoTo, Mission, Step, Turn, Wait
 from simulation.place import Place, Wind
@@ -40,7 +40,7 @@ class SampleFlight:
 
 
 def _flight(name: str, row: Mapping[str, Any]) -> SampleFlight:
-    octo = row["group"] != "quadcopter"
+    octo = name.startswith("octa")
     setup = Setup(
         mission=Mission(steps=tuple(_step(*step) for step in row["steps"]), **row["mission"]),
         place=Place(**row["place"]),
@@ -48,6 +48,7 @@ def _flight(name: str, row: Mapping[str, Any]) -> SampleFlight:
         wind=Wind(**row.get("wind", {})),
         cascade=Cascade() if octo else survey_quadcopter.CASCADE,
         sensors=_sensors(**row["sensors"]),
+        losses=tuple(MotorLoss(*loss) for loss in row.get("losses", [])),
         seed=row["seed"],
     )
     return SampleFlight(
@@ -107,8 +108,9 @@ DAMAGED_FLIGHT, DAMAGED = "octa04_bergen_gusty", "octa13_damaged"
 
 
 def fly_sample(sample: SampleFlight) -> Flight:
-    """Fly a sample's mission, recorded as finely as it is logged."""
-    return fly(sample.setup, rate=max(100.0, sample.logging.imu, sample.logging.rate))
+    """Fly a sample's mission, recorded as finely as it is logged; what chirps do is logged in each loop."""
+    loop = 0.5 / sample.setup.step if sample.logging.pid else 100.0
+    return fly(sample.setup, rate=max(loop, sample.logging.imu, sample.logging.rate))
 
 
 def write_flight(sample: SampleFlight, folder: Path, flight: Flight | None = None) -> list[Path]:

@@ -60,6 +60,11 @@ def describe_mission(flight: Flight, log: Instruments, name: str, summary: str, 
         "model": _MODEL,
         "sensors": describe_sensors(log, imu_rate),
     }
+    if setup.losses:
+        truth["motor_losses"] = [
+            {"motor": loss.motor, "t_s": round(log.boot + loss.t, 4), "thrust_left": loss.thrust}
+            for loss in setup.losses
+        ]
     if flight.reference.chirps:
         truth["chirps"] = [
             {

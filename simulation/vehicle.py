@@ -182,6 +182,8 @@ class Multirotor:
         stiffness = self.mass * gravity / gear.sag if gravity > 0.0 else 0.0
         r = gear.reach / math.sqrt(2.0)
         feet = [(sx * r, sy * r, gear.height) for sx in (1.0, -1.0) for sy in (1.0, -1.0)]
+        # A craft that tumbled lies on its propellers.
+        touching = np.array([*feet, *(mount.position for mount in self.rotors)])
         return AirframeParameters(
             mass=np.array([float(self.mass)]),
             gravity=float(gravity),
@@ -199,7 +201,7 @@ class Multirotor:
             response=self.drive.response.kernel_parameters(),
             drag_linear=np.array(self.drag_linear, dtype=float),
             drag_area=np.array(self.drag_area, dtype=float),
-            feet=np.array(feet) if ground else np.empty((0, 3)),
+            feet=touching if ground else np.empty((0, 3)),
             ground=gear.height - gear.sag,
             foot_stiffness=stiffness / len(feet),
             foot_damping=2.0 * gear.damping_ratio * math.sqrt(stiffness * self.mass) / len(feet),

@@ -86,7 +86,7 @@ class Experiment(Summarised):
             "inputs": listed(self.input_names, 8),
             "outputs": listed(self.output_names, 8),
             "context": "none" if self.context is None else listed(list(self.context.columns), 8),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
     @classmethod

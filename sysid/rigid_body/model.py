@@ -109,7 +109,7 @@ class RigidBodyModel(Summarised):
             "not determined": listed(unknown, 5) or "none",
             "mass": "not given" if self.mass is None else f"{self.mass:.4g} kg",
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
     @property

@@ -101,7 +101,7 @@ class Kim2017Model(Summarised):
             "name": self.name,
             "thrust over mass of one motor": uncertain(self.common.per_mass, self.common.sigma),
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
     @property

@@ -95,7 +95,7 @@ class RotorModel(Summarised):
             "thrust curve": str(self.expo),
             "motor lag": str(self.time_constant),
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
 

@@ -63,5 +63,5 @@ class ThrustModel(Summarised):
             "thrust over mass of one motor": thrust,
             "hover command": f"{self.hover_command:.3f} ({self.hover_pwm:.0f} us)",
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }

@@ -70,7 +70,7 @@ class ArxModel(Summarised):
             "outputs": listed(self.output_names),
             "rate": f"{self.rate:.4g} Hz, delay {self.delay} samples",
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
     def simulate(self, experiment: Experiment) -> Floats:

@@ -270,7 +270,7 @@ class FunctionsModel(Summarised):
             "rate": f"{self.rate:.4g} Hz",
             "fit on training": ", ".join(f"{name} {report.fit_percent:.1f} %" for name, report in self.reports.items()),
             "training": listed(self.training),
-            "findings": listed([finding.id for finding in self.findings]) or "none",
+            "findings": listed(dict.fromkeys(finding.id for finding in self.findings)) or "none",
         }
 
     def simulate(self, experiment: Experiment) -> Floats:
