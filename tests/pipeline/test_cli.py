@@ -138,12 +138,6 @@ def test_a_file_name_does_not_command_the_terminal(tmp_path, rotorid_here):
     assert "\x1b" not in run.stdout + run.stderr
 
 
-def test_version():
-    run = rotorid("--version")
-    assert run.returncode == 0
-    assert run.stdout.startswith("rotorid 0.")
-
-
 @pytest.mark.parametrize("window", [["--start", "nan"], ["--end", "inf"], ["--start", "1e6"], ["--end", "-5"]])
 def test_export_refuses_a_window_outside_the_log(window, tmp_path, rotorid_here):
     run = rotorid_here("export", SAMPLES / "octa01_zurich_calm.bin", "--out", tmp_path / "out", *window)
@@ -171,12 +165,6 @@ def test_export_writes_what_was_asked_for(tmp_path):
     times = [float(line.split(",")[0]) for line in files[0].read_text().splitlines()[1:]]
     assert times
     assert 30.0 <= min(times) <= max(times) <= 32.0
-
-
-def test_simulate_lists_its_cases(rotorid_here):
-    run = rotorid_here("simulate", "list")
-    assert run.returncode == 0
-    assert "octa01_zurich_calm" in run.stdout
 
 
 @pytest.mark.slow
@@ -261,12 +249,3 @@ def _unchanged(first, *arguments):
     assert "unchanged" in again.stdout
     assert again.stderr.splitlines()[-1] == "heavy:"
     assert "at work" not in again.stderr
-
-
-def test_a_power_up_that_the_log_does_not_have(rotorid_here):
-    """The sample holds one power-up, which `--boot 1` shows; there is no second."""
-    sample = SAMPLES / "octa01_zurich_calm.bin"
-    assert rotorid_here("inspect", sample, "--boot", "1").returncode == 0
-    run = rotorid_here("inspect", sample, "--boot", "2")
-    assert run.returncode == 1
-    assert "holds 1 power-up" in run.stderr

@@ -8,15 +8,12 @@ from contextlib import closing
 
 import fsspec
 import pytest
-from typer.testing import CliRunner
 
 from pipeline import AnalysisConfig, analyze_fleet
-from pipeline.errors import ConfigError
 from pipeline.execution import cluster
 from pipeline.execution.cluster import Cluster, SchedulerError, software
 from pipeline.execution.executors import WorkerDiedError, as_done
 from pipeline.fleet import job, joint
-from rotorid.cli.main import app
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server
@@ -202,13 +199,3 @@ def test_the_same_version_with_other_sources_is_refused():
         cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
     with pytest.raises(SchedulerError, match=f"has rotorid {re.escape(here['rotorid'])} instead of 2"):
         cluster.call_guarded(here | {"sources": "bb", "rotorid": "2"}, calls.square, (3,), {})
-
-
-def test_the_command_ends_as_for_wrong_usage_where_no_scheduler_is(tmp_path, monkeypatch):
-    monkeypatch.setattr(Cluster.__init__, "__defaults__", (0.2,))
-    (tmp_path / "a.bin").write_text("octa 1")
-    command = [str(tmp_path), "--out", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]
-    with pytest.raises(ConfigError, match="no Dask scheduler answers at"):
-        CliRunner().invoke(app, ["analyze", *command], catch_exceptions=False)
-    with pytest.raises(ConfigError, match="--jobs counts processes of this computer"):
-        CliRunner().invoke(app, ["analyze", *command, "--jobs", "2"], catch_exceptions=False)

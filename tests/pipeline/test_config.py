@@ -4,7 +4,6 @@ import pytest
 from typer.main import get_command
 
 from api.store.resources import Configuration
-from logparse import RotoridError
 from pipeline import AnalysisConfig, ConfigError
 from pipeline.config import SETTINGS
 from rotorid.cli.main import app
@@ -27,15 +26,6 @@ from rotorid.cli.main import app
 def test_impossible_settings_name_themselves(setting, value):
     with pytest.raises(ConfigError, match=setting):
         AnalysisConfig(**{setting: value})
-
-
-def test_config_errors_are_errors_a_user_can_act_on():
-    assert issubclass(ConfigError, RotoridError)
-
-
-def test_defaults_are_the_papers():
-    config = AnalysisConfig()
-    assert (config.rate, config.poles, config.zeros) == (10.0, 5, 3)
 
 
 def test_python_command_line_and_service_say_the_same_of_a_setting():

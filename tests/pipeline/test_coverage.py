@@ -1,7 +1,6 @@
 """What a flight covered, against the simulator's truth."""
 
 import datetime as dt
-import json
 import math
 
 import numpy as np
@@ -9,10 +8,9 @@ import pytest
 
 import estimation
 import logparse
-from core.serialization import plain, restored
 from pipeline.flight.coverage import measure
 from pipeline.flight.excitation import word_of
-from pipeline.results.coverage import QUANTITIES, Coverage
+from pipeline.results.coverage import QUANTITIES
 from pipeline.results.span import Span
 from simulation import elhesasy2024
 from simulation.fly import Setup
@@ -95,14 +93,6 @@ def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
     assert found.wind is None
     assert "airspeed" not in found.quantities
     assert "rigid body" in found.missing["airspeed"]
-
-
-def test_an_entry_keeps_it_as_small_json(flight):
-    log, trajectory, span, *_ = flight
-    found = measure(log, trajectory, span)
-    text = json.dumps(plain(found), allow_nan=False)
-    assert len(text) < 7000
-    assert restored(json.loads(text), Coverage) == found
 
 
 def test_where_the_wind_comes_from():

@@ -57,18 +57,6 @@ def test_what_drifted_without_gps_is_no_flight_to_fit():
     assert [[flight.name for flight in craft] for craft in crafts] == [["b"]]
 
 
-def test_three_recordings_of_a_flight_are_one():
-    """Two telemetry streams and the board: they are found alike in pairs, and only the board's is kept."""
-    seconds = [NOON + timedelta(seconds=k) for k in range(3)]
-    flights = [
-        flown("ground a", form="tlog", start=seconds[1]),
-        flown("ground b", form="tlog", start=seconds[2]),
-        flown("board", start=seconds[0]),
-        flown("next day", start=NOON + timedelta(days=1)),
-    ]
-    assert [[flight.name for flight in craft] for craft in by_craft(flights)] == [["board", "next day"]]
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     st.lists(

@@ -1,12 +1,10 @@
 """Parameters followed over flights: what is there is found at its rate, what is not is not claimed."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from core.serialization import plain
 from logparse.craft.frames import motor_table
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA
@@ -105,13 +103,6 @@ def test_few_flights_say_what_they_can():
     assert "4 flights are needed" in history.sentence
     (constant,) = follow(flights_of({"motor lag": [(0.05, 0.001)] * 5})).parameters
     assert constant.change is None
-
-
-def test_it_is_json():
-    drift = follow(flights_of(series(np.random.default_rng(8), 6)))
-    numbers = json.loads(json.dumps(plain(drift), allow_nan=False))
-    assert [each["parameter"] for each in numbers["parameters"]] == list(CRAFT)
-    assert len(numbers["parameters"][0]["flights"]) == 6
 
 
 @pytest.mark.parametrize("frame", list(FRAMES))

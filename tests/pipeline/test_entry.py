@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from core.serialization import as_json, plain, restored
-from logparse import Finding, Severity
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
-from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure
 from tests.reports.conftest import made_flight
 
@@ -52,14 +51,6 @@ def test_the_first_entries_may_be_read_by_several_threads_at_once():
         assert run.returncode == 0
 
 
-def test_what_is_not_finite_is_none_and_costs_nothing():
-    numbers = np.array([float("nan"), 1.5, float("-inf")])
-    values = {"x": numbers, "y": numbers[1], "n": np.int64(2), "b": np.True_}
-    finding = Finding("a", Severity.INFO, "b", "c", {"not-finite": float("nan")})
-    assert json.dumps(plain(values), allow_nan=False) == '{"x": [null, 1.5, null], "y": 1.5, "n": 2, "b": true}'
-    assert restored(plain(finding), Finding).evidence == {"not-finite": None}
-
-
 def test_an_entry_of_another_version_is_refused_and_not_half_read():
     facts = plain(flight_entry(FLIGHT, folder="a", source="a.bin", key="k"))
     for old in (facts | {"coverage": {}}, facts | {"flight": [1.0, 2.0]}, {"key": "k"}, [], "x"):
@@ -84,13 +75,6 @@ def test_the_track_follows_the_trajectory():
     for column, name in enumerate(("p_n", "p_e", "p_d"), start=1):
         flown = np.interp(track[:, 0], states.index, states[name])
         assert np.abs(track[:, column] - flown).max() < 0.051, "rounded to a decimetre"
-
-
-def test_a_craft_survives_json():
-    entry = GroupEntry(
-        name="octa", folder="octa", key="k", craft="c", vehicle="v", training=("a",), held_out=("b",), split="so"
-    )
-    assert restored(json.loads(json.dumps(plain(entry))), GroupEntry) == entry
 
 
 def test_partitions_tell_crafts_apart_and_suit_folders():

@@ -16,7 +16,6 @@ from typing import TextIO
 import pytest
 
 from pipeline import AnalysisConfig, analyze_fleet
-from pipeline.execution import executors
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done, count_workers
 from pipeline.fleet import job, joint
 from tests.pipeline import calls, flown
@@ -217,8 +216,3 @@ def test_an_executor_that_breaks_fails_tasks_and_not_the_loop():
 )
 def test_workers_are_counted_by_processors_and_memory(sizes, memory_gb, cores, count):
     assert count_workers(sizes, int(memory_gb * 1e9), cores) == count
-
-
-def test_the_user_may_choose_how_many_workers():
-    with executors.processes(7, sizes=[1, 1]) as pool:
-        assert pool.count == 2

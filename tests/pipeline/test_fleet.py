@@ -423,14 +423,6 @@ def test_another_run_on_the_same_results_is_refused(logs, tmp_path):
         run(logs, tmp_path / "out")
 
 
-def test_nothing_is_left_of_a_run_without_a_store(logs):
-    fleet, _ = run(logs, None)
-    folder = fleet.store.folder
-    assert (folder / "flights" / "octa1" / "entry.json").is_file()
-    del fleet
-    assert not folder.exists()
-
-
 def test_the_report_is_written_again_only_when_something_is_other(logs, tmp_path):
     out = tmp_path / "out"
     fleet, _ = run(logs, out, publish=reports.publish)

@@ -33,11 +33,6 @@ def test_no_name_commands_a_terminal():
     assert printable("a\x1b[2Jb\x9bc\r\x7f é\tå\n") == r"a\x1b[2Jb\x9bc\x0d\x7f" + " é\tå\n"
 
 
-def test_names_are_printable_whatever_bytes_they_are_made_of():
-    (name,) = flight_names(["a/bad\udcff\udcfename.bin"]).values()
-    assert name == r"bad\xff\xfename"
-
-
 def test_a_further_file_leaves_the_names_of_the_others(tmp_path):
     (tmp_path / "x.bin").write_bytes(b"1")
     before = stock(tmp_path)

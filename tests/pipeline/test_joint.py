@@ -85,16 +85,6 @@ def test_a_worker_that_dies_costs_its_model_only_and_says_so(craft, store):
     assert "the worker process failed" in group.missing["thrust"]
 
 
-def test_coherence_and_physical_parameters_come_with_the_models(here):
-    """Two motors drive every output; without attitude and accelerations there is a reason, not a number."""
-    coherence = here.models[0].coherence
-    assert (
-        np.median(coherence.multiple[(coherence.frequency > 0.5) & (coherence.frequency < 5.0)]) > coherence.threshold
-    )
-    assert isinstance(here.parameters, Failure)
-    assert here.missing["parameters"]
-
-
 def test_free_runs_of_many_flights_come_back_thin(craft, store, here, monkeypatch):
     """However many flights a craft has, what comes back for plots stays small; errors are of all samples."""
     monkeypatch.setattr(joint, "MOST_ROWS", 1000)

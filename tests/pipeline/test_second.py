@@ -45,8 +45,3 @@ def test_an_error_of_the_work_is_raised_here() -> None:
     result = second.begin(fails)
     with pytest.raises(ValueError, match="of the work"):
         result()
-
-
-def test_one_processor_does_the_work_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(second, "processors", lambda: 1)
-    assert second.begin(os.getpid)() == os.getpid()

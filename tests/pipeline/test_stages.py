@@ -58,14 +58,6 @@ def test_a_stage_that_takes_too_long_is_given_up():
     assert "--time-limit" in stages.run("model", work).reason
 
 
-def test_progress_names_the_stage():
-    seen = []
-    Stages(lambda stage, fraction: seen.append((stage, fraction)), 3600.0).run(
-        "read", lambda report: report("inner", 0.5)
-    )
-    assert seen == [("read", 0.0), ("read", 0.5), ("read", 1.0)]
-
-
 def test_overall_progress_only_grows():
     seen = []
     report = overall(lambda _, fraction: seen.append(fraction))
@@ -120,12 +112,3 @@ def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
     clock.reach(0.5, 108.5)
     assert clock.left(107.5) == pytest.approx(0.5, abs=1e-6)
     assert clock.left(200.0) == 0.0
-
-
-def test_stages_that_come_for_each_kind_of_model_do_not_move_the_bar():
-    seen = []
-    report = overall(lambda title, fraction: seen.append(fraction))
-    for name, fraction in (("motors", 1.0), ("validation", 1.0), ("orders", 1.0), ("experiment", 1.0), ("mixer", 0.0)):
-        report(name, fraction)
-    assert len(set(seen)) == 1
-    assert sum(stage.share for stage in STAGES.values()) == pytest.approx(1.0)

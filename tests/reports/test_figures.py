@@ -27,11 +27,6 @@ def test_every_time_plot_shares_the_flights_time_axis(flight):
     assert len(ranges) == 1
 
 
-def test_map_has_equal_scales(flight):
-    track = flight_figures(flight)[0]
-    assert track.layout["yaxis"]["scaleanchor"] == "x"
-
-
 def test_lines_break_where_nothing_was_logged(flight):
     """A line across a gap would show commands that nobody recorded."""
     with_gap = flight.motors.drop(flight.motors.loc[60.0:70.0].index)

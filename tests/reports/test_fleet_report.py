@@ -54,25 +54,6 @@ def test_each_flights_predictions_can_be_chosen(fleet):
         assert measured["y"]["deltas"], flight
 
 
-def test_the_models_of_a_craft_have_their_board(fleet):
-    page = (fleet / "craft1.html").read_text("utf-8")
-    places = re.search(r'data-places="([^"]+)"', page)[1].split()
-    assert places == ["1-bode", "1-roots"]
-    values = re.findall(r'<option value="([^"]+)">', page)
-    figures = {figure["id"]: figure["place"] for figure in drawn(page)}
-    assert all(figures[f"{place}-{value}"] == place for place in places for value in values)
-
-
-def test_markdown_has_tables_and_verdicts(fleet):
-    text = (fleet / "report.md").read_text("utf-8")
-    assert len(text) < 10_000
-    assert "| Model | RMSE x (m) | RMSE y (m) | RMSE z (m) | predicts | free run |" in text
-    numbers = strict((fleet / "report.json").read_text("utf-8"))
-    for model in numbers["groups"][0]["models"][:2]:
-        assert f"| {model['title']} | " in text
-    assert "notes.bin" in text
-
-
 def test_flights_without_a_common_craft_have_a_page(flight, other, tmp_path):
     page = composed(tmp_path, [flight, other]).read_text("utf-8")
     assert "No craft has two usable flights" in page

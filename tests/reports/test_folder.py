@@ -165,15 +165,6 @@ def test_what_is_not_finite_becomes_null(flight, tmp_path):
     assert not re.search(r"\b(nan|inf)\b", text[: text.index("figures") if "figures" in text else None][:20_000])
 
 
-def test_fleet_has_a_page_for_each_flight_and_names_failures(fleet):
-    page = (fleet / "report.html").read_text("utf-8")
-    for name in ("flight01", "flight02"):
-        assert f'href="flights/{name}/report.html"' in page
-        assert 'href="../../report.html"' in (fleet / "flights" / name / "report.html").read_text("utf-8")
-    assert "notes.bin" in page
-    assert "text without a single FMT row" in page
-
-
 def test_pages_of_flights_share_the_script_of_their_plots(fleet):
     """The page on all flights stays complete in itself; those of flights say what is missing when moved away."""
     whole = (fleet / "report.html").read_text("utf-8")

@@ -13,14 +13,13 @@ from pipeline.flight.rotation import fitted_response
 from pipeline.results.entry import ResponseCurve
 from pipeline.results.model_report import ModelReport
 from reports.figures.frequency import bode_figure, pole_figure, pole_map, response_overlays
-from reports.figures.models import horizon_figure, model_board, off_by_default, response_figures
+from reports.figures.models import horizon_figure, off_by_default, response_figures
 from reports.numbers.flight import flight_report
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import TransferFunction, frequency
 from sysid.frequency.export import response_table
 from tests.pipeline.builders import chirped
 from tests.reports.builders import themed
-from tests.reports.conftest import made_flight
 from tests.reports.made import made
 
 
@@ -60,23 +59,6 @@ def test_what_is_not_determined_has_no_band_and_no_ellipse(flight):
     assert {trace["opacity"] for trace in roots.data} == {0.35}
 
 
-def test_the_horizon_plot_shows_the_guesses_beside_the_models(flight):
-    figure = horizon_figure(flight_report(flight).models)
-    names = [trace["name"] for trace in figure.data if trace["showlegend"]]
-    assert names == ["constant position", "constant velocity", "motor PWM"]
-    assert horizon_figure([]) is None
-
-
-def test_the_board_offers_every_model_and_axis_once_in_each_place():
-    flight = made_flight()
-    board = model_board(flight.models, set())
-    values = [value for value, _ in board.choices]
-    assert len(values) == len(set(values)) > 0
-    ids = {figure.id for figure in board.figures}
-    assert ids == {f"{place}-{value}" for place in board.captions for value in values}
-    assert {figure.place for figure in board.figures} == set(board.captions) == {"bode", "roots"}
-
-
 def test_only_models_beside_better_ones_are_off_at_first():
     def model(key, trust, model=True):
         return made(ModelReport, key=key, verdict={"trust": trust}, kind="rigid_body" if model else "")
@@ -111,17 +93,6 @@ def test_one_fast_pole_does_not_squeeze_the_slow_ones_together():
     assert abs(fast) > 2.0 * abs(swing)
     assert {note["text"] for note in figure.layout["annotations"]} >= {"1", "10", "100"}
     assert "logarithmic" in figure.caption
-
-
-def test_poles_of_one_size_stand_on_a_linear_scale():
-    figure = pole_map({"m1": function(-5.0, -1.0 + 2.0j, -1.0 - 2.0j)}, "x")
-    assert marks(figure)["-5 + 0 i rad/s"] == pytest.approx(-5.0)
-    assert "logarithmic" not in figure.caption
-
-
-def test_an_unstable_pole_is_within_the_frame():
-    figure = pole_map({"m1": function(2.0, -3.0)}, "x")
-    assert figure.layout["xaxis"]["range"][1] > 2.0
 
 
 def test_a_lightly_damped_mode_is_within_the_scale(tmp_path: Path) -> None:

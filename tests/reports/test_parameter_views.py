@@ -8,10 +8,9 @@ import pytest
 
 import reports
 import sysid
-from pipeline.results.model_report import ModelReport, ParameterRow
+from pipeline.results.model_report import ParameterRow
 from reports.numbers.flight import flight_report
-from reports.views.parameters import EMPTY, coherence, parameters
-from tests.reports.made import made
+from reports.views.parameters import EMPTY, parameters
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
 
@@ -52,27 +51,6 @@ def test_a_line_for_each_parameter_and_a_column_for_each_method():
     ]
     assert view.notes == [("Thrust over mass: rigid body", "The motors were not logged.")]
     assert parameters(None) is None
-
-
-@pytest.mark.parametrize(
-    ("above", "says"),
-    [
-        ({"x": 0.9, "z": 1.0}, "Motor PWM: x and z answer to them at most frequencies."),
-        ({"x": 0.1, "z": 1.0}, "z answers to them at most frequencies, x hardly more than by chance."),
-        ({"x": 0.1, "z": 0.0}, "no answer that chance would not give"),
-    ],
-)
-def test_one_sentence_says_what_the_coherence_says(above, says):
-    told = {
-        "band_rad_s": (0.5, 5.0),
-        "inputs": ["m1"],
-        "averages": 30.0,
-        "chance": 0.4,
-        "outputs": {name: {"multiple_median": 0.5, "above_chance": part} for name, part in above.items()},
-    }
-    view = coherence([made(ModelReport, title="motor PWM → position", coherence=told)])
-    assert says in view.sentences[0]
-    assert view.table.heads == ["x", "z", "chance"]
 
 
 def test_page_json_and_models_have_both(flight, tmp_path):
