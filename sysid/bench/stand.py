@@ -73,24 +73,9 @@ class Bench:
         return self.table.motors
 
     def at_voltage(self, motor: str, voltage: float | None = None) -> pd.DataFrame:
-        """Evaluate a motor's lines over voltage at each PWM.
+        """Evaluate a motor's lines over voltage at each PWM: thrust, torque, speed, current; NaN if not measured.
 
-        Parameters
-        ----------
-        motor : str
-        voltage : float, optional
-            V; by default all voltages of the test together.
-
-        Returns
-        -------
-        DataFrame
-            Index ``pwm`` [us]; ``thrust`` [N], ``torque`` [N m], ``speed`` [rad/s], ``current`` [A]; NaN where not
-            measured.
-
-        Raises
-        ------
-        BenchError
-            When the motor or the voltage was not tested.
+        Without a voltage [V] all of the test stand together. BenchError where motor or voltage was not tested.
         """
         levels = self._levels.get(motor)
         if levels is None:
@@ -102,19 +87,7 @@ class Bench:
         return pd.DataFrame(rows, index=index, columns=["thrust", "torque", "speed", "current"])
 
     def coefficients(self, motor: str, voltage: float | None = None) -> Coefficients:
-        """Fit k and b at a voltage (algorithm 2).
-
-        Parameters
-        ----------
-        motor : str
-        voltage : float, optional
-            V.
-
-        Raises
-        ------
-        BenchError
-            When the motor or the voltage was not tested.
-        """
+        """Fit k and b at a voltage [V] (algorithm 2)."""
         curve = self.at_voltage(motor, voltage)
         return Coefficients(
             motor=motor,
@@ -124,22 +97,9 @@ class Bench:
         )
 
     def trim(self, motor: str, weight: float, voltage: float | None = None, motors: int | None = None) -> Trim:
-        """Find the PWM at which the motors carry a weight (algorithm 1).
+        """Find the PWM at which the motors carry a weight [N] (algorithm 1).
 
-        Parameters
-        ----------
-        motor : str
-        weight : float
-            Of the craft, N.
-        voltage : float, optional
-            V.
-        motors : int, optional
-            How many share the weight; as many as were tested by default, or four where one motor was.
-
-        Raises
-        ------
-        BenchError
-            When the motor cannot lift its share, or was not tested at this voltage.
+        As many share it as were tested, or four where one was. BenchError where the motor cannot lift its share.
         """
         count = motors or (len(self.motors) if len(self.motors) > 1 else 4)
         if not (weight > 0.0 and count > 0):
@@ -171,19 +131,9 @@ class Bench:
         )
 
     def command_curve(self, vehicle: Vehicle | None = None, voltage: float | None = None) -> CommandCurve:
-        """Fit thrust over the autopilot's command for all motors together.
+        """Fit thrust over the autopilot's command for all motors together, at the highest voltage tested or another.
 
-        Parameters
-        ----------
-        vehicle : Vehicle, optional
-            PWM range and spin limits; ArduPilot's defaults otherwise.
-        voltage : float, optional
-            V; the highest tested otherwise.
-
-        Raises
-        ------
-        BenchError
-            When fewer than four levels of PWM lie within the range, or no thrust was measured in it.
+        BenchError when fewer than four levels of PWM lie within the range, or no thrust was measured in it.
         """
         craft = vehicle or Vehicle()
         volts = voltage if voltage is not None else (max(self.voltages) if self.voltages else None)
@@ -215,20 +165,11 @@ class Bench:
     ) -> dict[str, tuple[float, float]]:
         """Return the rigid body what the stand knows: mean and standard deviation by its parameters' names.
 
-        Parameters
-        ----------
-        mass : float
-            kg; the rigid body's thrust is per unit of mass.
-        vehicle : Vehicle, optional
-        voltage : float, optional
-            Reference voltage of the rigid body, V.
-
-        Returns
-        -------
-        dict
-            ``thrust`` [m/s^2, one motor at full command] and ``thrust_expo``. Motors differ from each other and
-            propellers in flight from those on a stand by some percent, so that no standard deviation is below 3 % of
-            thrust and 0.05 of curvature.
+        ``thrust`` [m/s^2, one motor at full command] for a mass [kg] and voltage [V], and ``thrust_expo``. Motors
+        differ from
+        each other and propellers in flight from those on a stand by some percent, so that no standard deviation is
+        below 3 % of
+        thrust and 0.05 of curvature.
         """
         if not mass > 0.0:
             raise BenchError(f"mass must be positive, not {mass:g} kg")
@@ -260,17 +201,7 @@ class Bench:
     def report(
         self, weight: float | None = None, voltage: float | None = None, motors: int | None = None
     ) -> BenchReport:
-        """Return coefficients at the tested voltages, and trim at a weight and voltage, as bench.json has them.
-
-        Parameters
-        ----------
-        weight : float, optional
-            That the motors carry together at trim, N; None leaves trim out.
-        voltage : float, optional
-            V; besides those that were tested.
-        motors : int, optional
-            How many share the weight; as many as were tested by default, or four where one motor was.
-        """
+        """Return coefficients at the tested voltages, and trim at a weight [N] and voltage [V], for bench.json."""
         volts: list[float | None] = [*self.voltages] or [None]
         if voltage is not None and voltage not in volts:
             volts.append(voltage)

@@ -129,20 +129,10 @@ class RigidBodyModel(Summarised):
         return np.asarray(self.covariance / np.outer(sigma, sigma))
 
     def simulate(self, experiment: Experiment) -> Floats:
-        """Run freely from the measured initial state, with PWM and measured attitude as inputs.
+        """Run freely from the measured initial state by PWM and measured attitude; x, y, z [m], shape (N, 3).
 
         Wind and thrust scale are those in `flights`; of a flight that is not there they are found from its first 30 s
         (`trim`). What has been looked at need not be foretold: from there on a run starts anew from the measured state.
-
-        Parameters
-        ----------
-        experiment : Experiment
-            Inputs PWM of the motors, outputs x, y, z; with context.
-
-        Returns
-        -------
-        ndarray, shape (N, 3)
-            x, y, z, m.
         """
         flight, trim = self._motion(experiment), self._trim_of(experiment)
         theta, shapes = self.kernel_inputs(flight, trim)
@@ -155,14 +145,7 @@ class RigidBodyModel(Summarised):
     def drift(self, experiment: Experiment) -> Floats:
         """Return the standard deviation of the free run (`simulate`) by what is not known of wind, thrust and craft.
 
-        Parameters
-        ----------
-        experiment : Experiment
-
-        Returns
-        -------
-        ndarray, shape (N, 3)
-            Of x, y, z, m; NaN where the run is not free, because its trim has looked at the motion.
+        Of x, y, z, m, shape (N, 3); NaN where the run is not free, because its trim has looked at the motion.
         """
         flight, trim = self._motion(experiment), self._trim_of(experiment)
         theta, shapes = self.kernel_inputs(flight, trim)
@@ -192,26 +175,13 @@ class RigidBodyModel(Summarised):
     def predict(
         self, experiment: Experiment, horizon: float = 1.0, every: int = 1, simulated: Floats | None = None
     ) -> Floats:
-        """Predict every sample from the state `horizon` seconds before it.
+        """Predict x, y, z [m] of every sample from the state `horizon` seconds before it; shape (N, 3).
 
         Wind and thrust scale are states that a filter carries forward (`conditions.carried`): every prediction
         uses what the flight has told up to its restart, and lets gusts fade as gusts do. How strong gusts and noise
-        are comes from the first 30 s.
-
-        Parameters
-        ----------
-        experiment : Experiment
-        horizon : float
-            s.
-        every : int
-            Restart at every so many-th sample only: long horizons at 50 Hz are the same motion over and over.
-        simulated : ndarray, shape (N, 3), optional
-            What `simulate` returns for the record, where it is there already.
-
-        Returns
-        -------
-        ndarray, shape (N, 3)
-            x, y, z, m; samples before the first horizon are those of the free run; NaN where no restart leads to.
+        are comes from the first 30 s. Samples before the first horizon are those of the free run, `simulated` where it
+        is
+        there already. With `every` it restarts at every so many-th sample only: NaN where no restart leads to.
         """
         flight = self._motion(experiment)
         steps = min(horizon_steps(horizon, flight.dt), len(flight.t) - 1)
@@ -249,26 +219,10 @@ class RigidBodyModel(Summarised):
         )
 
     def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
-        """Predict angular rates from those `horizon` seconds before and the torque commands since.
+        """Predict rates [rad/s] from those `horizon` seconds before and the torque commands since; shape (N, 3).
 
-        Commands are the rate controller's outputs where they are logged, else the motors' PWM.
-
-        Parameters
-        ----------
-        experiment : Experiment
-            Inputs PWM of the motors; with context.
-        horizon : float
-            s.
-
-        Returns
-        -------
-        ndarray, shape (N, 3)
-            About body x, y, z, rad/s; samples before the first horizon follow from the first rates.
-
-        Raises
-        ------
-        MissingDataError
-            When effectiveness was not determined about every axis, or not all motors are logged.
+        Commands are the rate controller's outputs where they are logged, else the motors' PWM. MissingDataError where
+        effectiveness was not determined about every axis, or not all motors are logged.
         """
         unknown = [axis for axis in AXES if not self.parameters[f"{axis}_gain"].determined]
         if unknown:
@@ -297,17 +251,10 @@ class RigidBodyModel(Summarised):
     def trim(
         self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
     ) -> FlightTrim:
-        """Find wind and thrust scale of a flight.
+        """Find wind and thrust scale of a flight, by which its free run from the initial state fits best.
 
-        Parameters
-        ----------
-        experiment : Experiment
-        seconds : float, optional
-            Use the beginning of the flight only, s, for what comes after it; default: all of it, so that the free run
-            from its initial state fits best.
-        wind_spacing : float, optional
-            Let the wind over a whole flight vary, with this time between the points of a broken line, s; default:
-            constant wind.
+        With `seconds` of its beginning only, for what comes after it; with `wind_spacing` [s] the wind of a whole
+        flight varies, as a broken line with this time between its points.
         """
         flight = self._motion(experiment)
         if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
@@ -318,17 +265,7 @@ class RigidBodyModel(Summarised):
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
     ) -> RigidBodyModel:
-        """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name.
-
-        Parameters
-        ----------
-        experiments : sequence of Experiment
-            The flights.
-        seconds : float, optional
-            Use the beginning of each flight only, s; None for all of it.
-        wind_spacing : float, optional
-            Time between the points of a varying wind, s; None for constant wind.
-        """
+        """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
         flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
         how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
         return replace(
@@ -345,16 +282,9 @@ class RigidBodyModel(Summarised):
         return tuple(finding for finding in found if finding is not None)
 
     def drag(self, axis: str, speed: float) -> tuple[float, float]:
-        """Deceleration [m/s^2] by drag at a speed [m/s] along a body axis in sea-level air at hover, and its sigma.
+        """Drag [m/s^2] at a speed [m/s] along axis x, y or z in sea-level air at hover, with its sigma.
 
         Linear and quadratic drag are often known together much better than apart.
-
-        Parameters
-        ----------
-        axis : str
-            ``"x"``, ``"y"`` or ``"z"``.
-        speed : float
-            m/s.
         """
         names = (f"drag_linear_{axis}", f"drag_quadratic_{axis}")
         weights = np.zeros(len(self.estimated))

@@ -136,10 +136,7 @@ class Kim2017Model(Summarised):
     def simulate(self, experiment: Experiment) -> pd.DataFrame:
         """Propagate altitude and rates over a whole record from its first sample (the paper's figure 15).
 
-        Returns
-        -------
-        DataFrame
-            Index `t`; ``z`` [m], ``w_x``, ``w_y`` and, with a torque coefficient, ``w_z`` [rad/s].
+        By time ``z`` [m], ``w_x``, ``w_y`` and, with a torque coefficient, ``w_z`` [rad/s].
         """
         data = FlightData.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
         thrust = data.signals * self._specific()
@@ -160,13 +157,7 @@ class Kim2017Model(Summarised):
         return pd.DataFrame(result, index=pd.Index(experiment.t, name="t"))
 
     def verify(self, experiment: Experiment) -> pd.DataFrame:
-        """Compare `simulate` with a part of the flight that was not fitted.
-
-        Returns
-        -------
-        DataFrame
-            Index ``output``; root mean square error, and that of the measured mean to compare it with.
-        """
+        """Compare `simulate` and the mean with a part of the flight that was not fitted: RMS errors by output."""
         simulated = self.simulate(experiment)
         data = FlightData.of(experiment, self.law, self.reference_voltage, self.thrust_expo, self.time_constant)
         measured = {"z": data.altitude, **{f"w_{axis}": data.rates[:, k] for k, axis in enumerate("xyz")}}

@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from core.parameter import Parameter
 from core.quantity import uncertain
 from core.summary import Summarised, listed
 from logparse import Finding, Severity
@@ -40,7 +41,6 @@ from sysid.rotors.refinement_instants import (
     PARAMETERS,
     InstantMean,
     Motion,
-    StackedEstimate,
     best_lag,
     fit_stacked,
     solve_instants,
@@ -63,7 +63,7 @@ class Refinement2020Model(Summarised):
     law: Law
     #: By the names of `PARAMETERS`: ``k`` k/m, ``C`` C/m [1/m], ``Jx`` and ``Jz`` J/(m l) [m], ``b`` b/(m l), ``b/Jz``.
     instants: Mapping[str, InstantMean]
-    stacked: Mapping[str, StackedEstimate]  #: The same, with ``Jy`` by itself.
+    stacked: Mapping[str, Parameter]  #: The same, with ``Jy`` by itself.
     mass: float | None  #: As given, kg.
     reference_voltage: float | None
     time_constant: float  #: Lag of the motors in use, s.
@@ -131,9 +131,9 @@ def fit_refinement2020(
     instants = solve_instants(motion)
     if not rotation:
         findings.append(too_slow("Refinement 2020", signals[0].source))
-        why = "motor signals are logged too slowly for rotation"
-        stacked |= {name: StackedEstimate(None, None, None, why) for name in PARAMETERS[2:]}
-        instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in PARAMETERS[2:]}
+        why, rotational = "motor signals are logged too slowly for rotation", list(PARAMETERS)[2:]
+        stacked |= {name: Parameter(None, None, "", why) for name in rotational}
+        instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in rotational}
     else:
         instants = _believed(instants, explained)
     if mass is None:
@@ -161,7 +161,7 @@ def _believed(instants: Mapping[str, InstantMean], explained: Sequence[float]) -
     return {name: each if each.mean is None else each.doubted(doubts.get(name, "")) for name, each in instants.items()}
 
 
-def _remarks(stacked: Mapping[str, StackedEstimate]) -> list[Finding]:
+def _remarks(stacked: Mapping[str, Parameter]) -> list[Finding]:
     findings = [
         Finding(
             "conditions-assumed",

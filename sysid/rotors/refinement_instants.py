@@ -9,12 +9,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from core.parameter import Parameter
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_geometry import MotorGeometry
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import column, lagged
-from sysid.rotors.thrust_regression import DETERMINED, covariance_of
+from sysid.rotors.thrust_regression import covariance_of, judged
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
 #: degenerate.
@@ -34,8 +35,8 @@ CORRELATED = 2.0
 #: Longest lag of motors looked for, s.
 LONGEST_LAG = 0.2
 
-#: Names, in order.
-PARAMETERS = ("k", "C", "Jx", "Jy", "Jz", "b", "b/Jz")
+#: Names and units, in order; without a unit those of the signal enter.
+PARAMETERS = {"k": "", "C": "1/m", "Jx": "m", "Jy": "m", "Jz": "m", "b": "", "b/Jz": ""}
 
 #: Part by which inertia errs because the paper takes the air to be at rest: on simulated craft in 7 to 10 m/s 3.7 %
 #: (root mean square; up to 8 %), in less wind 2.5 %.
@@ -60,17 +61,6 @@ class InstantMean:
     def doubted(self, reason: str) -> InstantMean:
         """Return the same without its numbers, where there is a reason not to believe them."""
         return replace(self, mean=None, spread=None, median=None, reason=reason) if reason else self
-
-
-@dataclass(frozen=True, slots=True)
-class StackedEstimate:
-    """A parameter from all instants at once."""
-
-    #: None when not determined.
-    value: float | None
-    sigma: float | None
-    interval: tuple[float, float] | None  #: 95 % confidence interval.
-    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +234,7 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
 
 def fit_stacked(
     motion: Sequence[Motion], air: float, press: float, measured: bool
-) -> tuple[dict[str, StackedEstimate], tuple[float, ...]]:
+) -> tuple[dict[str, Parameter], tuple[float, ...]]:
     """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain."""
     lags = max(round(CORRELATED / motion[0].dt), 2)
     translation = [
@@ -262,8 +252,8 @@ def fit_stacked(
     k, k_sigma = float(values[0]), float(np.hypot(np.sqrt(covariance[0, 0]), press * values[0]))
     drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
     result = {
-        "k": _judge(k, float(np.hypot(k_sigma, air * k)), "thrust hardly varies"),
-        "C": _judge(drag, float(np.hypot(drag_sigma, air * drag)), "the craft is too slow for drag"),
+        "k": judged(k, float(np.hypot(k_sigma, air * k)), PARAMETERS["k"], "thrust hardly varies"),
+        "C": judged(drag, float(np.hypot(drag_sigma, air * drag)), PARAMETERS["C"], "the craft is too slow for drag"),
     }
     gains = []
     patterns = ("roll", "pitch", "yaw", "lift")
@@ -286,20 +276,24 @@ def fit_stacked(
         inertia.append((value, relative))
         # Density enters k and the gain alike, so that inertia over mass does not feel it; wind enters k alone.
         sigma = abs(value) * float(np.linalg.norm([relative, k_sigma / k, STILL_AIR])) if k > 0.0 else np.inf
-        result[name] = _judge(value, sigma, f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}", why)
+        result[name] = judged(
+            value, sigma, PARAMETERS[name], f"the craft hardly {'rolls' if name == 'Jx' else 'pitches'}", why
+        )
     torque = float(gains[2][0][0])
     torque_spread = float(np.hypot(np.sqrt(gains[2][1][0, 0]), systematic[2] * torque))
-    result["b/Jz"] = _judge(torque, float(np.hypot(torque_spread, air * torque)), "the craft hardly yaws", whys[2])
+    result["b/Jz"] = judged(
+        torque, float(np.hypot(torque_spread, air * torque)), PARAMETERS["b/Jz"], "the craft hardly yaws", whys[2]
+    )
     result["Jz"] = _yaw_inertia(gains, inertia)
     if result["Jx"].value is None or result["Jy"].value is None:
-        result["Jz"] = StackedEstimate(None, None, None, "roll and pitch inertia are not determined")
+        result["Jz"] = Parameter(None, None, "", "roll and pitch inertia are not determined")
     jz = result["Jz"]
     if jz.value is not None and jz.sigma is not None and result["b/Jz"].value is not None:
         relative = float(np.hypot(jz.sigma / jz.value, np.hypot(torque_spread / torque, air)))
-        result["b"] = _judge(jz.value * torque, jz.value * torque * relative, "yaw inertia is not")
+        result["b"] = judged(jz.value * torque, jz.value * torque * relative, PARAMETERS["b"], "yaw inertia is not")
     else:
-        result["b"] = StackedEstimate(
-            None, None, None, "yaw torque shows only over yaw inertia (b/Jz), and yaw inertia is not determined"
+        result["b"] = Parameter(
+            None, None, "", "yaw torque shows only over yaw inertia (b/Jz), and yaw inertia is not determined"
         )
     return {name: result[name] for name in PARAMETERS}, tuple(part for *_, part in gains)
 
@@ -323,9 +317,7 @@ def best_lag(motion: Sequence[Motion]) -> float:
     )
 
 
-def _yaw_inertia(
-    gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequence[tuple[float, float]]
-) -> StackedEstimate:
+def _yaw_inertia(gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequence[tuple[float, float]]) -> Parameter:
     """Find Jz from the products of rates: (Jy - Jz)/Jx of the roll and (Jz - Jx)/Jy of the pitch equation."""
     (jx, x_relative), (jy, y_relative) = inertia
     from_roll, from_pitch = float(gains[0][0][1]), float(gains[1][0][1])
@@ -337,12 +329,13 @@ def _yaw_inertia(
         ]
     )
     if not (np.isfinite(guesses).all() and np.isfinite(spreads).all() and (spreads > 0.0).all()):
-        return StackedEstimate(None, None, None, "roll and pitch inertia are not determined")
+        return Parameter(None, None, "", "roll and pitch inertia are not determined")
     weights = 1.0 / spreads**2
     value, sigma = float(guesses @ weights / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
-    return _judge(
+    return judged(
         value,
         sigma,
+        PARAMETERS["Jz"],
         "it shows by itself only in products of rates, and the craft hardly turns about two axes at once; "
         "a bifilar pendulum measures it",
     )
@@ -374,17 +367,3 @@ def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[
     power = float(y @ y)
     explained = 1.0 - float(np.sum((y - x @ values) ** 2)) / power if power > 0.0 else 0.0
     return values, np.maximum(covariance, 0.0) * np.eye(len(values)), explained
-
-
-def _judge(value: float, sigma: float, reason: str, why: str = "") -> StackedEstimate:
-    if why:
-        return StackedEstimate(None, None, None, why)
-    if not np.isfinite(value) or not np.isfinite(sigma):
-        return StackedEstimate(None, None, None, f"not determined: {reason}")
-    if not value > 0.0:
-        return StackedEstimate(None, None, None, f"the estimate is not positive: {reason}")
-    if sigma > DETERMINED * value:
-        return StackedEstimate(
-            None, None, None, f"the standard error is {100.0 * sigma / value:.0f} % of the estimate: {reason}"
-        )
-    return StackedEstimate(value, sigma, (value - 1.96 * sigma, value + 1.96 * sigma))

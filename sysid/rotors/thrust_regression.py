@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.parameter import Parameter
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -257,15 +258,24 @@ def air_sigma_of(records: Sequence[Experiment]) -> float:
 
 def coefficient(value: float, sigma: float, air: float, mass: float | None, reason: str = "") -> ThrustCoefficient:
     """Judge an estimate: determined, or why not."""
-    sigma = float(np.hypot(sigma, air * value))
-    if not reason and not value > 0.0:
-        reason = "the estimate is not positive"
-    if not reason and sigma > DETERMINED * value:
-        reason = f"the standard error is {100.0 * sigma / value:.0f} % of the estimate"
-    if reason:
-        return ThrustCoefficient(None, None, None, None, False, reason)
-    newton = None if mass is None else (value * mass, sigma * mass)
-    return ThrustCoefficient(value, sigma, newton and newton[0], newton and newton[1], True)
+    known = judged(value, float(np.hypot(sigma, air * value)), reason=reason)
+    if known.value is None or known.sigma is None:
+        return ThrustCoefficient(None, None, None, None, False, known.reason)
+    newton, newton_sigma = (None, None) if mass is None else (known.value * mass, known.sigma * mass)
+    return ThrustCoefficient(known.value, known.sigma, newton, newton_sigma, True)
+
+
+def judged(value: float, sigma: float, unit: str = "", hint: str = "", reason: str = "") -> Parameter:
+    """Return a positive number if it is known well enough; else why not, with a hint at what the flight lacks."""
+    if not reason:
+        if not (np.isfinite(value) and np.isfinite(sigma)):
+            reason = "not determined"
+        elif not value > 0.0:
+            reason = "the estimate is not positive"
+        elif sigma > DETERMINED * value:
+            reason = f"the standard error is {100.0 * sigma / value:.0f} % of the estimate"
+        reason += f": {hint}" if reason and hint else ""
+    return Parameter(None, None, unit, reason) if reason else Parameter(value, sigma, unit)
 
 
 def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:

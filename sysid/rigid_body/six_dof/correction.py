@@ -41,13 +41,7 @@ class Observer:
 def missed_accelerations(
     theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int, given: bool
 ) -> Floats:
-    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6).
-
-    Parameters
-    ----------
-    drives : ndarray, shape (N, 8 + e)
-    wind : ndarray, shape (N, 3)
-    """
+    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6)."""
     n, dt = len(record.t), record.dt
     starts = np.arange(n - 1, dtype=np.int64)
     one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, given)[
@@ -60,12 +54,7 @@ def missed_accelerations(
 
 
 def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
-    """Mean of what was missed before each sample, (N, 6).
-
-    Parameters
-    ----------
-    missed : ndarray, shape (N, 6)
-    """
+    """Mean of what was missed (N, 6) before each sample, (N, 6)."""
     out = missed.copy()
     lift = observer.force_memory if observer.lift_memory is None else observer.lift_memory
     parts = ((slice(0, 2), observer.force_memory), (slice(2, 3), lift), (slice(3, 6), observer.torque_memory))
@@ -121,15 +110,9 @@ class HorizonCorrection:
         missed: Floats | None,
         given: bool,
     ) -> Floats:
-        """Return predictions less their learned errors; marks beyond the horizon stay as they are.
+        """Return predictions (S, M, 18) less their learned errors; marks beyond the horizon stay as they are.
 
-        Parameters
-        ----------
-        starts : ndarray, shape (S,)
-        marks : ndarray, shape (M,)
-        predicted : ndarray, shape (S, M, 18)
-        missed : ndarray, shape (N, 6), or None
-            See `observer.missed_accelerations`; None without a memory.
+        `missed` (N, 6) is what the model missed (`missed_accelerations`); None without a memory.
         """
         inside = np.flatnonzero((marks <= self.steps) & (marks >= 1))
         usable = starts + self.steps < len(record.t)
@@ -163,15 +146,7 @@ def upright_axes(record: BodyRecord, starts: np.ndarray) -> Floats:
 def features(
     record: BodyRecord, starts: np.ndarray, steps: int, memory: float, missed: Floats | None, given: bool
 ) -> Floats:
-    """Compute the features of each start, (S, F).
-
-    Parameters
-    ----------
-    starts : ndarray of int, shape (S,)
-        Samples at which predictions start.
-    missed : ndarray, shape (N, 6), or None
-        See `observer.missed_accelerations`; None without a memory.
-    """
+    """Compute the features of each start, (S, F); `missed` as in `HorizonCorrection.corrected`."""
     n = len(record.t)
     state = record.states[starts]
     rotation = state[:, 6:15].reshape(-1, 3, 3)

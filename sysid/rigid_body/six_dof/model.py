@@ -168,24 +168,12 @@ class SixDofModel(Summarised):
     ) -> tuple[Floats, Floats]:
         """Fly from a record's first state with a controller in the loop, or with its inputs changed.
 
-        Parameters
-        ----------
-        experiment : Experiment
-            Gives the first state, the clock and the wind; cut to the time that is asked for, as each sample takes
-            as long as the record is.
-        controller : callable
-            Of the time [s], the state, shape (18,) as in `BodyRecord.states`, and the record's inputs then, shape (m,),
-            in its units: the inputs that the craft gets instead.
-
-        Returns
-        -------
-        (ndarray, ndarray)
-            States, shape (N, 18), and the inputs that were given, shape (N, m).
-
-        Raises
-        ------
-        ValueError
-            When attitude is an input of the model, so that no controller can turn the craft.
+        The record gives the first state, the clock and the wind; each sample takes as long as the record is, so cut it.
+        The controller is asked at every time [s], with the state, shape (18,) as in `BodyRecord.states`, and the
+        record's
+        inputs then, shape (m,), for the inputs that the craft gets instead. Returns states, shape (N, 18), and the
+        inputs
+        that were given, shape (N, m). ValueError where attitude is an input of the model, which no controller can turn.
         """
         if self.attitude_given:
             raise ValueError("attitude is an input of this model: fit one with attitude='state'")
@@ -216,22 +204,7 @@ class SixDofModel(Summarised):
         return out
 
     def ahead(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray) -> Floats:
-        """States at the marked numbers of samples after each start, (S, M, 18).
-
-        Parameters
-        ----------
-        record : BodyRecord
-            The record.
-        starts : ndarray of int, shape (S,)
-            Samples at which predictions start.
-        marks : ndarray of int, shape (M,)
-            Numbers of samples after each start.
-
-        Returns
-        -------
-        ndarray, shape (S, M, 18)
-            States as in `BodyRecord.states`.
-        """
+        """States at the marked numbers of samples after each start, (S, M, 18), as in `BodyRecord.states`."""
         dt = record.dt
         push = np.zeros((len(starts), 6))
         missed = None
@@ -254,13 +227,7 @@ class SixDofModel(Summarised):
         return missed_accelerations(self.theta, drive, wind, record, substeps(dt), self.attitude_given)
 
     def record(self, experiment: Experiment) -> BodyRecord:
-        """Bring an experiment into the form of the equations; its inputs must be those of the model.
-
-        Raises
-        ------
-        MissingDataError
-            When they are others, or motion is missing.
-        """
+        """Bring an experiment into the form of the equations; MissingDataError if inputs are others or motion lacks."""
         if experiment.input_names != self.kinds.names:
             raise MissingDataError(
                 f"{experiment.name} has inputs {', '.join(experiment.input_names)}; the model takes "
@@ -291,15 +258,7 @@ class SixDofModel(Summarised):
         return replace(self, shape=replace(self.shape, charges={}), winds=told)
 
     def with_rest(self, first: Experiment, rest: Experiment) -> SixDofModel:
-        """Return the model with the wind and the battery of a record's rest, as they were in its first part.
-
-        Parameters
-        ----------
-        first : Experiment
-            One of those fitted.
-        rest : Experiment
-            What follows it, on the same clock.
-        """
+        """Return the model with wind and battery of what follows a record that was fitted, as they were in it."""
         later = 0.5 * float(rest.t[0] + rest.t[-1] - first.t[0] - first.t[-1])
         charge = self.shape.charges.get(first.name, 1.0) * (1.0 + self.shape.drift * later)
         shape = replace(self.shape, charges={**self.shape.charges, rest.name: charge})

@@ -295,26 +295,12 @@ _GROUND, _CUT, _LANDED, _LANDINGS = 2.0, 0.3, 4.0, ("LAND_COMPLETE", "LAND_COMPL
 
 
 def find_motor_faults(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[MotorFault, ...]:
-    """Find the motors that did not give what they were asked for in a flight.
+    """Find the motors that did not give what they were asked for in a flight, in the order of time.
 
-    Parameters
-    ----------
-    tables : Tables
-        With motors and IMU.
-    vehicle : Vehicle
-        Whose frame is known.
-    start, stop : float
-        Lift-off, and touch-down, crash or the end of the log [s]; a blow in the last seconds before it ends the search.
-
-    Returns
-    -------
-    tuple of MotorFault
-        In the order of time; empty where there is none, or where outputs or rates are too slow or too short to tell.
-
-    Raises
-    ------
-    MissingDataError
-        Without the frame, the outputs of all its motors, or the IMU.
+    From lift-off to touch-down, crash or the end of the log [s]; a blow in the last seconds before it ends the search.
+    Empty also where outputs or rates are too slow or too short to tell. MissingDataError without the frame, the
+    outputs of
+    all its motors, or the IMU.
     """
     moments = read_moments(tables, vehicle, start, _end(tables, stop))
     if moments is None:

@@ -78,10 +78,7 @@ class Moments:
 def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> Moments | None:
     """Read outputs and motion of a flight between start and stop [s]; None where rows are few or slow.
 
-    Raises
-    ------
-    MissingDataError
-        Without the frame, the outputs of all its motors, or the IMU.
+    MissingDataError without the frame, the outputs of all its motors, or the IMU.
     """
     names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names:

@@ -53,10 +53,7 @@ class _View:
 def check_outputs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[Finding, ...]:
     """Name outputs that follow what the mixer asks of another motor, or one that gets more or less than it asks.
 
-    Raises
-    ------
-    MissingDataError
-        Without the frame, a motor's output or the rate controller's outputs, or when the flight is too short.
+    MissingDataError without frame, a motor's output or the controller's outputs, or when the flight is too short.
     """
     names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names or tables.motors is None or not set(names) <= set(tables.motors):

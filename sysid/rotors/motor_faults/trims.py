@@ -43,10 +43,8 @@ _FITS_CHANGE = 13.8
 def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> SteadyTrims | None:
     """Return the trims of a flight between start and stop [s]; None where its motors do not turn it about every axis.
 
-    Raises
-    ------
-    MissingDataError
-        When the frame, a motor's output or the IMU is missing, or the flight is too short or logged too slowly.
+    MissingDataError when the frame, a motor's output or the IMU is missing, or the flight is too short or logged
+    slowly.
     """
     moments = read_moments(tables, vehicle, start + _ASIDE, stop - _ASIDE)
     if moments is None or moments.t[-1] - moments.t[0] < _SHORTEST:
