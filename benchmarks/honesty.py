@@ -12,10 +12,9 @@ import numpy as np
 from benchmarks._measure import Row, logs
 from estimation import estimate
 from logparse import MissingDataError, read_log
-from simulation.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
 from simulation.place import Wind
-from simulation.survey_quadcopter import quadcopter
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.rigid_body.six_dof.body_record import Quantity
 from tests.sysid.flown_craft import flown, record

@@ -21,7 +21,7 @@ from reports.figures.frequency import bode as bode_plot
 from reports.figures.models import compare
 from reports.pages.signals import signal_figure
 from rotorid.flight_log import FlightLog as LoadedLog
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.records.experiment import Experiment
 from sysid.transfer_functions.transfer_function import TransferFunction

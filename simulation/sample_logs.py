@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from simulation import survey_quadcopter
 from simulation.controllers import Cascade
-from simulation.elhesasy2024 import octocopter
+from simulation.elhesasy2024 import CASCADE, octocopter, quadcopter
 from simulation.flight_log import Logging, write_bin, write_tlog
 from simulation.fly import Flight, MotorLoss, Setup, fly
 from simulation.instruments import InstrumentedFlight
@@ -44,9 +43,9 @@ def _flight(name: str, row: Mapping[str, Any]) -> SampleFlight:
     setup = Setup(
         mission=Mission(steps=tuple(_step(*step) for step in row["steps"]), **row["mission"]),
         place=Place(**row["place"]),
-        vehicle=octocopter() if octo else survey_quadcopter.quadcopter(),
+        vehicle=octocopter() if octo else quadcopter(),
         wind=Wind(**row.get("wind", {})),
-        cascade=Cascade() if octo else survey_quadcopter.CASCADE,
+        cascade=Cascade() if octo else CASCADE,
         sensors=_sensors(**row["sensors"]),
         losses=tuple(MotorLoss(*loss) for loss in row.get("losses", [])),
         seed=row["seed"],

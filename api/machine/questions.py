@@ -39,7 +39,7 @@ from reports.numbers.reading import parse_report, report_of
 from reports.pages.comparison import comparison_page
 from reports.pages.craft import craft_page as render_craft
 from sysid.loops.proof import BY_THEMSELVES
-from sysid.records.periodogram import welch
+from sysid.records.filtering import welch
 
 #: Logs kept open, signals kept, and bytes of signals kept.
 _LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20

@@ -28,7 +28,7 @@ from pipeline.results.span import Span
 from sysid.frequency.axes import axis_of
 from sysid.frequency.coupling import Coupling
 from sysid.frequency.excitation import find_chirps
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, survey
 from sysid.frequency.time_domain import Verification

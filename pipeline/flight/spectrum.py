@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from logparse import Tables
 from pipeline.results.signals import Notch, Peak, Spectrum
 from pipeline.results.span import Span
-from sysid.records.periodogram import densities, welch
+from sysid.records.filtering import densities, welch
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from pipeline.results.rotation import FittedResponse
 from pipeline.results.span import Span
 from reports.figures.figure import COLORS, DASHES, Drawn, Figure, Plot, area, band, curve, marks
 from sysid import TransferFunction
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.transfer_functions.frequency_response import frequency_response
 from sysid.transfer_functions.transfer_function import Root, poles, zeros

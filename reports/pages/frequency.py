@@ -11,7 +11,7 @@ from reports.figures.frequency import pole_figure, response_overlays
 from reports.pages.html import render
 from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures
 from reports.views.rotation import sentences as sentences_of
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 

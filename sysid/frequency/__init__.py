@@ -8,7 +8,8 @@ from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Chirp, find_chirps
-from sysid.frequency.fit import FrequencyFit, fit
+from sysid.frequency.fit import fit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.time_domain import verify
 

@@ -12,10 +12,10 @@ from core.quantity import uncertain
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
-from sysid.frequency.cost import POOR
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within
-from sysid.frequency.fit import FrequencyFit, fit
+from sysid.frequency.fit import fit
+from sysid.frequency.fitted import POOR, FrequencyFit
 from sysid.frequency.flight_records import flight_span
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse

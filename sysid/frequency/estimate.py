@@ -17,7 +17,8 @@ from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
 from sysid.frequency.chirp_records import chirp_record
 from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Chirp, Within, find_chirps
-from sysid.frequency.fit import FrequencyFit, fit, refit
+from sysid.frequency.fit import fit, refit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import flight_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
@@ -71,9 +72,6 @@ _PASSES, _STAYS = 7, 0.3
 
 #: Part of the rows from which on it is their loss that leaves no window whole.
 _WHOLE = 0.1
-
-#: Frequencies on either side whose coherence counts as well.
-_BESIDE = 2
 
 #: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
 _LOWEST_RATE = 8.0
@@ -325,17 +323,6 @@ def _without_bends(
     return first
 
 
-def _of_neighbours(coherence: Floats) -> Floats:
-    """Return the median coherence of each frequency and two to either side, which see nearly the same windows.
-
-    By chance a single one passes a limit that the others do not, and it is the one whose response errs most.
-    """
-    if len(coherence) < 2 * _BESIDE + 1:
-        return coherence
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(coherence, _BESIDE, "edge"), 2 * _BESIDE + 1)
-    return np.asarray(np.median(around, axis=1))
-
-
 def _less_its_error(coherence: Floats, averages: Floats) -> Floats:
     """Return coherences less their standard error (Bendat and Piersol 2010, table 9.6).
 
@@ -405,7 +392,6 @@ def _composite(
         averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
     instruments = sorted({record.instrument for record in records} - {""})
     covered = np.any([_covered(record, hz) for record in records], axis=0)
-    coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
     return FrequencyResponse(
         axis=axis.name,
         input=axis.input,
@@ -413,7 +399,7 @@ def _composite(
         unit=axis.unit,
         hz=hz,
         response=merged.response,
-        coherence=np.where(covered, _less_its_error(coherence, averages), 0.0),
+        coherence=np.where(covered, _less_its_error(merged.coherence, averages), 0.0),
         sigma=merged.sigma,
         sigma_phase=merged.sigma.copy(),
         averages=np.asarray(averages, dtype=np.float64),

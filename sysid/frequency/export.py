@@ -11,7 +11,7 @@ import pandas as pd
 import scipy
 
 from core.serialization import as_json
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 from sysid.transfer_functions.export import functions_to_control, python_control

@@ -15,7 +15,6 @@ import numpy as np
 
 from core.units import quantity
 from logparse import FlightLog
-from sysid.frequency.antialias import below
 from sysid.frequency.axes import AXES, HEIGHT_TARGET, PILOTS_THROTTLE, Axis, FrequencyError
 from sysid.frequency.excitation import Within
 from sysid.frequency.rate_signals import RateSignals
@@ -23,6 +22,7 @@ from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
     Logged,
+    below,
     lost_one_by_one,
     refuse_scattered,
 )

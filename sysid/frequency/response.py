@@ -75,6 +75,11 @@ class FrequencyResponse(Summarised):
         return np.asarray(self.coherence >= COHERENT)
 
     @property
+    def counts(self) -> NDArray[np.bool_]:
+        """Return which frequencies count in a fit, shape (n,): coherent, and with a known error."""
+        return self.usable & np.isfinite(self.sigma) & (np.abs(self.response) > 0.0)
+
+    @property
     def gain_db(self) -> Floats:
         """Return ``20 log10 |G|``, shape (n,); NaN where no window fits and nothing was estimated."""
         return np.where(np.isfinite(self.sigma), 20.0 * np.log10(np.maximum(np.abs(self.response), 1e-300)), np.nan)

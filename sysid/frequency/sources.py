@@ -19,11 +19,10 @@ import pandas as pd
 
 from logparse import FlightLog, GivenLogs, MissingDataError, logs_of
 from logparse.craft.log_settings import Need, bit_to_set
-from sysid.frequency.antialias import below
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.rate_signals import RateSignals, rate_signals
-from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
+from sysid.frequency.rate_signals import OUTPUTS, RateSignals, as_motors_got, rate_signals
+from sysid.frequency.records import below
 from sysid.records.mixer import patterns, thrust_commands, voltage_at
 
 #: Rate [Hz] of the controller's rows beyond which nothing else is looked for, and how much faster others must be.

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from sysid.frequency._window_kernels import halved, products
 from sysid.frequency.records import AxisRecord, Logged
 from sysid.frequency.response import Complex, Floats
-from sysid.records.filtering import low_pass_taps
-from sysid.records.periodogram import detrended, hann
+from sysid.records.filtering import detrended, hann, low_pass_taps
 
 #: Cycles of a frequency in a window that serves it: with fewer, leakage from the trend and its neighbours bends the
 #: response; with more, shorter windows give more averages.

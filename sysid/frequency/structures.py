@@ -146,9 +146,6 @@ RATE_LAG_MODE = Structure(
 )
 RATE_SPEED = Structure("rate, speed", (_gain(_ANGULAR), _DAMPING, _SPEED, _DELAY), _hovering)
 YAW_LEAD = Structure("yaw, lead", (_gain(_ANGULAR), _DAMPING, _LEAD, _DELAY), _yaw)
-YAW_LEAD_LAG = Structure(
-    "yaw, lead, lag", (_gain(_ANGULAR), _DAMPING, _LEAD, _LAG, _DELAY), lambda p: _lagged(_yaw(p), float(p[3]))
-)
 VERTICAL = Structure("vertical", (_gain(_LINEAR), _DELAY), lambda p: (np.array([p[0]]), np.array([1.0])))
 VERTICAL_LAG = Structure(
     "vertical, lag",
@@ -159,11 +156,6 @@ VERTICAL_DAMPED = Structure(
     "vertical, heave damping",
     (_gain(_LINEAR), _DAMPING, _DELAY),
     lambda p: (p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]])),
-)
-VERTICAL_DAMPED_LAG = Structure(
-    "vertical, heave damping, lag",
-    (_gain(_LINEAR), _DAMPING, _LAG, _DELAY),
-    lambda p: _lagged((p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]])), float(p[2])),
 )
 _CLOSED = (
     _gain("1"),
@@ -188,8 +180,8 @@ STRUCTURES: Mapping[str, tuple[Structure, ...]] = MappingProxyType(
     {
         "roll": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
         "pitch": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
-        "yaw": (RATE, RATE_LAG, YAW_LEAD, YAW_LEAD_LAG),
-        "vertical": (VERTICAL, VERTICAL_LAG, VERTICAL_DAMPED, VERTICAL_DAMPED_LAG),
+        "yaw": (RATE, RATE_LAG, YAW_LEAD),
+        "vertical": (VERTICAL, VERTICAL_LAG, VERTICAL_DAMPED),
         "closed": (CLOSED_FIRST, CLOSED, CLOSED_ZERO),
     }
 )

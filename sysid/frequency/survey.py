@@ -15,7 +15,8 @@ from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
 from sysid.frequency.coupling import Coupling, coupling
 from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
-from sysid.frequency.fit import FrequencyFit, fit
+from sysid.frequency.fit import fit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.time_domain import Verification, hold_out

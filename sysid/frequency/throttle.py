@@ -12,11 +12,10 @@ import pandas as pd
 
 from logparse import FlightLog
 from logparse.canonical.dataflash_control import throttle_output
-from sysid.frequency.antialias import below
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
 from sysid.frequency.flight_records import at_rows, flight_span, lift_asked
-from sysid.frequency.records import ORDINARY_BAND, AxisRecord, on_uniform_clock
+from sysid.frequency.records import ORDINARY_BAND, AxisRecord, below, on_uniform_clock
 from sysid.frequency.sources import FASTER, motor_patterns, step_of
 
 #: Least throttle output [1] of a motor that turns.

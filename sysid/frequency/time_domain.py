@@ -12,7 +12,8 @@ from logparse import FlightLog
 from sysid.frequency.axes import AXES, FrequencyError, log_by_log
 from sysid.frequency.estimate import ordinary_record, response
 from sysid.frequency.excitation import Within, find_chirps
-from sysid.frequency.fit import FrequencyFit, refit
+from sysid.frequency.fit import refit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.limits import FOLDING
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats

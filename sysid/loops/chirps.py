@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.frequency.fit import FLOOR, TIMES, FrequencyFit, fit
+from sysid.frequency.fit import FLOOR, fit
+from sysid.frequency.fitted import TIMES, FrequencyFit
 from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop

@@ -21,7 +21,7 @@ from sysid.loops.loop import RateLoop
 from sysid.loops.plant import plant_of
 from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import unseen_mode
-from sysid.records.periodogram import welch
+from sysid.records.filtering import welch
 
 #: Coherence that counts, the band about crossover in which it must hold (factors of the crossover), and for how much.
 COHERENT, AROUND, MOST_OF = 0.8, (0.4, 1.6), 0.9

@@ -16,7 +16,7 @@ from sysid.frequency.records import AxisRecord, Logged
 from sysid.loops.controller import LoopSettings
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
-from sysid.records.periodogram import hann
+from sysid.records.filtering import hann
 
 #: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
 MODE = 6.0

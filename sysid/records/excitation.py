@@ -11,8 +11,8 @@ from scipy.special import fdtri as f_ppf
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats
+from sysid.records.filtering import detrended, hann
 from sysid.records.motor_scaling import motor_pwm
-from sysid.records.periodogram import detrended, hann
 
 #: Above this correlation two inputs are one for every practical purpose.
 IDENTICAL = 0.9999

@@ -29,8 +29,7 @@ from core.summary import Summarised, listed
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.records.motor_geometry import MotorGeometry, motor_geometry
-from sysid.records.motor_signals import too_slow, unexplained
+from sysid.records.motor_signals import MotorGeometry, motor_geometry, too_slow, unexplained
 from sysid.records.thrust_curve import Law, rotor_speeds
 from sysid.rotors.kim2017_windows import (
     FlightData,

@@ -14,8 +14,7 @@ import numpy as np
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.records.motor_geometry import MotorGeometry
-from sysid.records.motor_signals import EXPLAINED, motor_signals
+from sysid.records.motor_signals import EXPLAINED, MotorGeometry, motor_signals
 from sysid.records.thrust_curve import Law, column, lagged
 from sysid.rotors.thrust_regression import DETERMINED, vehicle_of
 from sysid.statistics.covariance import autocovariance, coloured_information

@@ -34,8 +34,7 @@ from core.quantity import uncertain
 from core.summary import Summarised, listed
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, require_alike
-from sysid.records.motor_geometry import motor_geometry
-from sysid.records.motor_signals import motor_signals, too_slow, unexplained
+from sysid.records.motor_signals import motor_geometry, motor_signals, too_slow, unexplained
 from sysid.records.thrust_curve import Law, lagged, rotor_speeds
 from sysid.rotors.refinement_instants import (
     PARAMETERS,

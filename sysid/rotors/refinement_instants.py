@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from core.parameter import Parameter
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.records.motor_geometry import MotorGeometry
-from sysid.records.motor_signals import unexplained
+from sysid.records.motor_signals import MotorGeometry, unexplained
 from sysid.records.thrust_curve import column, lagged
 from sysid.rotors.thrust_regression import covariance_of, judged
 

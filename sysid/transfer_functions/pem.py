@@ -80,7 +80,7 @@ def fit_transfer_functions(
         `sysid.transfer_functions.regularisation.RIDGES` that predicts held-out flight time best, or next to none
         where the data determine the parameters so well that it could win nothing.
     starts : int
-        Sets of poles to start from where one cannot be found directly (`sysid.transfer_functions.srivc`).
+        Sets of poles to start from where one cannot be found directly (`sysid.transfer_functions.starts`).
     seed : int
         Of the starts; the same seed gives the same model unless the time limit strikes.
     time_limit : float

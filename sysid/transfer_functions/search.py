@@ -12,8 +12,7 @@ from sysid.records.experiment import Floats
 from sysid.transfer_functions.problem import Band, Problem, take
 from sysid.transfer_functions.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.transfer_functions.separable import Descent, Point, descend, solve
-from sysid.transfer_functions.srivc import srivc
-from sysid.transfer_functions.starts import likeliest_initial, separate
+from sysid.transfer_functions.starts import likeliest_initial, separate, srivc
 from sysid.transfer_functions.uncertainty import effective_parameters
 
 #: Prior size of the response to the initial state, in standard deviations of the output: records begin near hover. Own

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import elhesasy2024, propagate, survey_quadcopter
+from simulation import elhesasy2024, propagate
 from simulation.atmosphere import Atmosphere
 
 OCTA = elhesasy2024.octocopter()
@@ -78,7 +78,7 @@ def test_integrator_is_of_fourth_order():
     assert orders == pytest.approx([4.0, 4.0], abs=0.25)
 
 
-@pytest.mark.parametrize("craft", [OCTA, survey_quadcopter.quadcopter()], ids=["octocopter", "rotors with inertia"])
+@pytest.mark.parametrize("craft", [OCTA, elhesasy2024.quadcopter()], ids=["octocopter", "rotors with inertia"])
 def test_agrees_with_an_independent_model_under_solve_ivp(craft):
     """The same physics written with vectors and SciPy's rotations, integrated by DOP853 at tight tolerance."""
     n, rotor, lag = len(craft.rotors), craft.rotors[0].rotor, craft.drive.response.time_constant

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from sysid.records.filtering import above, lfilter, low_pass_taps
-from sysid.records.periodogram import densities, detrended, hann, welch
+from sysid.records.filtering import above, densities, detrended, hann, lfilter, low_pass_taps, welch
 
 
 @pytest.mark.parametrize(

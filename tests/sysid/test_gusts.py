@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular
 
+from simulation.elhesasy2024 import quadcopter
 from simulation.mission import Chirp, Mission, Wait
 from simulation.place import Wind
-from simulation.survey_quadcopter import quadcopter
 from sysid import fit_rigid_body
 from sysid.rigid_body.methods._gust_kernels import whiten
 from sysid.rigid_body.methods.systematic import folded, form_and_attitude

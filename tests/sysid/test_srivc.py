@@ -8,7 +8,7 @@ from scipy.signal import lsim, max_len_seq
 
 from sysid.transfer_functions.problem import Problem, denominators, from_poles, resolvable_band
 from sysid.transfer_functions.separable import descend, solve
-from sysid.transfer_functions.srivc import refine, srivc
+from sysid.transfer_functions.starts import refine, srivc
 
 #: Rao and Garnier 2002.
 NUM, DEN, STEP, SAMPLES = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0], 0.01, 7161

@@ -8,7 +8,7 @@ import pytest
 
 from core.parameter import Parameter
 from sysid.frequency.closed_loop import crossing_of, possible_bandwidth
-from sysid.frequency.fit import FrequencyFit
+from sysid.frequency.fitted import FrequencyFit
 
 
 def test_a_yaw_that_follows_its_own_heading_has_no_bandwidth():

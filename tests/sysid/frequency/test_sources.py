@@ -9,8 +9,8 @@ import pytest
 import logparse
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
-from sysid.frequency.antialias import below
 from sysid.frequency.axes import FrequencyError
+from sysid.frequency.records import below
 from sysid.frequency.sources import on_one_clock
 from tests.sysid.rate_logs import logged
 

@@ -9,8 +9,7 @@ import pytest
 
 from logparse import FlightLog, Vehicle
 from logparse.craft.frames import motor_table
-from sysid.frequency.rate_signals import RateSignals
-from sysid.frequency.whole_pwm import OUTPUTS, as_motors_got
+from sysid.frequency.rate_signals import OUTPUTS, RateSignals, as_motors_got
 from sysid.records.mixer import expectation, patterns, thrust_commands
 from sysid.records.motor_scaling import commands_for, motor_pwm
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from core.units import STANDARD_GRAVITY
-from simulation.survey_quadcopter import quadcopter
+from simulation.elhesasy2024 import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
 from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
