@@ -14,7 +14,7 @@ import numpy as np
 
 from logparse import FlightLog, RotoridError
 from sysid.records.experiment import Floats
-from sysid.records.periodogram import welch
+from sysid.records.filtering import welch
 
 #: What is said of a flight without batches.
 NO_BATCHES = "no raw gyro batches"
