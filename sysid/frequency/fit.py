@@ -10,7 +10,8 @@ import scipy
 
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.determined import SIGNIFICANT, of_flights, stated
-from sysid.frequency.fitted import FrequencyFit, cost, value_of
+from sysid.frequency.fitted import FrequencyFit as FrequencyFit
+from sysid.frequency.fitted import cost, value_of
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
 

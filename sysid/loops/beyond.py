@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.frequency.axes import FrequencyError
-from sysid.frequency.fit import FrequencyFit, fit
+from sysid.frequency.fit import fit
+from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.structures import low_pass
 from sysid.loops.controller import GyroPath
