@@ -207,4 +207,4 @@ def _autopilot(logs: list[Path], folder: Path) -> None:
     if not files:
         typer.echo("nothing is proposed")
         raise typer.Exit(NOT_POSSIBLE)
-    typer.echo("Load one file at a time, fly, and run this again: what was right then stays within its error.")
+    typer.echo("Load one file at a time, fly, and run this again: what proves right is then shown as right.")

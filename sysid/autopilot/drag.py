@@ -15,7 +15,6 @@ MCOEF for both axes; the four coefficients become three by generalised least squ
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -42,7 +41,7 @@ _RIGHT_RATIO = (4, 7)
 
 
 def drag_values(
-    model: RigidBodyModel, records: Sequence[Experiment], version: str, flown: Mapping[str, float]
+    model: RigidBodyModel, records: Sequence[Experiment], version: tuple[int, int], flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
     """Translate the drag of a rigid body into EKF3's parameters, or say why not."""
 
@@ -61,9 +60,7 @@ def drag_values(
     )
     flown_at = np.sqrt(np.mean(np.concatenate([airspeeds(model, record) ** 2 for record in records]), axis=0))
     s = float(np.median(np.concatenate([relative_density(record) for record in records])))
-    numbers = re.match(r"(\d+)\.(\d+)", version)
-    known = numbers is None or (int(numbers[1]), int(numbers[2])) >= _RIGHT_RATIO
-    ratio = s if known else s**-0.25
+    ratio = s if version >= _RIGHT_RATIO else s**-0.25
     linear = values[0] * (np.sqrt(s) if model.rotor_drag else s)
     sigma = np.sqrt(np.diag(covariance))
     found: dict[str, Parameter] = {}

@@ -12,7 +12,7 @@ from sysid.loops.controller import AXES
 from sysid.loops.tuning import tune
 
 #: Largest sigma of a feed-forward that is set, as a part of it.
-_KNOWN = 0.1
+_KNOWN = 0.05
 
 
 def feed_forward(survey: FrequencySurvey, flown: Mapping[str, float]) -> list[AutopilotValue]:

@@ -21,6 +21,7 @@ from sysid.frequency.survey import survey
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.same_craft import other_craft
+from sysid.loops.settings import firmware_version
 from sysid.loops.tuning import without_copies
 from sysid.records.experiment import Experiment
 from sysid.rigid_body.body_fit import fit_rigid_body
@@ -46,14 +47,13 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
     Raises
     ------
     LoopError
-        Where the logs are of another autopilot, of two craft, or flew with different parameters.
+        Where the logs are of another autopilot than ArduCopter 4.0 to 4.7, or of two craft.
     """
     flights = without_copies(logs_of(logs))
     if not flights:
         raise LoopError("no log was given")
     for log in flights:
-        if log.vehicle.firmware != "ArduCopter":
-            raise LoopError(f"{log.name} is of {log.vehicle.firmware or 'an unknown autopilot'}, not of ArduCopter")
+        firmware_version(log)
         if (other := other_craft(flights[0], log)) is not None:
             raise LoopError(other)
     flown = flights[-1].parameters_flown
@@ -107,7 +107,7 @@ def _of_the_body(
     flown, own = flights[-1].parameters_flown, [log for log in flights if log.name in model.training]
     return [
         *thrust_values(model, own, records, flown),
-        *drag_values(model, records, flights[-1].vehicle.version or "", flown),
+        *drag_values(model, records, firmware_version(flights[-1]), flown),
     ]
 
 

@@ -88,7 +88,7 @@ def notch_values(
     filters = _filters(log, study, flown)
     if _flies_already(flown, values):
         why = f"what flew is right: {follows}, {lines.hz:.1f} ± {lines.sigma:.1f} Hz; noise at the mixer {rms['now']}"
-        return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, why), *filters]
+        return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, why, right=True), *filters]
     costs = _costs(study, loops)
     reasons = {
         "ENABLE": f"noise at the mixer in hover {rms['now']} as flown, {rms['then']} with it; it costs {costs}",

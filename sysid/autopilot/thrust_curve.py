@@ -78,12 +78,13 @@ def thrust_values(
         if not clear and max(abs(least), abs(highest)) < _SAME_GAIN and _proposed(curves):
             change = f"the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % over the thrust flown"
             why = f"{found[NAMES[0]]} would change {change}"
-            curves = refused(NAMES[:1], ParameterFile.ESC, flown, why)
+            curves = refused(NAMES[:1], ParameterFile.ESC, flown, why, right=True)
         if not moved or not _proposed(curves):
             spread = f"± {begin_sigma * width:.3f}" if np.isfinite(begin_sigma) else "nothing"
             unknown = f"where thrust begins is known by {spread}; climb and descend with vigour"
             why = f"thrust begins where it says, {spread}" if begin_sigma <= _BEGIN_SIGMA else unknown
-            curves = curves[:1] + refused(NAMES[1:2], ParameterFile.ESC, flown, why)
+            known = begin_sigma <= _BEGIN_SIGMA
+            curves = curves[:1] + refused(NAMES[1:2], ParameterFile.ESC, flown, why, right=known)
     changed = _proposed(curves)
     scale = float(_thrust(usual, meant) / _thrust(usual, vehicle)) if changed else 1.0
     # A hover throttle of the new curve is loaded with it: alone it would be wrong.

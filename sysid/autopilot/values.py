@@ -41,6 +41,7 @@ class AutopilotValue:
     now: float | None  #: As flown; None where the log does not tell.
     #: What to set, with its sigma and reason; its value is None where nothing is proposed, and the reason says why.
     proposed: Parameter
+    right: bool = False  #: Whether what flew was found right.
 
     @property
     def shown(self) -> str:
@@ -77,7 +78,7 @@ class AutopilotValues(Summarised):
             rows += [Row(file.value, kind="part")] if own else []
             for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
                 first, *others = alike
-                cell = Cell(new, "good") if new else Cell("stays", "unknown")
+                cell = Cell(new, "good") if new else Cell("right" if first.right else "not known", "unknown")
                 now = "" if first.now is None else number(first.now, _DIGITS)
                 if new or not others:
                     rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]
@@ -121,16 +122,28 @@ def typed(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-def refused(names: Sequence[str], file: ParameterFile, flown: Mapping[str, float], why: str) -> list[AutopilotValue]:
+def refused(
+    names: Sequence[str], file: ParameterFile, flown: Mapping[str, float], why: str, right: bool = False
+) -> list[AutopilotValue]:
     """Return parameters of which nothing is proposed."""
-    return [AutopilotValue(name, file, flown.get(name), Parameter(None, None, "", why)) for name in names]
+    return [AutopilotValue(name, file, flown.get(name), Parameter(None, None, "", why), right) for name in names]
+
+
+def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> AutopilotValues:
+    """Return what the flights of a craft, the newest last, say together: of each step the newest that knows of it."""
+    values: list[AutopilotValue] = []
+    for file in ParameterFile:
+        told = [own for _, all_ in flights if (own := [each for each in all_ if each.file is file])]
+        known = [own for own in told if any(each.right or each.proposed.value is not None for each in own)]
+        values += (known or told or [[]])[-1]
+    return AutopilotValues(tuple(name for name, _ in flights), tuple(values))
 
 
 def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]) -> list[AutopilotValue]:
     """Return values that are set together: all of them, or none where none differs from what flew by its errors."""
     if all(_as_flown(flown.get(name), found[name]) for name in found):
         stays = {name: f"within the error of what flew: {found[name]}" for name in found}
-        return [one for name in found for one in refused([name], file, flown, stays[name])]
+        return [one for name in found for one in refused([name], file, flown, stays[name], right=True)]
     return [
         AutopilotValue(
             name, file, flown.get(name), replace(each, value=None if each.value is None else typed(each.value))

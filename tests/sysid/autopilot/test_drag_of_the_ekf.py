@@ -23,7 +23,7 @@ def fitted(path):
     return fit_rigid_body([record]), record
 
 
-def values(model, record, version="4.7.0"):
+def values(model, record, version=(4, 7)):
     return {each.name.removeprefix("EK3_DRAG_"): each.proposed for each in drag_values(model, [record], version, {})}
 
 
@@ -38,13 +38,13 @@ def test_of_a_simulated_craft():
         assert found[name].sigma < 0.35 * true
 
 
-@pytest.mark.parametrize("version", ["4.7.0", "4.5.7"])
+@pytest.mark.parametrize("version", [(4, 7), (4, 5)])
 def test_at_the_density_flown_ekf3_computes_the_deceleration_of_the_craft(version):
     """AP_NavEKF3_AirDataFusion: rho u^2 / (2 BCOEF) + MCOEF r u; r: density's since 4.7, EAS2TAS^0.5 before."""
     model, record = fitted("sample_logs/octa11_sydney_fast.bin")
     found = values(model, record, version)
     s = float(np.median(relative_density(record)))
-    r = s if version == "4.7.0" else math.sqrt(s**-0.5)
+    r = s if version == (4, 7) else math.sqrt(s**-0.5)
     linear = math.sqrt(s) if model.rotor_drag else s
     for axis in "xy":
         quadratic = 1.225 * r / (2.0 * found[f"BCOEF_{axis.upper()}"].value)
@@ -77,4 +77,4 @@ def test_a_flight_of_the_firmware_without_drag_tells_the_right_ones(unpacked):
 
 def _flown(path):
     model, record = fitted(path)
-    return model, [record], "4.7.0", {"EK3_DRAG_BCOEF_X": 17.209, "EK3_DRAG_BCOEF_Y": 17.209, "EK3_DRAG_MCOEF": 0.248}
+    return model, [record], (4, 7), {"EK3_DRAG_BCOEF_X": 17.209, "EK3_DRAG_BCOEF_Y": 17.209, "EK3_DRAG_MCOEF": 0.248}

@@ -5,7 +5,7 @@ import pytest
 from core.parameter import Parameter
 from logparse import read_log
 from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
-from sysid.autopilot.values import ParameterFile, decided
+from sysid.autopilot.values import ParameterFile, decided, over_flights
 from sysid.loops.controller import LoopError
 from sysid.loops.parameter_file import read_parameter_file
 
@@ -26,7 +26,7 @@ def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
 def test_the_table_says_what_flew_and_why_nothing_is_proposed():
     text = AutopilotValues(("a.bin",), (EXPO, HOVER)).table().markdown()
     assert "| 0.3000 | 0.65 ± 0.02 | a curve |" in text
-    assert "| stays | no hover |" in text
+    assert "| not known | no hover |" in text
 
 
 @pytest.mark.parametrize(
@@ -36,6 +36,13 @@ def test_what_flew_stays_within_its_error(now, proposed):
     flown = {} if now is None else {"EK3_DRAG_MCOEF": now}
     found = decided({"EK3_DRAG_MCOEF": Parameter(0.25251, 0.01, "1/s", "")}, ParameterFile.WIND, flown)
     assert AutopilotValues(("a.bin",), tuple(found)).proposed == proposed
+
+
+def test_of_each_step_the_newest_flight_that_knows_of_it_counts():
+    right = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.65, Parameter(None, None, "", "as flown"), right=True)
+    found = over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,)), ("c", (right,)), ("d", ())])
+    assert found.values == (right, HOVER)
+    assert over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,))]).proposed == {"MOT_THST_EXPO": 0.6512}
 
 
 @pytest.mark.parametrize("others", [["sample_logs/quad01_davos_esc.bin"], []])
