@@ -20,6 +20,7 @@ from pipeline.execution.stages import Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.next_flights import for_craft
+from pipeline.flight.craft import in_order
 from pipeline.flight.identification import compare_parameters, identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.results.entry import FlightEntry
@@ -29,6 +30,7 @@ from pipeline.results.flight import ModelResult, Prediction
 from pipeline.results.split import Split
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.store import open_store
+from sysid.autopilot.values import over_flights
 
 _LOG = logging.getLogger("rotorid.pipeline")
 
@@ -95,6 +97,7 @@ def identify_craft(
         parameters=parameters,
         coverage=covered,
         drift=drift,
+        autopilot=over_flights([(flight.name, flight.autopilot) for flight in in_order(flights)]),
         advice=advice or (),
         findings=(*findings, *findings_of(thrust, parameters, covered, drift), *stages.findings),
         timings=stages.timings,

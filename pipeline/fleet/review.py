@@ -30,6 +30,7 @@ from pipeline.results.craft_review import Alert, CraftReview, Note
 from pipeline.results.drift import Drift, History, Point
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange
+from sysid.autopilot.values import over_flights
 
 #: Chance of any false alarm over the whole life of a craft, however many flights that is.
 RATE = 0.01
@@ -65,6 +66,7 @@ def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: date
         whole=follow(flights) if len(built) < len(flights) else None,
         since=_since(before, built) if boundary is not None else (),
         alerts=tuple(_alerts(drift)),
+        autopilot=over_flights([(flight.name, flight.autopilot) for flight in built]),
         joint=_joint(built),
         remarks=tuple(remarks),
     )

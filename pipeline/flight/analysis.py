@@ -13,7 +13,7 @@ import estimation
 import logparse
 import sysid
 from core.findings import once
-from logparse import Boot, Finding, FlightLog, MissingDataError, Severity, Tables, completeness
+from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, Severity, Tables, completeness
 from pipeline.config import AnalysisConfig
 from pipeline.execution import second
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
@@ -36,6 +36,9 @@ from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
+from sysid.autopilot.gathering import batch_values, body_values
+from sysid.autopilot.values import AutopilotValue
+from sysid.loops.settings import firmware_version
 from sysid.rotors.motor_faults.outputs import check_outputs
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
@@ -221,6 +224,7 @@ def _analyze(
         coverage=coverage,
         trims=trims,
         rotation=done.rotation,
+        autopilot=present(stages.run("advice", lambda _: _autopilot(log, fitted, config))) or (),
         findings=(
             *log.findings,
             *checked,
@@ -364,6 +368,21 @@ def _measured(
     )
     log.tables.release()
     return coverage
+
+
+def _autopilot(log: FlightLog, fitted: _Fitted, config: AnalysisConfig) -> tuple[AutopilotValue, ...]:
+    """Return what the body fitted and raw gyro propose to the autopilot, or why not; nothing to another than ours."""
+    values: list[AutopilotValue] = []
+    with suppress(RotoridError):
+        firmware_version(log)
+        flown = log.parameters_flown
+        record = fitted.experiments.get(RIGID_BODY_KEY)
+        model = next((each.model for each in fitted.models if each.key == RIGID_BODY_KEY), None)
+        if record is not None and isinstance(model, sysid.RigidBodyModel):
+            training, _ = record.split(config.training_fraction)
+            values += body_values(model, [log], [training], flown)
+        values += batch_values([log], [], flown)
+    return tuple(values)
 
 
 def _left_out(account: Account) -> tuple[Finding, ...]:

@@ -51,6 +51,7 @@ def flight_entry(
         responses=tuple(response_curves(result)),
         trims=result.trims,
         account=present(result.account),
+        autopilot=result.autopilot,
         findings=_findings(result),
         folder=folder,
         source=source,

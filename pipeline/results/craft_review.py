@@ -8,6 +8,7 @@ from datetime import datetime
 from logparse import Severity
 from pipeline.results.drift import Drift
 from pipeline.results.quantity import ParameterChange
+from sysid.autopilot.values import AutopilotValues
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +43,7 @@ class CraftReview:
     whole: Drift | None  #: Of all flights, where not all are pooled.
     since: tuple[ParameterChange, ...]  #: What changed with the boundary.
     alerts: tuple[Alert, ...]
+    autopilot: AutopilotValues | None = None  #: What the pooled flights propose to the autopilot; None of nothing.
     #: Of the pooled flights those that joint models can use; empty where they are fewer than two.
     joint: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()  #: What about the flights as a series is strange, and what was done about it.

@@ -14,6 +14,7 @@ from logparse import Finding
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage
 from pipeline.results.span import Span
+from sysid.autopilot.values import AutopilotValue
 from sysid.rotors.steady_trims import SteadyTrims
 
 
@@ -84,6 +85,7 @@ class FlightEntry:
     responses: tuple[ResponseCurve, ...] = ()  #: Of the axes whose gain the flight tells.
     trims: SteadyTrims | None = None  #: As of the result of the flight.
     account: Account | None = None  #: What happened, and what was read.
+    autopilot: tuple[AutopilotValue, ...] = ()  #: As of the result of the flight.
     findings: tuple[Finding, ...] = ()  #: What the log, the trajectory and the fits had to say.
     #: Where its products lie, below ``flights/`` of the store and as partition ``flight=`` of the datasets; empty where
     #: they are nowhere.

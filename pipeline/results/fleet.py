@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult, ModelResult
     from sysid import PhysicalParameters, ThrustModel
+    from sysid.autopilot import AutopilotValues
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ class GroupResult(Summarised):
     #: What the flights covered, and where those that judge leave the range of those fitted.
     coverage: Envelope | Failure | None
     drift: Drift | Failure | None  #: The craft's parameters from flight to flight.
+    autopilot: AutopilotValues | None = None  #: What the flights propose to the autopilot; None of nothing.
     advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pipeline.results.rotation import RotationResult
     from pipeline.results.signals import FlightSignals
     from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
+    from sysid.autopilot import AutopilotValue
     from sysid.records.excitation import Coherence
     from sysid.rotors.steady_trims import SteadyTrims
 
@@ -154,6 +155,7 @@ class FlightResult(Summarised):
     #: How the craft turns: frequency responses, attitude following, margins of the loops; axis by axis.
     rotation: RotationResult | Failure
     answer: Answer | Failure = NOT_YET  #: What all of it comes to, by purpose.
+    autopilot: tuple[AutopilotValue, ...] = ()  #: What its models and raw gyro propose to the autopilot, or why not.
     advice: tuple[Advice, ...] = ()  #: How to log and fly better next time, most useful first.
     findings: tuple[Finding, ...] = ()  #: Of every stage, in the order of the work.
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.

@@ -26,6 +26,7 @@ from pipeline.results.model_report import (
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from pipeline.results.verdict import Verdict
+from sysid.autopilot.values import AutopilotValues
 from sysid.rotors.thrust_record import ThrustModel
 
 #: Lines of an answer that tables over all flights show.
@@ -168,6 +169,7 @@ class CraftReport:
     parameters: tuple[ParameterRow, ...] | None
     coverage: Envelope | None
     drift: Drift | None
+    autopilot: AutopilotValues | None  #: What the flights propose to the autopilot, or why not.
     advice: tuple[Advice, ...]
     findings: tuple[Finding, ...]
     missing: Mapping[str, str]

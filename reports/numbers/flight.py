@@ -101,6 +101,7 @@ def craft_report(group: GroupResult) -> CraftReport:
             parameters=None if isinstance(group.parameters, Failure) else parameter_rows(group.parameters),
             coverage=coverage,
             drift=present(group.drift),
+            autopilot=group.autopilot,
             advice=group.advice,
             findings=_findings(group.findings),
             missing=group.missing,

@@ -37,6 +37,7 @@ def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> st
         courses=courses,
         drift=drift_table(review.drift),
         folded=folded,
+        autopilot=review.autopilot.table() if review.autopilot and review.autopilot.values else None,
     )
 
 

@@ -162,6 +162,7 @@ def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[s
         "drift_findings": findings,
         "courses": courses,
         "advice": report.advice[:MOST_ADVICE],
+        "autopilot": report.autopilot.table() if report.autopilot and report.autopilot.values else None,
     }
 
 

@@ -57,19 +57,17 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         if (other := other_craft(flights[0], log)) is not None:
             raise LoopError(other)
     flown = flights[-1].parameters_flown
-    records, failures = _records(flights)
+    fitted, records, failures = _records(flights)
     values: list[AutopilotValue] = []
     try:
         if not records:
             raise LoopError("; ".join(failures))
-        model = fit_rigid_body(records)
+        values += body_values(fit_rigid_body(records), fitted, records, flown)
     except RotoridError as error:
         values += refused(THRUST, ParameterFile.ESC, flown, str(error))
         values += refused(DRAG, ParameterFile.WIND, flown, str(error))
-    else:
-        values += _of_the_body(model, flights, records)
     chirps = [log for log in flights if any(chirp.at_mixer for chirp in find_chirps(log))]
-    values += _notch(flights, chirps, flown)
+    values += batch_values(flights, chirps, flown)
     with_rates = [log for log in flights if log.tables.has("rates")]
     if with_rates:
         values += feed_forward(survey(with_rates, tuple(AXES)), flown)
@@ -79,7 +77,7 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
     return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))
 
 
-def _notch(
+def batch_values(
     flights: Sequence[FlightLog], chirps: Sequence[FlightLog], flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
     """Return the notch by the last flight whose batches show the motors' lines; else why the last one's do not."""
@@ -100,23 +98,23 @@ def _notch(
     return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, why)
 
 
-def _of_the_body(
-    model: RigidBodyModel, flights: Sequence[FlightLog], records: Sequence[Experiment]
+def body_values(
+    model: RigidBodyModel, logs: Sequence[FlightLog], records: Sequence[Experiment], flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
-    """Return what thrust and drag of an identified rigid body are to the autopilot that flew last."""
-    flown, own = flights[-1].parameters_flown, [log for log in flights if log.name in model.training]
+    """Return what thrust and drag of an identified rigid body are to the autopilot; `records` are those of `logs`."""
     return [
-        *thrust_values(model, own, records, flown),
-        *drag_values(model, records, firmware_version(flights[-1]), flown),
+        *thrust_values(model, logs, records, flown),
+        *drag_values(model, records, firmware_version(logs[-1]), flown),
     ]
 
 
-def _records(flights: Sequence[FlightLog]) -> tuple[list[Experiment], list[str]]:
-    """Cut the records that a rigid body is fitted to; return them and why a flight gives none."""
-    records, failures = [], []
+def _records(flights: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Experiment], list[str]]:
+    """Cut the records that a rigid body is fitted to; return their logs, them, and why a flight gives none."""
+    logs, records, failures = [], [], []
     for log in flights:
         try:
             records.append(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), _RATE))
+            logs.append(log)
         except RotoridError as error:
             failures.append(str(error))
-    return records, failures
+    return logs, records, failures

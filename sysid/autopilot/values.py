@@ -61,9 +61,9 @@ class AutopilotValue:
 class AutopilotValues(Summarised):
     """What the flights of one craft propose to its autopilot."""
 
-    flights: tuple[str, ...]
-    values: tuple[AutopilotValue, ...]
-    remarks: tuple[str, ...] = ()
+    flights: tuple[str, ...]  #: In the order in which they were flown.
+    values: tuple[AutopilotValue, ...]  #: Step by step.
+    remarks: tuple[str, ...] = ()  #: What about the flights, or the order of loading, is to be known.
 
     @property
     def proposed(self) -> Mapping[str, float]:
@@ -78,7 +78,7 @@ class AutopilotValues(Summarised):
             rows += [Row(file.value, kind="part")] if own else []
             for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
                 first, *others = alike
-                cell = Cell(new, "good") if new else Cell("right" if first.right else "not known", "unknown")
+                cell = Cell(new, "good") if new else Cell("right" if first.right else "stays", "unknown")
                 now = "" if first.now is None else number(first.now, _DIGITS)
                 if new or not others:
                     rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]

@@ -4,6 +4,8 @@ import pytest
 
 from core.parameter import Parameter
 from logparse import read_log
+from pipeline.results.craft_review import CraftReview
+from reports.pages.craft import craft_page
 from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
 from sysid.autopilot.values import ParameterFile, decided, over_flights
 from sysid.loops.controller import LoopError
@@ -26,7 +28,7 @@ def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
 def test_the_table_says_what_flew_and_why_nothing_is_proposed():
     text = AutopilotValues(("a.bin",), (EXPO, HOVER)).table().markdown()
     assert "| 0.3000 | 0.65 ± 0.02 | a curve |" in text
-    assert "| not known | no hover |" in text
+    assert "| stays | no hover |" in text
 
 
 @pytest.mark.parametrize(
@@ -43,6 +45,16 @@ def test_of_each_step_the_newest_flight_that_knows_of_it_counts():
     found = over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,)), ("c", (right,)), ("d", ())])
     assert found.values == (right, HOVER)
     assert over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,))]).proposed == {"MOT_THST_EXPO": 0.6512}
+
+
+def test_the_page_of_a_craft_has_them_beside_what_flew():
+    asked = AutopilotValues(("a",), (EXPO, HOVER))
+    review = CraftReview(
+        flights=("a",), pooled=("a",), boundary=None, drift=None, whole=None, since=(), alerts=(), autopilot=asked
+    )
+    page = craft_page(review, "mine")
+    assert "Fly this, then prove" in page
+    assert all(text in page for text in ("MOT_THST_EXPO", "0.65 ± 0.02", "no hover"))
 
 
 @pytest.mark.parametrize("others", [["sample_logs/quad01_davos_esc.bin"], []])
