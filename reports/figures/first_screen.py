@@ -27,8 +27,6 @@ _HEIGHT = 270
 _SIDE_HEIGHT = 330
 #: Width of a letter above a plot, as a part of the plot's width.
 _LETTER = 0.012
-#: What a map has names for, and where they stand: a flight that ends where it began must not write one over the other.
-_ENDS = {"start": "top right", "end": "bottom right"}
 #: Plots below each other for which there is room.
 _PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
@@ -53,8 +51,11 @@ def first_figures(result: FlightResult) -> list[Figure]:
 def _map(figure: Figure) -> Figure:
     """Name start and end in the map, which takes less room than a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
+    # A flight that ends near where it began must not write one over the other: the northern one has its name above.
+    ends = sorted((each for each in figure.data if each["name"] in ("start", "end")), key=lambda each: each["y"][0])
+    places = {each["name"]: place for each, place in zip(ends, ("bottom right", "top right"), strict=False)}
     data = [
-        each | {"mode": "markers+text", "textposition": _ENDS[name], "text": [name]} if name in _ENDS else each
+        each | {"mode": "markers+text", "textposition": places[name], "text": [name]} if name in places else each
         for each in figure.data
         for name in (each["name"],)
     ]

@@ -12,6 +12,7 @@ from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rotors.motor_faults import find_motor_faults
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
 
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
 CALM = Path(__file__).parents[3] / "shared" / "logs" / "sitl" / "octa15_two_flights_logdisarmed.BIN"
 FRAMES = [("quad", "x"), ("quad", "plus"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
 
@@ -125,3 +126,11 @@ def test_what_is_missing_is_told():
     # Slow telemetry cannot tell, and says nothing rather than something wrong.
     slow = Tables(motors=tables.motors.iloc[::10], imu=tables.imu)
     assert losses_in(slow, vehicle, 0.0, 10.0) == ()
+
+
+def test_a_motor_that_stops_is_lost_whole_though_the_craft_tumbles():
+    """What the fall adds is known from the flight before: regressed on the fall itself it took a quarter away."""
+    log = read_log(SAMPLES / "quad03_motor_stops.bin")
+    (fault,) = find_motor_faults(log.tables, log.vehicle, log.flight.start, 84.2)
+    assert (fault.motor, fault.t) == (2, pytest.approx(82.2, abs=0.05))
+    assert fault.loss + 3.0 * max(fault.sigma, 0.01) > 1.0

@@ -51,7 +51,7 @@ def state_lines(account: Account) -> Iterator[AnswerLine]:
     if account.hover is not None:
         yield _thrust(account.hover)
     if account.motors is not None:
-        yield _motors(account.motors)
+        yield _motors(account.motors, failed=any(each.id == "motor-fault" for each in account.story))
 
 
 def _line(purpose: str, text: str, *, care: bool, bad: bool = False) -> AnswerLine:
@@ -112,8 +112,9 @@ def _thrust(hover: HoverReading) -> AnswerLine:
     return _line("Thrust", text, care=ratio is not None and ratio < _ADVISED)
 
 
-def _motors(motors: MotorsReading) -> AnswerLine:
+def _motors(motors: MotorsReading, *, failed: bool) -> AnswerLine:
     spread = f"{max(100.0 * motors.spread, 1.0):.0f} %"
     text = f"{motors.hardest} works hardest, by {spread}" if motors.spread > _ALIKE else f"alike within {spread}"
+    text = f"one failed; {motors.hardest} works hardest, by {spread}" if failed else text
     text += f"; at a limit {100.0 * motors.at_limit:.0f} %" if motors.at_limit > _AT_LIMIT else ""
-    return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN)
+    return _line("Motors", text, care=motors.at_limit > _AT_LIMIT or motors.spread > _UNEVEN, bad=failed)

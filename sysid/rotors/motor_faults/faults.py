@@ -307,9 +307,9 @@ def find_motor_faults(tables: Tables, vehicle: Vehicle, start: float, stop: floa
         return ()
     limit, step = find_at_limit(moments, vehicle), find_step(moments, vehicle)
     lasting = limit or step
-    if step is not None and (limit is None or limit.motor == step.motor):
-        evidence = step.evidence if limit is None else limit.evidence
-        lasting = replace(step, t=_suddenly(step, tables, vehicle, moments.step), evidence=evidence)
+    if step is not None and lasting is not None and lasting.motor == step.motor:
+        # A step tells the time. How much is missing in a fall is what the flight before it says.
+        lasting = replace(lasting, t=_suddenly(step, tables, vehicle, moments.step))
     pulses = find_pulses(moments if lasting is None else moments.part(moments.t < lasting.t), vehicle)
     return (*pulses, *([lasting] if lasting else []))
 
