@@ -29,7 +29,7 @@ import numpy as np
 from core.quantity import uncertain
 from core.serialization import plain, restored
 from core.summary import Summarised, listed
-from logparse import Finding, MissingDataError, Vehicle
+from logparse import Finding, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states
 from sysid.rigid_body.conditions.drift_band import drift_sigma
@@ -38,7 +38,6 @@ from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
 from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion, motion
-from sysid.rigid_body.rotation import AXES, TorqueCurve, logged_motors, run_rates, torque_commands
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
@@ -217,29 +216,6 @@ class RigidBodyModel(Summarised):
             flights={**self.flights, name: self._trim_of(experiment)},
             carried={**self.carried, name: self._carry(flight, self.flights.get(name))},
         )
-
-    def predict_rates(self, experiment: Experiment, horizon: float = 0.5) -> Floats:
-        """Predict rates [rad/s] from those `horizon` seconds before and the torque commands since; shape (N, 3).
-
-        Commands are the rate controller's outputs where they are logged, else the motors' PWM. MissingDataError where
-        effectiveness was not determined about every axis, or not all motors are logged.
-        """
-        unknown = [axis for axis in AXES if not self.parameters[f"{axis}_gain"].determined]
-        if unknown:
-            raise MissingDataError(
-                f"the effectiveness in {', '.join(unknown)} is not determined, so that no rates can be predicted: "
-                f"{self.parameters[f'{unknown[0]}_gain'].reason}"
-            )
-        if len(logged_motors(experiment, self.vehicle)) < len(self.vehicle.motors):
-            raise MissingDataError(f"{experiment.name}: rates cannot be predicted without the outputs of all motors")
-        place = self.estimated.index("thrust_expo")
-        curved = TorqueCurve.of(self.vehicle, self.value("thrust_expo"), float(self.covariance[place, place]))
-        commands, rates, _ = torque_commands(experiment, self.vehicle, self.reference_voltage, curved.expo)
-        gains = np.array([self.value(f"{axis}_gain") for axis in AXES])
-        damping = np.array([self.value(f"{axis}_damping") for axis in AXES])
-        lag, delay = self.value("torque_lag"), self.value("torque_delay")
-        lead = np.array([0.0, 0.0, self.value("yaw_lead")])
-        return run_rates(experiment.t, commands * gains, rates, damping, lead, lag, delay, horizon)
 
     def initial_seconds(self, experiment: Experiment) -> float:
         """How much of a record's outputs a free run looks at, s: for wind and thrust scale where they are unknown."""

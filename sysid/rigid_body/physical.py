@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -31,8 +31,19 @@ _Fitted = TypeVar("_Fitted")
 #: What counts of all of them (`sysid.rigid_body.consensus`), the first column of a report.
 HEADLINE = "headline"
 
+_TURNING = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
+
 #: Methods, in the order of the columns of a report.
 METHODS = ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
+
+#: What each is asked for.
+_GIVEN: Mapping[str, tuple[str, ...]] = {
+    "mean thrust": ("thrust over mass",),
+    "rotor": ("thrust over mass", "thrust curve", "motor lag"),
+    "Kim 2017": ("thrust over mass", *_TURNING),
+    **dict.fromkeys(METHODS[3:5], ("thrust over mass", *_TURNING, "whole drag in still air over mass")),
+    "rigid body": ("thrust over mass", "thrust curve", "motor lag", "yaw torque over inertia"),
+}
 
 #: Why a method says nothing about rotation.
 SLOW = "motor signals are logged too slowly for rotation"
@@ -62,6 +73,16 @@ def quantity(parameter: str, unit: str) -> tuple[str, str]:
         return name, parts[2]
     return name, "arm" if unit == _OVER_ARM else ""
 
+
+#: Units that a mass, and for inertia an arm, make of them.
+_SI: Mapping[str, str] = {
+    "thrust over mass": "N at full command",
+    "thrust over mass at hover": "N at the command flown on average",
+    "linear drag over mass": "N s/m",
+    "quadratic drag over mass": "N s^2/m^2",
+    "whole drag in still air over mass": "N s^2/m^2",
+    **dict.fromkeys(_TURNING[:2], "kg m^2"),
+}
 
 #: Unit of an inertia of which only the mass is known.
 _OVER_ARM = "kg m (inertia over arm)"
@@ -122,37 +143,47 @@ def physical_parameters(
     rigid_body : RigidBodyModel, optional
         As fitted to these flights (`fit_rigid_body`), for its column.
     """
-    notes: dict[str, str] = {}
+    sheet = _Sheet(mass, arm)
 
-    def attempt(name: str, fit: Callable[[], _Fitted]) -> _Fitted | None:
+    def attempt(methods: Sequence[str], fit: Callable[[], _Fitted], rows: Callable[[_Fitted], _Rows]) -> _Fitted | None:
+        """Put in what a method finds, or in each place where it would stand why it does not."""
         try:
-            return fit()
+            model = fit()
         except RotoridError as error:
-            notes[name] = str(error)
+            for method in methods:
+                for parameter in _GIVEN[method]:
+                    sheet.put(parameter, method, None, note=str(error))
             return None
+        for row in rows(model):
+            sheet.put(*row)
+        return model
 
-    thrust = attempt("mean thrust", lambda: fit_thrust(experiments, mass))
-    rotor = attempt("rotor", lambda: fit_rotor(experiments, mass))
+    thrust = attempt(METHODS[:1], lambda: fit_thrust(experiments, mass), _of_thrust)
+    rotor = attempt(METHODS[1:2], lambda: fit_rotor(experiments, mass), _of_rotor)
     refinement = attempt(
-        "Refinement 2020", lambda: fit_refinement2020(experiments, mass, time_constant=None, law=Law.COMMAND)
+        METHODS[3:5],
+        lambda: fit_refinement2020(experiments, mass, time_constant=None, law=Law.COMMAND),
+        _of_refinement,
     )
     lag = refinement.time_constant if refinement is not None else 0.0
+    given = inertia is not None and arm is not None and mass is not None
     kim = attempt(
-        "Kim 2017",
+        METHODS[2:3],
         lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag, law=Law.COMMAND),
+        lambda model: _of_kim(model, given),
     )
-    sheet = _Sheet(mass, arm)
-    _from_thrust(sheet, thrust, rotor, notes)
-    _from_kim(sheet, kim, inertia is not None and arm is not None and mass is not None, notes)
-    _from_refinement(sheet, refinement, notes)
     records = [experiments] if isinstance(experiments, Experiment) else experiments
-    _from_rigid_body(sheet, rigid_body, shared_air(records))
-    _at_hover(sheet, experiments, rotor, rigid_body)
-    air = thrust.air_sigma if thrust is not None else 0.0
-    disagree = _conclude(sheet, air)
+    for row in () if rigid_body is None else _of_rigid_body(rigid_body, shared_air(records)):
+        sheet.put(*row)
+    _at_hover(sheet, records, rotor, rigid_body)
+    disagree = _conclude(sheet, thrust.air_sigma if thrust is not None else 0.0)
     return PhysicalParameters(
         sheet.table(), thrust, rotor, kim, refinement, rigid_body, () if disagree is None else (disagree,)
     )
+
+
+#: Rows as `_Sheet.put` takes them: parameter, method, value, standard error, and a note.
+_Rows = Iterable[tuple[str, str, float | None, float | None, str]]
 
 
 @dataclass(slots=True)
@@ -180,18 +211,11 @@ class _Sheet:
         }
 
     def _si(self, parameter: str) -> tuple[float, str]:
-        if self.mass is None:
+        if self.mass is None or parameter not in _SI:
             return float("nan"), ""
-        if parameter.endswith("over mass and arm"):
-            return (self.mass * self.arm, "kg m^2") if self.arm is not None else (self.mass, _OVER_ARM)
-        units = {
-            "thrust over mass": "N at full command",
-            "thrust over mass at hover": "N at the command flown on average",
-            "linear drag over mass": "N s/m",
-            "quadratic drag over mass": "N s^2/m^2",
-            "whole drag in still air over mass": "N s^2/m^2",
-        }
-        return (self.mass, units[parameter]) if parameter in units else (float("nan"), "")
+        if not parameter.endswith("over mass and arm"):
+            return self.mass, _SI[parameter]
+        return (self.mass, _OVER_ARM) if self.arm is None else (self.mass * self.arm, _SI[parameter])
 
     def table(self) -> pd.DataFrame:
         order = [(p, m) for p in UNITS for m in (HEADLINE, *METHODS) if (p, m) in self.rows]
@@ -199,71 +223,41 @@ class _Sheet:
         return pd.DataFrame([self.rows[key] for key in order], index=index)
 
 
-def _from_thrust(sheet: _Sheet, thrust: ThrustModel | None, rotor: RotorModel | None, notes: dict[str, str]) -> None:
-    if thrust is None:
-        sheet.put("thrust over mass", "mean thrust", None, note=notes.get("mean thrust", ""))
+def _of_thrust(model: ThrustModel) -> _Rows:
+    yield "thrust over mass", "mean thrust", model.common.per_mass, model.common.sigma, model.common.reason
+
+
+def _of_rotor(model: RotorModel) -> _Rows:
+    value = model.common.per_mass
+    if model.law is Law.COMMAND:
+        yield "thrust over mass", "rotor", value, None, model.common.reason or SHORT_OF_TRUTH
     else:
-        sheet.put("thrust over mass", "mean thrust", thrust.common.per_mass, thrust.common.sigma, thrust.common.reason)
-    if rotor is None:
-        for parameter in ("thrust over mass", "thrust curve", "motor lag"):
-            sheet.put(parameter, "rotor", None, note=notes.get("rotor", ""))
-        return
-    if rotor.law is Law.COMMAND:
-        sheet.put("thrust over mass", "rotor", rotor.common.per_mass, None, rotor.common.reason or SHORT_OF_TRUTH)
-    else:
-        value = rotor.common.per_mass
-        told = "not determined" if value is None else f"{value:.4g} {rotor.law.specific_unit}"
-        sheet.put("thrust over mass", "rotor", None, note=f"thrust goes with rotor speed squared: {told}")
-    sheet.put("thrust curve", "rotor", rotor.expo.value, None, rotor.expo.reason or SHORT_OF_TRUTH)
-    lag = rotor.time_constant
+        told = "not determined" if value is None else f"{value:.4g} {model.law.specific_unit}"
+        yield "thrust over mass", "rotor", None, None, f"thrust goes with rotor speed squared: {told}"
     delays = f"with every delay between log and thrust; {SHORT_OF_TRUTH}"
-    sheet.put("motor lag", "rotor", lag.value, None, lag.reason or delays)
+    yield "thrust curve", "rotor", model.expo.value, None, model.expo.reason or SHORT_OF_TRUTH
+    yield "motor lag", "rotor", model.time_constant.value, None, model.time_constant.reason or delays
 
 
-def _from_kim(sheet: _Sheet, kim: Kim2017Model | None, given: bool, notes: dict[str, str]) -> None:
-    names = ("roll inertia over mass and arm", "pitch inertia over mass and arm")
-    if kim is None:
-        for parameter in ("thrust over mass", *names, "yaw torque over inertia"):
-            sheet.put(parameter, "Kim 2017", None, note=notes.get("Kim 2017", ""))
-        return
-    sheet.put("thrust over mass", "Kim 2017", kim.common.per_mass, kim.common.sigma, kim.common.reason)
-    for name, lever, sigma in zip(names, kim.lever, kim.lever_sigma, strict=True):
-        if not kim.rotation:
-            sheet.put(name, "Kim 2017", None, note=SLOW)
-            continue
-        if given:
-            sheet.put(name, "Kim 2017", 1.0 / lever, None, "as given (pendulum)")
-            continue
-        part = kim.explained["w_x" if name.startswith("roll") else "w_y"]
-        why = unexplained(part, "rate about this axis")
-        if not why and not (lever > 0.0 and sigma < 0.15 * lever):
+def _of_kim(model: Kim2017Model, given: bool) -> _Rows:
+    """Name what Kim 2017 found; inertia is as `given` where a pendulum measured it."""
+    yield "thrust over mass", "Kim 2017", model.common.per_mass, model.common.sigma, model.common.reason
+    for axis, rate, lever, sigma in zip(("roll", "pitch"), ("w_x", "w_y"), model.lever, model.lever_sigma, strict=True):
+        why = (
+            SLOW if not model.rotation else "" if given else unexplained(model.explained[rate], "rate about this axis")
+        )
+        if not why and not given and not (lever > 0.0 and sigma < 0.15 * lever):
             why = "the craft hardly turns about this axis"
-        if why:
-            sheet.put(name, "Kim 2017", None, note=why)
-        else:
-            sheet.put(name, "Kim 2017", 1.0 / lever, sigma / lever**2)
-    sheet.put(
-        "yaw torque over inertia",
-        "Kim 2017",
-        kim.torque_per_inertia,
-        kim.torque_sigma,
-        "" if kim.torque_per_inertia is not None else ("the craft hardly yaws by its motors" if kim.rotation else SLOW),
-    )
+        value, spread = (None, None) if why else (1.0 / lever, None if given else sigma / lever**2)
+        note = "as given (pendulum)" if given and not why else why
+        yield f"{axis} inertia over mass and arm", "Kim 2017", value, spread, note
+    torque, why = model.torque_per_inertia, "the craft hardly yaws by its motors" if model.rotation else SLOW
+    yield "yaw torque over inertia", "Kim 2017", torque, model.torque_sigma, why if torque is None else ""
 
 
-def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: dict[str, str]) -> None:
-    names = {
-        "thrust over mass": "k",
-        "roll inertia over mass and arm": "Jx",
-        "pitch inertia over mass and arm": "Jy",
-        "yaw torque over inertia": "b/Jz",
-        "whole drag in still air over mass": "C",
-    }
+def _of_refinement(model: Refinement2020Model) -> _Rows:
+    names = dict(zip(_GIVEN[METHODS[3]], ("k", "Jx", "Jy", "b/Jz", "C"), strict=True))
     for parameter, name in names.items():
-        if model is None:
-            for method in METHODS[3:5]:
-                sheet.put(parameter, method, None, note=notes.get("Refinement 2020", ""))
-            continue
         # The paper takes roll and pitch inertia to be one.
         mean = model.instants.get("Jx" if name == "Jy" else name)
         if mean is not None:
@@ -272,53 +266,41 @@ def _from_refinement(sheet: _Sheet, model: Refinement2020Model | None, notes: di
                 note += f"; {NOISY}"
             if name in ("Jx", "Jy") and mean.mean is not None:
                 note += "; one value for roll and pitch, as the paper takes them"
-            sheet.put(parameter, METHODS[3], mean.mean, None, note)
+            yield parameter, METHODS[3], mean.mean, None, note
         stacked = model.stacked[name]
-        if name == "C":
-            sheet.put(parameter, METHODS[4], stacked.value, None, stacked.reason or WIND_WITHIN)
-        else:
-            sheet.put(parameter, METHODS[4], stacked.value, stacked.sigma, stacked.reason)
+        sigma, note = (None, WIND_WITHIN) if name == "C" else (stacked.sigma, "")
+        yield parameter, METHODS[4], stacked.value, sigma, stacked.reason or note
 
 
-def _from_rigid_body(sheet: _Sheet, model: RigidBodyModel | None, air: float) -> None:
-    if model is None:
-        return
-    for parameter, name in {
-        "thrust over mass": "thrust",
-        "thrust curve": "thrust_expo",
-        "motor lag": "motor_lag",
-        "yaw torque over inertia": "yaw_gain",
-    }.items():
+def _of_rigid_body(model: RigidBodyModel, air: float) -> _Rows:
+    names = ("thrust", "thrust_expo", "motor_lag", "yaw_gain")
+    for parameter, name in zip(_GIVEN["rigid body"], names, strict=True):
         found = model.parameters[name]
         hidden = f"± {found.assumed:.2g} of it assumed of real air and craft" if found.assumed else ""
-        sheet.put(parameter, "rigid body", found.value, found.sigma, found.reason or hidden)
+        yield parameter, "rigid body", found.value, found.sigma, found.reason or hidden
     thrust = model.parameters["thrust"]
     for axis in ("roll", "pitch"):
-        gain, name = model.parameters[f"{axis}_gain"], f"{axis} inertia over mass and arm"
-        if thrust.value is None or gain.value is None or thrust.sigma is None or gain.sigma is None:
-            sheet.put(name, "rigid body", None, note=gain.reason or thrust.reason)
-            continue
-        relative = thrust_over(f"{axis}_gain", model.parameters, model.covariance, model.estimated, air)
-        sheet.put(name, "rigid body", thrust.value / gain.value, thrust.value / gain.value * relative)
+        gain, over, sigma = model.parameters[f"{axis}_gain"], None, None
+        if thrust.value is not None and gain.value is not None:
+            over = thrust.value / gain.value
+            sigma = over * thrust_over(gain.name, model.parameters, model.covariance, model.estimated, air)
+        yield f"{axis} inertia over mass and arm", "rigid body", over, sigma, gain.reason or thrust.reason
     for law in ("linear", "quadratic"):
         pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]
-        values, sigmas = [each.value for each in pair], [each.sigma for each in pair]
-        if None in values or None in sigmas:
-            sheet.put(f"{law} drag over mass", "rigid body", None, note=pair[0].reason or pair[1].reason)
-            continue
-        weights = np.zeros(len(model.estimated))
-        weights[[model.estimated.index(f"drag_{law}_{axis}") for axis in ("x", "y")]] = 0.5
-        mean = float(np.mean([value for value in values if value is not None]))
-        # Both axes flew in the same air.
-        sigma = float(np.hypot(np.sqrt(weights @ model.covariance @ weights), air * mean))
-        sheet.put(f"{law} drag over mass", "rigid body", mean, sigma)
+        mean, sigma = None, None
+        if all(each.determined for each in pair):
+            weights = np.zeros(len(model.estimated))
+            weights[[model.estimated.index(each.name) for each in pair]] = 0.5
+            mean = 0.5 * sum(each.used for each in pair)
+            # Both axes flew in the same air.
+            sigma = float(np.hypot(np.sqrt(weights @ model.covariance @ weights), air * mean))
+        yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
 
 def _at_hover(
-    sheet: _Sheet, experiments: Experiment | Sequence[Experiment], rotor: RotorModel | None, body: RigidBodyModel | None
+    sheet: _Sheet, records: Sequence[Experiment], rotor: RotorModel | None, body: RigidBodyModel | None
 ) -> None:
     """Put thrust at the command flown on average beside that at full command, to which each method extrapolates."""
-    records = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     vehicle, _ = vehicle_of(records[0])
     commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
     command = float(np.mean(np.concatenate(commands)))

@@ -24,11 +24,10 @@ import scipy
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.filtering import lfilter
 from sysid.records.mixer_curve import known_slope
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.resampling import logged_rate
-from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
+from sysid.records.thrust_curve import REFERENCE_DENSITY
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -220,32 +219,6 @@ def fit_rotation(
     # Gain times slope is what the flight shows.
     per_expo = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), _LEAST_SLOPE)
     return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate, per_expo=per_expo)
-
-
-def run_rates(
-    t: Floats, drive: Floats, rates: Floats, damping: Floats, lead: Floats, lag: float, delay: float, horizon: float
-) -> Floats:
-    """Predict angular rates `horizon` seconds ahead, from measured rates and driving angular accelerations.
-
-    With damping d the difference of two solutions decays as exp(-d t), so that one free run y serves all starts:
-    w(t) = y(t) + exp(-d h) [w(t - h) - y(t - h)].
-
-    Shapes: `t` (N,); `drive` (N, 3); `rates` (N, 3); `damping` (3,); `lead` (3,).
-    """
-    dt = float((t[-1] - t[0]) / (len(t) - 1))
-    steps = min(max(round(horizon / dt), 1), len(t) - 1)
-    out = np.empty_like(rates)
-    for k in range(3):
-        late = lagged(np.interp(t - delay, t, drive[:, k]), lag, dt)
-        late = late + lead[k] * np.gradient(late, dt)
-        # Offsets of moments, such as a centre of gravity to one side, do not turn the craft on average.
-        late = late - late.mean() + damping[k] * rates[:, k].mean()
-        decay = float(np.exp(-damping[k] * dt))
-        free: Floats = np.asarray(lfilter([dt / 2.0, dt / 2.0], [1.0, -decay], late))
-        start = np.maximum(np.arange(len(t)) - steps, 0)
-        held = decay ** (np.arange(len(t)) - start)
-        out[:, k] = free + held * (rates[start, k] - free[start])
-    return out
 
 
 def _moving_mean(values: Floats, size: int) -> Floats:

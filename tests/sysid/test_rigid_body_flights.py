@@ -86,16 +86,6 @@ def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights
         assert parameter.si_value == pytest.approx(over_arm, rel=0.07)
 
 
-def test_rates_of_another_flight_are_predicted_from_the_rate_outputs(flight, model):
-    """Half a second ahead, five times better than holding the rates."""
-    seen = flight("octa07_loiter_sticks")
-    ahead = model("octa09_systemid_mixer").predict_rates(seen, 0.5)
-    rates, steps = seen.context[["rate_x", "rate_y", "rate_z"]].to_numpy(), round(0.5 / seen.dt)
-    missed = np.sqrt(np.mean((ahead - rates)[steps:] ** 2, axis=0))
-    held = np.sqrt(np.mean((rates[steps:] - rates[:-steps]) ** 2, axis=0))
-    assert (missed < 0.2 * held).all()
-
-
 def test_a_mission_without_stick_inputs_says_that_it_does_not_tell_roll_inertia(model):
     """The rate outputs of a calm mission are mostly noise, which would bias the gain by a third."""
     parameter = model("octa01_auto_calm", "octa05_auto_quito").parameters["roll_gain"]
