@@ -20,7 +20,8 @@ from sysid.frequency.response import Floats
 from sysid.frequency.sources import GivenSignals, LogSignals, sources_of
 from sysid.records.filtering import above
 from sysid.statistics.covariance import independent_samples
-from sysid.statistics.residuals import ResidualTest, examine_residuals
+from sysid.statistics.residual_test import ResidualTest
+from sysid.statistics.residuals import examine_residuals
 
 #: Order of the autoregression that whitens the remainder.
 _AUTOREGRESSION = 12

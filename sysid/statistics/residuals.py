@@ -8,8 +8,7 @@ One sample ahead, an error should be news: unrelated to earlier errors, and to a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import chdtrc as chi2_sf
@@ -18,58 +17,13 @@ from scipy.special import ndtri as normal_ppf
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import autocovariance, lagged_information
+from sysid.statistics.residual_test import ResidualTest
 
 #: Probability that a right model stays inside the bands and limits.
 LEVEL = 0.99
 
 #: Lags that are tested, in samples, and the least number of samples for each of them.
 LAGS, SAMPLES_PER_LAG = 25, 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualTest:
-    """Residual tests of one output over one or several records."""
-
-    output: str
-    samples: int
-    lags: int
-    autocorrelation: Floats  #: shape (lags,): At lags 1, 2, ...
-    band: float  #: Each autocorrelation of white residuals is within plus or minus this with probability `LEVEL`.
-    #: Portmanteau statistic (Ljung and Box 1978) and what white residuals exceed with probability ``1 - LEVEL`` only.
-    whiteness: float
-    whiteness_limit: float
-    #: For each input, shape (lags,): of the residual with the input 1, 2, ... samples before it, in units of its
-    #: standard deviation if they were independent, so that the band is +-2.58.
-    crosscorrelation: Mapping[str, Floats]
-    independence: Mapping[str, float]  #: For each input the chi-square statistic over all lags.
-    #: What the largest of them exceeds with probability ``1 - LEVEL`` if the residual is independent of every input.
-    independence_limit: float
-
-    @property
-    def white(self) -> bool:
-        """Whether the residuals pass as white."""
-        return self.whiteness <= self.whiteness_limit
-
-    @property
-    def dependent(self) -> tuple[str, ...]:
-        """Inputs that the residual still depends on, strongest first."""
-        names = [name for name, value in self.independence.items() if value > self.independence_limit]
-        return tuple(sorted(names, key=lambda name: -self.independence[name]))
-
-    @property
-    def sentence(self) -> str:
-        """Report what the tests found."""
-        largest = float(np.max(np.abs(self.autocorrelation)))
-        white = (
-            "errors one sample ahead are white"
-            if self.white
-            else f"errors one sample ahead are not white (autocorrelation up to {largest:.2f}, 99 % band "
-            f"±{self.band:.2f}): earlier errors would improve the prediction"
-        )
-        if not self.dependent:
-            return f"{white}; they are independent of the inputs before them"
-        missed = ", ".join(self.dependent)
-        return f"{white}; inputs before them would improve it ({missed}): the model misses what these say"
 
 
 def examine_residuals(
@@ -126,11 +80,11 @@ def examine_residuals(
         output=output,
         samples=samples,
         lags=lags,
-        autocorrelation=correlation,
+        autocorrelation=tuple(correlation.tolist()),
         band=single / float(np.sqrt(samples)),
         whiteness=whiteness,
         whiteness_limit=float(chi2_isf(lags, 1.0 - LEVEL)),
-        crosscorrelation=deviations,
+        crosscorrelation={name: tuple(values.tolist()) for name, values in deviations.items()},
         independence=statistics,
         independence_limit=limit,
     )

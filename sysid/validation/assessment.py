@@ -14,12 +14,13 @@ from core.summary import Summarised
 from logparse import Finding
 from sysid.records.experiment import MIN_SAMPLES, Experiment, ExperimentError, Floats, horizon_steps, require_alike
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.statistics.residuals import LEVEL, ResidualTest, examine_residuals
+from sysid.statistics.residual_test import ResidualTest
+from sysid.statistics.residuals import examine_residuals
 from sysid.transfer_functions.arx import ArxModel
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
-from sysid.validation.report import DriftBand, ModelRecord, ResidualReport, ValidationReport
+from sysid.validation.report import DriftBand, ModelRecord, ValidationReport
 
 #: How far ahead predictions are compared with the baselines, s.
 HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -122,7 +123,7 @@ class Validation(Summarised):
             model=self.model,
             table=table_rows(self.table),
             horizons=table_rows(self.horizons),
-            residuals={output: _residual_report(test) for output, test in self.residuals.items()},
+            residuals=self.residuals,
             average=self.average,
             verdicts=self.verdicts,
             trusted=self.trusted,
@@ -145,25 +146,6 @@ class Validation(Summarised):
                     sample=tuple(at.tolist()),
                     half_width=tuple(widths[at, column].tolist()),
                 )
-
-
-def _residual_report(test: ResidualTest) -> ResidualReport:
-    return ResidualReport(
-        residual="one-sample-ahead prediction error",
-        samples=test.samples,
-        lags=test.lags,
-        autocorrelation=tuple(test.autocorrelation.tolist()),
-        band=test.band,
-        whiteness=test.whiteness,
-        whiteness_limit=test.whiteness_limit,
-        white=test.white,
-        crosscorrelation={name: tuple(values.tolist()) for name, values in test.crosscorrelation.items()},
-        crosscorrelation_band=float(normal_ppf(0.5 + 0.5 * LEVEL)),
-        independence=test.independence,
-        independence_limit=test.independence_limit,
-        dependent=test.dependent,
-        sentence=test.sentence,
-    )
 
 
 def validate(

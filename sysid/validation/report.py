@@ -6,30 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sysid.rigid_body.model_record import RigidBodyRecord
+from sysid.statistics.residual_test import ResidualTest
 from sysid.transfer_functions.model_record import ClosedLoopRecord, TransferFunctionsRecord
 
 #: A model with its coefficients.
 ModelRecord = TransferFunctionsRecord | ClosedLoopRecord | RigidBodyRecord
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualReport:
-    """Tests of the errors one sample ahead, see `sysid.statistics.residuals.ResidualTest`."""
-
-    residual: str
-    samples: int
-    lags: int
-    autocorrelation: tuple[float | None, ...]
-    band: float | None
-    whiteness: float | None
-    whiteness_limit: float | None
-    white: bool
-    crosscorrelation: Mapping[str, tuple[float | None, ...]]
-    crosscorrelation_band: float
-    independence: Mapping[str, float | None]
-    independence_limit: float | None
-    dependent: tuple[str, ...]
-    sentence: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +32,7 @@ class ValidationReport:
     model: str
     table: tuple[Mapping[str, str | float | bool | None], ...]
     horizons: tuple[Mapping[str, str | float | bool | None], ...]
-    residuals: Mapping[str, ResidualReport]
+    residuals: Mapping[str, ResidualTest]
     average: Mapping[str, float | None]
     verdicts: tuple[str, ...]
     trusted: Mapping[str, bool]

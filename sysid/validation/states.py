@@ -15,7 +15,8 @@ from sysid.records.experiment import Experiment, Floats, horizon_steps, require_
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.six_dof.shooting import state_errors
-from sysid.statistics.residuals import ResidualTest, examine_residuals
+from sysid.statistics.residual_test import ResidualTest
+from sysid.statistics.residuals import examine_residuals
 
 #: Horizons that are judged, s.
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0)

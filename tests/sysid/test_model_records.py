@@ -15,7 +15,6 @@ from sysid import (
     Validation,
 )
 from sysid.rigid_body.six_dof.model import SixDofReport
-from sysid.statistics.residuals import ResidualTest
 from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.model_record import (
     ClosedLoopRecord,
@@ -24,7 +23,7 @@ from sysid.transfer_functions.model_record import (
     FunctionRecord,
     TransferFunctionsRecord,
 )
-from sysid.validation.report import OrdersReport, ResidualReport, ValidationReport
+from sysid.validation.report import OrdersReport, ValidationReport
 
 FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "outputs", "reports": "fits"}
 
@@ -40,7 +39,6 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         (FitReport, FitRecord, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
-        (ResidualTest, ResidualReport, {}, {"output"}),
         (OrderScan, OrdersReport, {"rows": "table"}, {"findings"}),
         (
             SixDofModel,
