@@ -49,7 +49,6 @@ from sysid.rotors.thrust_regression import (
     conditions_of,
     mass_unknown,
     require_all_motors,
-    weak_motors,
 )
 
 #: Ratio of extreme singular values of the scaled sensitivities above which motors are not told apart: there errors of a
@@ -264,7 +263,6 @@ def fit_kim2017(
     ]
     if not rotation:
         findings.append(too_slow("Kim 2017", data[0].source))
-    findings += weak_motors(per_motor, air)
     findings += _remarks(per_motor, torque, rotation, mass, known, bench)
     return Kim2017Model(
         name=f"Kim 2017, output error, thrust by {law}",

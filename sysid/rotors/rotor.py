@@ -40,8 +40,6 @@ from sysid.rotors.thrust_regression import (
     regress,
     require_all_motors,
     require_specific_force,
-    uneven_motors,
-    weak_motors,
 )
 
 #: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
@@ -151,7 +149,6 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
     blocks = bent(thrust_expo) if law is Law.COMMAND else tried[law]
     air = air_sigma_of(records)
     fit = fit_blocks(blocks, motors, air, mass)
-    findings += [*weak_motors(fit.per_motor, air), *uneven_motors(fit.effort)]
     lag = _lag(records, vehicle, voltage, law, thrust_expo)
     if mass is None:
         findings.append(mass_unknown())

@@ -36,7 +36,6 @@ from sysid.rotors.thrust_regression import (
     pressed,
     require_specific_force,
     summed,
-    uneven_motors,
     unlogged_motors,
 )
 
@@ -85,7 +84,6 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
                 {"undetermined": len(undetermined), "condition": condition},
             )
         )
-    findings += uneven_motors(fit.effort)
     if mass is None:
         findings.append(mass_unknown())
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,9 +33,6 @@ AIR_SIGMA = 10.0 / 288.15
 #: the root mean square error for altitudes equally likely from 0 to 2000 m is 18 % over the root of three.
 UNKNOWN_AIR_SIGMA = 0.11
 
-#: A motor whose thrust at the same signal is this much below the mean of all is weak, if by three standard errors.
-WEAK = 0.15
-
 #: Thrust per mass at the same commands that changes by this part within a flight, and so many times its scatter, is
 #: worth a finding; and the shortest time on either side, s. Wind leans craft and changes it by less.
 CHANGED, CHANGED_SIGMAS, CHANGED_SECONDS = 0.12, 6.0, 10.0
@@ -48,9 +45,6 @@ SEPARABLE = 1e4
 
 #: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
 CLIMBING = 0.2
-
-#: A motor that works this much more or less than the mean of all is worth a finding.
-UNEVEN = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,22 +272,6 @@ def judged(value: float, sigma: float, unit: str = "", hint: str = "", reason: s
     return Parameter(None, None, unit, reason) if reason else Parameter(value, sigma, unit)
 
 
-def uneven_motors(effort: Mapping[str, float]) -> list[Finding]:
-    """Name the motors that work harder or less than the others, which shows even where single thrusts do not."""
-    return [
-        Finding(
-            "uneven-motor",
-            Severity.WARNING,
-            f"motor {motor} works {100.0 * abs(part - 1.0):.0f} % {'harder' if part > 1.0 else 'less'} than the mean: "
-            "a weak motor or propeller, an off-centre load, or motors tilted about their arms",
-            "check motor, propeller and centre of gravity",
-            {"motor": motor, "effort": part},
-        )
-        for motor, part in effort.items()
-        if abs(part - 1.0) > UNEVEN
-    ]
-
-
 def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
     """Name the second from which the same commands give another thrust per mass: a load dropped, or taken up.
 
@@ -326,30 +304,6 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
             "analyse the parts before and after by themselves, or fly one load",
             {"time": float(t[k]), "change": change},
         )
-    ]
-
-
-def weak_motors(per_motor: Mapping[str, ThrustCoefficient], air: float) -> list[Finding]:
-    """Name motors that give less thrust than the others at the same signal."""
-    known = {
-        motor: (each.per_mass, float(np.sqrt(max(each.sigma**2 - (air * each.per_mass) ** 2, 0.0))))
-        for motor, each in per_motor.items()
-        if each.per_mass is not None and each.sigma is not None
-    }
-    if len(known) < 3:
-        return []
-    mean = float(np.mean([value for value, _ in known.values()]))
-    return [
-        Finding(
-            "uneven-motor",
-            Severity.WARNING,
-            f"motor {motor} gives {100.0 * (1.0 - value / mean):.0f} % less thrust than the mean motor at the same "
-            "signal",
-            "check propeller and motor",
-            {"motor": motor, "ratio": value / mean},
-        )
-        for motor, (value, sigma) in known.items()
-        if mean - value > max(WEAK * mean, 3.0 * sigma)
     ]
 
 

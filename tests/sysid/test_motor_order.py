@@ -1,4 +1,4 @@
-"""Motor outputs against what the mixer asks for: swapped, rotated, reversed, one of them weak, and in order."""
+"""Motor outputs against what the mixer asks for: swapped, rotated, reversed, and in order."""
 
 from dataclasses import replace
 
@@ -123,30 +123,6 @@ def test_rates_as_slow_as_the_motors_tell_the_order_too(frame):
     assert not check_outputs(slow, vehicle, 0.0, SECONDS)
     for order in orders(frame, 5):
         assert followed(check_outputs(reordered(slow, order), vehicle, 0.0, SECONDS), frame) == order
-
-
-@pytest.mark.parametrize("frame", FRAMES)
-@pytest.mark.parametrize("chirp", [False, True])
-def test_one_uneven_output_is_found_and_its_size(frame, chirp):
-    """An output that gives 10 % less above idle than it should; the curve makes it about 14 % of thrust."""
-    vehicle = craft(frame)
-    tables = flown(vehicle, 7, chirp=chirp)
-    idle = motor_pwm(0.0, vehicle)
-    pwm = tables.motors.assign(m3=idle + 0.9 * (tables.motors["m3"] - idle))
-    (finding,) = check_outputs(replace(tables, motors=pwm), vehicle, 0.0, SECONDS)
-    assert (finding.id, finding.evidence["motor"]) == ("uneven-motor", "m3")
-    assert finding.evidence["share"] == pytest.approx(0.86, abs=0.03)
-
-
-def test_a_mixer_that_asks_otherwise_is_no_uneven_motor():
-    """Two motors that depart as much as each other speak of another mixer, not of one motor (a PX4 log)."""
-    vehicle = craft(QUAD_X)
-    tables = flown(vehicle, 8)
-    idle = motor_pwm(0.0, vehicle)
-    pwm = tables.motors.assign(
-        **{m: idle + part * (tables.motors[m] - idle) for m, part in (("m1", 0.95), ("m4", 1.05))}
-    )
-    assert not check_outputs(replace(tables, motors=pwm), vehicle, 0.0, SECONDS)
 
 
 def test_flights_in_order_raise_nothing():

@@ -1,4 +1,4 @@
-"""Whether motor outputs are those that the mixer asked for: their order, and how evenly they share the work.
+"""Whether motor outputs are in the order in which the mixer asked for them.
 
 The rate controller's outputs through the frame's factors say what each motor should be told; the logged motor outputs,
 through the autopilot's thrust curve, what each was told. Outputs are written ten times a second while the controller
@@ -31,19 +31,14 @@ _FEWEST = 20
 #: How much better another order must explain the outputs, and part of their movement that it must explain: firmware
 #: gives what it is asked for within 0.3 %, and no order but the right one comes near that.
 _BETTER, _EXPLAINED = 4.0, 0.5
-#: Departure of a motor's output from what the mixer asks of it that is a finding, its size in standard errors, and over
-#: the next motor's: two that depart alike speak of another mixer than was thought.
-UNEVEN, UNEVEN_SIGMAS, UNEVEN_ALONE = 0.03, 5.0, 2.0
 #: Largest output of a rate controller in any firmware's scale; beyond are flipped bits.
 _MOST_ASKED = 1e5
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What motors were told and should be told, over the mean of all motors, (n, motors), and how well it fits."""
+    """Which order of the motors explains their outputs best, and how well."""
 
-    told: Floats
-    due: Floats
     best: np.ndarray  #: Motor of the mixer that each output follows best.
     own: Floats  #: What is left of each output's movement in the logged order ...
     found: Floats  #: ... and in the best one.
@@ -51,7 +46,7 @@ class _View:
 
 
 def check_outputs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> tuple[Finding, ...]:
-    """Name outputs that follow what the mixer asks of another motor, or one that gets more or less than it asks.
+    """Name outputs that follow what the mixer asks of another motor.
 
     MissingDataError without frame, a motor's output or the controller's outputs, or when the flight is too short.
     """
@@ -72,7 +67,7 @@ def check_outputs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -
         and np.all(view.own[wrong] > _BETTER * view.found[wrong])
     ):
         return (_order_finding([(names[k], names[view.best[k]]) for k in np.flatnonzero(wrong)], ratio),)
-    return _uneven_finding(names, view) if "thrust" in asked else ()
+    return ()
 
 
 def _asked(tables: Tables, start: float, stop: float) -> pd.DataFrame:
@@ -134,9 +129,7 @@ def _view(told: Floats, outputs: Floats, mean: Floats, factors: Floats) -> _View
     alike = np.array_equal(costs.argmin(axis=1), own)
     best = own if alike else np.asarray(scipy.optimize.linear_sum_assignment(costs)[1])
     found = costs[own, best]
-    return _View(
-        told, due, best, np.diag(costs), found, float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300))
-    )
+    return _View(best, np.diag(costs), found, float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300)))
 
 
 def _scaled(told: Floats, driving: Floats, factors: Floats) -> Floats:
@@ -160,26 +153,4 @@ def _order_finding(wrong: list[tuple[str, str]], ratio: float) -> Finding:
         "better); parameters of single motors, moments and transfer functions from motor outputs mean nothing",
         "check SERVOn_FUNCTION, FRAME_CLASS and FRAME_TYPE, and that the parameters are those of this flight",
         {"motors": ", ".join(name for name, _ in wrong), "follow": ", ".join(other for _, other in wrong)},
-    )
-
-
-def _uneven_finding(names: list[str], view: _View) -> tuple[Finding, ...]:
-    """Name the motor whose output departs most: its departure shifts the mean that others are held to."""
-    level = view.told - view.due
-    parts = np.array_split(level, max(len(level) // max(len(level) // _FEWEST, 1), 2))
-    sigma = np.std([each.mean(axis=0) for each in parts], axis=0, ddof=1) / np.sqrt(len(parts))
-    off = level.mean(axis=0) - np.median(level.mean(axis=0))
-    k = int(np.argmax(np.abs(off)))
-    if abs(off[k]) < max(UNEVEN, UNEVEN_SIGMAS * sigma[k], UNEVEN_ALONE * float(np.max(np.abs(np.delete(off, k))))):
-        return ()
-    return (
-        Finding(
-            "uneven-motor",
-            Severity.WARNING,
-            f"the output of motor {names[k]} is {100.0 * abs(off[k]):.1f} ± {100.0 * sigma[k]:.1g} % "
-            f"{'more' if off[k] > 0.0 else 'less'} than what the mixer asks of it, while the others get what they are "
-            "asked for",
-            "check this output's SERVOn_MIN, SERVOn_MAX and SERVOn_TRIM, its ESC's calibration and its wiring",
-            {"motor": names[k], "share": float(1.0 + off[k]), "sigma": float(sigma[k])},
-        ),
     )
