@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from sysid.transfer_functions.arx import ArxModel, fit_arx
     from sysid.transfer_functions.closed_loop import ClosedLoopModel, fit_closed_loop
     from sysid.transfer_functions.frequency_response import ModelResponse, frequency_response
+    from sysid.transfer_functions.model_record import FitReport
     from sysid.transfer_functions.pem import fit_transfer_functions
     from sysid.transfer_functions.transfer_function import (
-        FitReport,
         TransferFunction,
         TransferFunctionModel,
         poles,

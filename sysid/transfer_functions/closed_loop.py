@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.serialization import plain, recorded, restored
+from core.serialization import plain, restored
 from logparse import Finding, Severity
 from sysid.records.experiment import (
     Experiment,
@@ -39,11 +39,11 @@ from sysid.records.experiment import (
     require_signals,
 )
 from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
-from sysid.transfer_functions.model_record import ClosedLoopRecord, FitRecord
+from sysid.transfer_functions.model_record import ClosedLoopRecord, FitReport
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
 from sysid.transfer_functions.search import Progress
-from sysid.transfer_functions.transfer_function import FitReport, FunctionsModel, TransferFunction
+from sysid.transfer_functions.transfer_function import FunctionsModel, TransferFunction
 
 #: Outputs that share a transfer function, by the last letter of their names.
 _SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
@@ -94,7 +94,7 @@ class ClosedLoopModel(FunctionsModel):
             offset_trust=self.offset_trust,
             following_rms=self.following,
             disturbance={name: value.record() for name, value in self.disturbance.items()},
-            fits={name: recorded(report, FitRecord) for name, report in self.reports.items()},
+            fits=self.reports,
             findings=self.findings,
         )
 
@@ -116,7 +116,7 @@ class ClosedLoopModel(FunctionsModel):
             zeros=record.zeros,
             rate=record.rate_hz,
             disturbance={name: Disturbance.from_record(each) for name, each in record.disturbance.items()},
-            reports={name: restored(plain(fit), FitReport) for name, fit in record.fits.items()},
+            reports=record.fits,
             offset_trust=record.offset_trust,
             following=restored(plain(record.following_rms), Mapping[str, float]),  # type: ignore[type-abstract]
             training=record.training,

@@ -9,7 +9,8 @@ from scipy.special import chdtrc as chi2_sf
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError
-from sysid.transfer_functions.transfer_function import FitReport, TransferFunction
+from sysid.transfer_functions.model_record import FitReport
+from sysid.transfer_functions.transfer_function import TransferFunction
 
 #: An input whose effect has at least this chance of being none, over all inputs, is not seen to act.
 CHANCE = 0.001

@@ -49,20 +49,22 @@ class DisturbanceRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FitRecord:
-    """How the fit of one output went, see `sysid.FitReport`."""
+class FitReport:
+    """How the fit of one output went."""
 
-    rmse: float | None
-    fit_percent: float | None
+    rmse: float  #: Of the training residual, in the output's unit.
+    fit_percent: float  #: ``100 (1 - |residual| / |y - mean y|)`` on the training records.
+    #: Of the search; the same seed on the same data gives the same model.
     iterations: int
     starts: int
     seed: int
-    converged: bool
+    converged: bool  #: False when the time limit or the iteration limit ended the search.
     seconds: float
-    condition: float | None
-    ridge: float | None
-    parameters: int
-    undetermined: int
+    #: Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
+    condition: float
+    ridge: float  #: Regularisation of the numerators relative to the mean energy of their regressors.
+    parameters: int  #: Numerator and denominator coefficients.
+    undetermined: int  #: Of these, how many have a standard deviation above half their value.
 
 
 class FunctionsRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,7 +83,7 @@ class FunctionsRecord(msgspec.Struct, frozen=True, kw_only=True):
     transfer_functions: Mapping[str, Mapping[str, FunctionRecord]]  #: By output and input.
     #: By output.
     disturbance: Mapping[str, DisturbanceRecord]
-    fits: Mapping[str, FitRecord]
+    fits: Mapping[str, FitReport]
     findings: tuple[Finding, ...] = ()  #: In models.json only.
 
 

@@ -11,12 +11,11 @@ import scipy
 from numpy.typing import NDArray
 from scipy.special import chdtri as chi2_isf
 
-from core.serialization import plain, recorded, restored
 from core.summary import Summarised, listed
 from logparse import Finding
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.disturbance import Disturbance
-from sysid.transfer_functions.model_record import FitRecord, FunctionRecord, TransferFunctionsRecord
+from sysid.transfer_functions.model_record import FitReport, FunctionRecord, TransferFunctionsRecord
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 
 #: What has a standard deviation above this part of its value is reported as not determined.
@@ -221,25 +220,6 @@ def run_freely(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitReport:
-    """How the fit of one output went."""
-
-    rmse: float  #: Of the training residual, in the output's unit.
-    fit_percent: float  #: ``100 (1 - |residual| / |y - mean y|)`` on the training records.
-    #: Of the search; the same seed on the same data gives the same model.
-    iterations: int
-    starts: int
-    seed: int
-    converged: bool  #: False when the time limit or the iteration limit ended the search.
-    seconds: float
-    #: Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
-    condition: float
-    ridge: float  #: Regularisation of the numerators relative to the mean energy of their regressors.
-    parameters: int  #: Numerator and denominator coefficients.
-    undetermined: int  #: Of these, how many have a standard deviation above half their value.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class FunctionsModel(Summarised):
     """What models made of transfer functions have in common."""
@@ -375,7 +355,7 @@ class TransferFunctionModel(FunctionsModel):
             },
             disturbance={output: value.record() for output, value in self.disturbance.items()},
             initial_energy=self.initial_energy,
-            fits={output: recorded(report, FitRecord) for output, report in self.reports.items()},
+            fits=self.reports,
             findings=self.findings,
         )
 
@@ -399,7 +379,7 @@ class TransferFunctionModel(FunctionsModel):
             disturbance={output: Disturbance.from_record(each) for output, each in record.disturbance.items()},
             initial_energy=record.initial_energy,
             initial_states={},
-            reports={output: restored(plain(fit), FitReport) for output, fit in record.fits.items()},
+            reports=record.fits,
             training=record.training,
             input_trim=record.input_trim,
         )

@@ -7,7 +7,6 @@ import pytest
 
 from sysid import (
     ClosedLoopModel,
-    FitReport,
     OrderScan,
     SixDofModel,
     TransferFunction,
@@ -19,7 +18,6 @@ from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.model_record import (
     ClosedLoopRecord,
     DisturbanceRecord,
-    FitRecord,
     FunctionRecord,
     TransferFunctionsRecord,
 )
@@ -36,7 +34,6 @@ FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "output
         (ClosedLoopModel, ClosedLoopRecord, FUNCTIONS | {"following": "following_rms"}, set()),
         (TransferFunction, FunctionRecord, {}, set()),
         (Disturbance, DisturbanceRecord, {"memory": "memory_seconds"}, set()),
-        (FitReport, FitRecord, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (OrderScan, OrdersReport, {"rows": "table"}, {"findings"}),
