@@ -137,13 +137,6 @@ def test_settings_that_cannot_be_are_refused(case, changes, message):
         CASES[case].run(changes)
 
 
-def test_options_want_a_name_and_a_value():
-    assert parse_settings(["wind=3", "motor=EMAX RS1108"]) == {"wind": "3", "motor": "EMAX RS1108"}
-    for option in ("wind", "=3", "wind="):
-        with pytest.raises(ParameterError, match="wants name=value"):
-            parse_settings([option])
-
-
 def test_unknown_cases_suggest_those_that_look_alike():
     with pytest.raises(ParameterError, match=r"no case called 'motion-winds' \(did you mean motion-wind"):
         find("motion-winds")

@@ -11,7 +11,7 @@ from simulation import elhesasy2024, fly
 from simulation.fly import Setup
 from simulation.mission import CHIRP_AXES, Chirp, Mission, Wait
 from simulation.place import Place
-from simulation.sensors import Gps, Inertial, Navigation, Sensors
+from simulation.sensors import Inertial, Navigation, Sensors
 
 SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)
 OCTA = elhesasy2024.octocopter()
@@ -41,16 +41,6 @@ def test_bias_drift_is_gauss_markov_from_zero():
     correlation = np.mean(wander[lag:] * wander[:-lag], axis=0) / wander.var(axis=0)
     assert correlation.mean() == pytest.approx(math.exp(-1.0), abs=0.1)
     assert not Inertial().drift(10, 0.05, np.random.RandomState(3)).any()
-
-
-def test_receiver_holds_its_last_place_during_an_outage():
-    rows = Gps(outages=((3.0, 5.0),), lag=0.2).sample(still(10.0), SEA, np.random.RandomState(1))
-    out = ~rows["fix"].to_numpy()
-    assert out.sum() == 10
-    assert rows["t_valid"][out].between(3.0, 5.0 - 1e-9).all()
-    assert rows["lat_deg"][out].nunique() == 1
-    assert (rows.loc[out, ["v_n", "v_e", "v_d"]] == 0.0).all().all()
-    assert rows["lat_deg"][~out].nunique() > 30
 
 
 def test_chirp_sweeps_between_its_frequencies():

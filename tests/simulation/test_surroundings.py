@@ -48,11 +48,3 @@ def test_gusts_have_the_dryden_intensity_and_memory():
     lag = round(length[0] / 4.0 / dt)
     along = gusts[:, 0]
     assert np.mean(along[lag:] * along[:-lag]) / along.var() == pytest.approx(math.exp(-1.0), abs=0.06)
-
-
-def test_intensity_follows_the_standard():
-    """MIL-F-8785C low altitude at 20 ft: sigma_w is a tenth of the wind, sigma_u = sigma_w / 0.177^0.4 nearly."""
-    sigma, length = Wind(speed=10.0, height=6.096).scales()
-    assert sigma[2] == pytest.approx(1.0)
-    assert sigma[0] == pytest.approx(1.0 / (0.177 + 0.01646) ** 0.4, rel=1e-6)
-    assert length[0] == pytest.approx(6.096 / (0.177 + 0.01646) ** 1.2, rel=1e-6)

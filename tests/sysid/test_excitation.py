@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from logparse import Vehicle
-from sysid import Experiment, ExperimentError
+from sysid import Experiment
 from sysid.records.excitation import coherence, examine
 from tests.sysid.simulated import motion
 
@@ -44,11 +44,6 @@ def test_a_motor_at_its_idle_spin_is_saturated():
         finding.evidence["input"]: finding.evidence["limit"] for finding in found if finding.id == "motors-at-limits"
     }
     assert told == {"m2": "lower", "m3": "upper"}
-
-
-def test_commands_that_are_no_pulses_have_no_pulse_limits():
-    vehicle = Vehicle(pwm_min=1000.0, pwm_max=2000.0)
-    assert not examine([record(motion(np.random.default_rng(1), 500), vehicle=vehicle)]).findings
 
 
 def test_a_dead_motor_and_twins_are_named():
@@ -103,17 +98,6 @@ def test_unrelated_signals_exceed_the_threshold_as_seldom_as_it_says(inputs):
         told += [finding.id for finding in found.findings if finding.notable]
     assert np.mean(shares) < 0.02
     assert told.count("output-unexplained") > 20
-
-
-def test_identical_inputs_count_once():
-    one = answered(5, noise=0.2, inputs=1)
-    both = record(np.repeat(one.u, 2, axis=1), one.y[:, 0])
-    np.testing.assert_allclose(coherence([both]).multiple.max(), coherence([one]).multiple.max(), atol=0.03)
-
-
-def test_too_short_records_are_refused_with_the_reason():
-    with pytest.raises(ExperimentError, match="too short to tell their coherence"):
-        coherence([record(motion(np.random.default_rng(6), 120, 8))])
 
 
 def test_an_input_that_rests_beside_its_trim_is_an_input() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from sysid.records.filtering import above, densities, detrended, hann, lfilter, low_pass_taps, welch
+from sysid.records.filtering import above, detrended, hann, lfilter, low_pass_taps, welch
 
 
 @pytest.mark.parametrize(
@@ -47,9 +47,3 @@ def test_slow_movements_are_removed_as_scipy_does(cutoff: float) -> None:
     assert above(signals, cutoff) == pytest.approx(scipy.signal.sosfiltfilt(section, signals, axis=0), abs=1e-7)
     short = signals[:10]
     assert above(short, cutoff) == pytest.approx(scipy.signal.sosfiltfilt(section, short, axis=0), abs=1e-7)
-
-
-def test_densities_of_windows_are_those_of_one_window_each() -> None:
-    windows = np.random.default_rng(1).normal(size=(3, 256))
-    for window, density in zip(windows, densities(windows, 50.0), strict=True):
-        assert density == pytest.approx(welch(window, 50.0, 256)[1])

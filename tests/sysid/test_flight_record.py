@@ -5,7 +5,7 @@ import pytest
 
 from logparse import Geodetic, MissingDataError, Tables
 from sysid import Experiment
-from sysid.records.context import air_density, standard_density
+from sysid.records.context import standard_density
 from sysid.records.resampling import resample
 from tests.sysid import flights
 from tests.sysid.flights import frame
@@ -94,14 +94,6 @@ def test_resampling_removes_what_would_fold_and_keeps_what_is_slow():
     np.testing.assert_allclose(ramp, 3.0 + 0.5 * t, atol=1e-9)
 
 
-def test_missing_samples_are_bridged_and_empty_columns_stay_empty():
-    fine = np.arange(0.0, 5.0, 0.1)
-    values = np.column_stack([np.where((fine > 2.0) & (fine < 2.5), np.nan, fine), np.full_like(fine, np.nan)])
-    result = resample(fine, values, np.arange(0.0, 4.5, 0.1))
-    np.testing.assert_allclose(result[:, 0], np.arange(0.0, 4.5, 0.1), atol=1e-9)
-    assert np.isnan(result[:, 1]).all()
-
-
 def test_a_time_stamp_years_away_costs_neither_memory_nor_accuracy() -> None:
     """A clock of the whole log at the source's rate would have 8,000,000,000 samples here."""
     fine = np.arange(0.0, 20.0, 0.02)
@@ -131,8 +123,3 @@ def test_without_barometer_and_altitude_the_density_is_not_told():
     log, trajectory = made()
     log.tables = Tables(motors=log.tables.motors)
     assert Experiment.from_flight(log, trajectory).context["density"].isna().all()
-
-
-def test_air_density_of_the_standard_atmosphere():
-    """Tabulated values (ICAO doc 7488): sea level, 1000 m and 3000 m."""
-    np.testing.assert_allclose(air_density(np.array([101325.0, 89874.6, 70108.5])), [1.225, 1.1116, 0.9091], rtol=2e-4)

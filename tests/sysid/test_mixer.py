@@ -45,12 +45,6 @@ def test_commands_of_every_frame_come_back(frame_class, frame_type):
         np.testing.assert_allclose(found[name], values, atol=1e-12)
 
 
-def test_a_straight_thrust_curve_is_a_straight_line():
-    vehicle = craft("quad", "plus", thrust_expo=0.0)
-    wanted, motors = mixed(vehicle)
-    np.testing.assert_allclose(project(motors, vehicle, None)["thrust"], wanted["thrust"], atol=1e-12)
-
-
 def test_a_sagging_battery_is_no_thrust():
     """The autopilot raises PWM by the inverse of the voltage (MOT_BAT_VOLT_MAX), so that thrust stays."""
     vehicle = craft("octa", "x", battery_voltage_max=25.2, battery_voltage_min=19.8)

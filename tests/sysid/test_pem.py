@@ -1,11 +1,8 @@
 """Transfer functions from simulated records: the truth within the model's own uncertainty, and bad input."""
 
-import json
-
 import numpy as np
 import pytest
 
-from core.serialization import as_json
 from logparse import RotoridError
 from sysid import Experiment, ExperimentError, fit_transfer_functions
 from tests.sysid.simulated import TRUE, motion, simulated_record
@@ -130,15 +127,3 @@ def test_a_time_limit_is_kept_and_said():
     model = fit_transfer_functions([record], 5, 3, time_limit=0.01)
     assert "fit-not-converged" in {finding.id for finding in model.findings}
     assert all(np.all(f.poles.real < 0.0) for row in model.transfer_functions.values() for f in row.values())
-
-
-def test_progress_and_json():
-    seen = []
-    record = simulated_record(13, samples=200)
-    model = fit_transfer_functions([record], 2, 1, progress=lambda stage, fraction: seen.append((stage, fraction)))
-    assert seen[0] == ("fitting y1", 0.0)
-    assert seen[-1][1] == 1.0
-    text = as_json(model.record())
-    read = json.loads(text)
-    assert read["transfer_functions"]["y1"]["u2"]["den"][0] == 1.0
-    assert len(read["transfer_functions"]["y1"]["u2"]["poles"]) == 2

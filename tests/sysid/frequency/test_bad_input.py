@@ -145,18 +145,6 @@ def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
     assert done.output.count("the yaw target hardly moved, nothing was asked") == 1
 
 
-def test_a_controller_that_starts_anew_within_a_chirp_costs_little(tmp_path: Path) -> None:
-    run = run_axis(PLANT, GAINS, CHIRP, 4)
-    outputs = run.output.copy()
-    rng = np.random.default_rng(1)
-    for k in rng.integers(2000, 15000, 6):  # the integrator is set to zero, and winds up again
-        outputs[k : k + 200] -= 0.1 * np.exp(-np.arange(200) / 60.0)
-    frf = frequency.response(logged(tmp_path, replace(run, output=outputs)), "roll")
-    assert worst(frf) < 1.0
-    gain = frequency.fit(frf).parameters["gain"]
-    assert abs(gain.value - 300.0) < max(3.0 * gain.sigma, 15.0)
-
-
 def test_rows_in_which_the_command_folds_judge_no_model(tmp_path: Path) -> None:
     # The gain is right, by the instrument; a prediction from aliases is wrong whatever the model is.
     sticks = Excitation(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
