@@ -23,13 +23,12 @@ from api.app import create_app
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.registry import Crafts
 from api.crafts.reviews import Reviews
-from api.machine.library import Library
+from api.machine.tools import Tools
 from api.settings import Access, Settings
 from api.store import backup as backups
 from api.store.database import Database, NewerDatabaseError
 from api.store.objects import Objects
-from api.web.connections import PatientProtocol
-from api.web.middleware import LOOPBACK
+from api.web.middleware import LOOPBACK, PatientProtocol
 from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
 from pipeline.errors import ConfigError
@@ -165,26 +164,25 @@ def open_tokens() -> Iterator[Tokens]:
 
 
 @contextmanager
-def open_library(owner: str) -> Iterator[Library]:
-    """Open what one owner has in the service that the environment describes, to be read only."""
+def open_service(owner: str) -> Iterator[Tools]:
+    """Open what one owner has in the service that the environment describes, to be asked only."""
     settings = _settings()
     with _opened(settings) as database:
-        yield Library(database, Objects(settings.storage_url), owner, _ask, settings.out)
+        yield Tools(database, Objects(settings.storage_url), owner, _ask, settings.out)
 
 
 @contextmanager
-def open_folder(folder: Path) -> Iterator[Library]:
+def open_folder(folder: Path) -> Iterator[Tools]:
     """Open what `rotorid analyze` wrote into a folder, by way of a database that is gone afterwards."""
     with TemporaryDirectory(prefix="rotorid-") as scratch:
         settings = Settings(data=Path(scratch), out=folder)
         with _opened(settings) as database:
             found = FolderFlights(database, folder)
             reviews = Reviews(database, Crafts(database), _ask, lambda: None, found.look)
-            library = Library(database, Objects(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
-            library.refresh()
-            if not library.crafts():
+            tools = Tools(database, Objects(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
+            if not tools.list_craft().craft:
                 raise ConfigError(f"{folder} holds no flights of this version of rotorid; analyze the logs again")
-            yield library
+            yield tools
 
 
 def _ask(question: str, *arguments: object) -> Any:

@@ -1,13 +1,16 @@
-"""What programs and assistants can ask: numbers with unit, error and provenance, and nothing that changes anything.
+"""What programs and assistants can ask of one owner's flights and craft, of the service or of a folder.
 
-The same questions are asked over HTTP (`api.routes.questions`) and over MCP (`api.machine.mcp_server`).
+Numbers come with unit, error and provenance, and nothing changes anything. The same questions are asked over HTTP
+(`api.routes.questions`) and over MCP (`api.machine.mcp_server`).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 from fastapi import Query
+from sqlalchemy import func, select
 
 from api.machine.answers import (
     NOT_DETERMINED,
@@ -15,14 +18,22 @@ from api.machine.answers import (
     Changes,
     ComparedFlights,
     CraftList,
+    CraftRef,
     Events,
     FlightList,
+    FlightRef,
     LoopMargins,
     NextFlights,
     Parameters,
     Predictions,
 )
-from api.machine.library import Library
+from api.store.database import Database
+from api.store.ids import is_id
+from api.store.objects import Objects
+from api.store.records import AnalysisRecord, CraftRecord, FlightRecord
+from core.serialization import restored
+from pipeline.errors import ConfigError
+from pipeline.results.craft_review import CraftReview
 from pipeline.results.report import FlightReport
 from reports.numbers.quantities import (
     answers_of,
@@ -32,6 +43,7 @@ from reports.numbers.quantities import (
     parameters_of,
     predictions_of,
 )
+from reports.numbers.reading import parse_report
 
 #: Most items of one answer.
 MOST = 1000
@@ -54,21 +66,50 @@ class UnclearError(UnknownError):
 
 @dataclass(frozen=True, slots=True)
 class Tools:
-    """The questions, asked of a library."""
+    """The questions, asked of what one owner has."""
 
-    library: Library
+    database: Database
+    objects: Objects
+    owner: str
+    ask: Callable[..., Any]  #: Answers functions of `api.machine.questions`.
+    folder: Path | None = None  #: What `rotorid analyze` wrote, whose flights are shown.
+    refresh: Callable[[], None] = lambda: None  #: Brings what is new in that folder.
 
     def list_flights(self, craft: CraftName = "", text: Part = "", limit: Most = 100) -> FlightList:
         """List flights, the newest first: id, name, craft, take-off (UTC), and what happened in them."""
-        self.library.refresh()
-        chosen = self._craft(craft) if craft else ""
-        found, total = self.library.flights(chosen, text, min(max(limit, 1), MOST))
+        self.refresh()
+        chosen = [FlightRecord.owner == self.owner]
+        if craft:
+            chosen.append(FlightRecord.craft_id == self._craft(craft))
+        if text:
+            chosen.append(FlightRecord.name.icontains(text.replace("\0", ""), autoescape=True))
+        columns = (FlightRecord.id, FlightRecord.name, FlightRecord.craft_id, FlightRecord.start, FlightRecord.answers)
+        with self.database.read() as session:
+            total = session.scalar(select(func.count()).select_from(FlightRecord).where(*chosen)) or 0
+            rows = session.execute(
+                select(*columns, CraftRecord.name, CraftRecord.kind)
+                .join(CraftRecord, CraftRecord.id == FlightRecord.craft_id)
+                .where(*chosen)
+                .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc(), FlightRecord.id)
+                .limit(min(max(limit, 1), MOST))
+            ).all()
+        found = [
+            FlightRef(
+                id=flight,
+                name=name,
+                craft=craft_id,
+                craft_name=own or kind,
+                start_utc=None if start is None else start.isoformat(),
+                happened=next((x["word"] for x in answers if x["purpose"] == "Happened"), NOT_DETERMINED),
+            )
+            for flight, name, craft_id, start, answers, own, kind in rows
+        ]
         return FlightList(found, total)
 
     def list_craft(self) -> CraftList:
         """List craft: id, name, kind, and how many flights each has."""
-        self.library.refresh()
-        return CraftList(list(self.library.crafts()))
+        self.refresh()
+        return CraftList(self._crafts())
 
     def get_answers(self, flight: Flight) -> Answers:
         """Get the first screen of a flight: what happened, the state of the craft, loops, parameters, models."""
@@ -76,14 +117,11 @@ class Tools:
 
     def get_parameters(self, flight: Flight = "", craft: CraftName = "") -> Parameters:
         """Get physical parameters by every method: of one flight, or of a craft over its flights (name one of both)."""
-        if craft and not flight:
-            review = self.library.review(self._craft(craft))
-            if review is None:
-                raise UnknownError(f"{craft} has not been looked at yet")
-            return Parameters(craft_parameters(review))
-        if not flight:
+        if flight:
+            return Parameters(parameters_of(self._report(flight)))
+        if not craft:
             raise UnclearError("name a flight or a craft")
-        return Parameters(parameters_of(self._report(flight)))
+        return Parameters(craft_parameters(self._review(craft)))
 
     def get_margins(self, flight: Flight) -> LoopMargins:
         """Get gain and phase margins, crossover, disturbance rejection and peaks of each axis, and bandwidths."""
@@ -99,9 +137,7 @@ class Tools:
 
     def get_changes(self, craft: CraftName) -> Changes:
         """Get what changes over the flights of a craft: slopes and steps of each parameter, motors, what is strange."""
-        review = self.library.review(self._craft(craft))
-        if review is None:
-            raise UnknownError(f"{craft} has not been looked at yet")
+        review = self._review(craft)
         drift = review.drift
         return Changes(
             flights=review.flights,
@@ -115,10 +151,11 @@ class Tools:
 
     def compare(self, before: Flight, after: Flight) -> ComparedFlights:
         """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
-        rows = self.library.compare(self._flight(before), self._flight(after))
-        if rows is None:
+        flights = (self._flight(before), self._flight(after))
+        older, newer = (self._content(each) for each in flights)
+        if older is None or newer is None:
             raise UnknownError(f"{before} and {after} cannot be compared")
-        return ComparedFlights(rows or NOT_DETERMINED)
+        return ComparedFlights(self.ask("compare_numbers", older, newer, flights) or NOT_DETERMINED)
 
     def what_to_fly(self, flight: Flight) -> NextFlights:
         """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
@@ -139,27 +176,72 @@ class Tools:
             self.what_to_fly,
         )
 
-    def _report(self, flight: str) -> FlightReport:
-        report = self.library.report(self._flight(flight))
-        if report is None:
-            raise UnknownError(f"{flight} has no report of this version; analyse its log again")
-        return report
-
-    def _flight(self, name: str) -> str:
-        """Find a flight by its id or its name."""
-        self.library.refresh()
-        found = self.library.flight(name)
-        if found is None:
-            raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
-        return found
+    def _crafts(self) -> Sequence[CraftRef]:
+        columns = (CraftRecord.id, CraftRecord.name, CraftRecord.kind)  # the reviews of large craft are megabytes
+        with self.database.read() as session:
+            rows = session.execute(
+                select(*columns, func.count(FlightRecord.id))
+                .outerjoin(FlightRecord, FlightRecord.craft_id == CraftRecord.id)
+                .where(CraftRecord.owner == self.owner)
+                .group_by(*columns, CraftRecord.created)
+                .order_by(CraftRecord.created)
+            ).all()
+        return [CraftRef(id=craft, name=name or kind, kind=kind, flights=count) for craft, name, kind, count in rows]
 
     def _craft(self, name: str) -> str:
         """Find a craft by its id or its name, which must not mean several."""
-        self.library.refresh()
-        crafts = self.library.crafts()
+        self.refresh()
+        crafts = self._crafts()
         found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
         if len(found) > 1:
             raise UnclearError(f"several craft are called {name!r}; see list_craft")
         if not found:
             raise UnknownError(f"no craft is called {name!r}; see list_craft")
         return found[0]
+
+    def _review(self, craft: str) -> CraftReview:
+        """Read what the flights of a craft say together."""
+        craft_id = self._craft(craft)
+        with self.database.read() as session:
+            found = session.scalar(select(CraftRecord.review).where(CraftRecord.id == craft_id))
+        if found is None:
+            raise UnknownError(f"{craft} has not been looked at yet")
+        return restored(found, CraftReview)
+
+    def _flight(self, name: str) -> str:
+        """Find a flight by its id or its name."""
+        self.refresh()
+        mine = select(FlightRecord.id).where(FlightRecord.owner == self.owner)
+        with self.database.read() as session:
+            found = session.scalar(mine.where(FlightRecord.id == name)) if is_id(name) else None
+            if found is None and "\0" not in name:  # which PostgreSQL does not take
+                found = session.scalar(mine.where(FlightRecord.name == name))
+        if found is None:
+            raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
+        return found
+
+    def _report(self, flight: str) -> FlightReport:
+        content = self._content(self._flight(flight))
+        try:
+            report = None if content is None else parse_report(content)
+        except ConfigError:
+            report = None
+        if not isinstance(report, FlightReport):
+            raise UnknownError(f"{flight} has no report of this version; analyse its log again")
+        return report
+
+    def _content(self, flight: str) -> bytes | None:
+        """Read the report.json of a flight: of its log's analysis, or in its folder below that of several logs."""
+        with self.database.read() as session:
+            found = session.get_one(FlightRecord, flight)
+            analysis = None if found.analysis_id is None else session.get(AnalysisRecord, found.analysis_id)
+        try:
+            if found.analysis_id is None:
+                return None if self.folder is None else (self.folder / found.folder / "report.json").read_bytes()
+            names = (f"flights/{found.folder}/report.json", "report.json")
+            name = next((each for each in names if analysis is not None and each in analysis.files), None)
+            if analysis is None or analysis.results is None or name is None:
+                return None
+            return self.objects.read(f"analyses/{analysis.id}/{analysis.results}/{name}")
+        except FileNotFoundError:  # deleted at this moment
+            return None

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends
 
 from api import problems
-from api.machine.library import Library
 from api.machine.tools import Tools, UnclearError, UnknownError
 from api.problems import ProblemError
 from api.web.dependencies import Owner, PartsOf
@@ -30,7 +29,7 @@ _QUESTIONS: dict[Callable[..., object], tuple[str, str]] = {
 
 
 def _tools(parts: PartsOf, owner: Owner) -> Tools:
-    return Tools(Library(parts.database, parts.objects, owner, parts.desk.ask, parts.folder.folder))
+    return Tools(parts.database, parts.objects, owner, parts.desk.ask, parts.folder.folder)
 
 
 def _endpoint(question: Callable[..., object]) -> Callable[..., object]:

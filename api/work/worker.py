@@ -7,10 +7,11 @@ import resource
 import signal
 import tempfile
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from itertools import groupby, islice
 from multiprocessing.connection import Connection
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -23,17 +24,17 @@ from api.problems import Problem
 from api.settings import LogFormat, in_words
 from api.work import confinement
 from api.work.outcome import write_flights
-from api.work.proposals import propose, propose_of_crafts
 from core.lazy import lazy
 from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
 from pipeline.execution.stages import overall
+from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.report import FleetReport
-from pipeline.storage.manifest import MANIFEST
+from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
 
 if TYPE_CHECKING:
@@ -47,16 +48,22 @@ if TYPE_CHECKING:
     from pipeline.storage import store as store_of
     from reports.files import fleet as reports_fleet
     from reports.files import folder as reports_folder
+    from sysid import loops as sysid_loops
+    from sysid.loops import Tuning
 else:
     sysid, store_of = lazy("sysid"), lazy("pipeline.storage.store")
     dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.files.folder")
     fleet_crafts, flight_summary = lazy("pipeline.fleet.crafts"), lazy("pipeline.flight.summary")
     reports_fleet, kinds = lazy("reports.files.fleet"), lazy("pipeline.flight.kinds")
+    sysid_loops = lazy("sysid.loops")
 
 _log = logging.getLogger("rotorid.api")
 
 #: Folder of the only flight of an analysis below the parts of its experiments.
 _FLIGHT = "flight"
+
+#: Flights with chirps that gains of a craft are proposed from, the newest first: each is held in memory.
+_MOST = 4
 
 #: Settings of joint fits that are the service's own.
 _OURS = ("flights",)
@@ -161,7 +168,7 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     try:
         dataset.write_tables(result, task.folder / "tables")
         _hand_over(result, name, task.folder)
-        propose(log, task.folder)
+        _propose(log, task.folder)
     except Exception:  # must not cost the report
         _log.exception("the tables of %s cannot be written", name)
 
@@ -198,12 +205,61 @@ def _analyze_several(task: Task, progress: Progress) -> None:
     (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
     write_flights((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
     try:
-        propose_of_crafts(fleet.flights, task.folder)
+        _propose_of_crafts(fleet.flights, task.folder)
     except Exception:  # must not cost the report
         _log.exception("what gains to propose cannot be found out")
     # What serves a second run names the places of the logs on this server, and there is none.
     for file in (*task.folder.rglob(ENTRY), task.folder / MANIFEST, task.folder / LOCK):
         file.unlink(missing_ok=True)
+
+
+def _propose(log: "FlightLog", folder: Path) -> None:
+    """Write what one log supports."""
+    try:
+        _write_gains(sysid_loops.tune(log), folder)
+    except RotoridError as error:
+        _log.debug("no gains are proposed: %s", error)
+
+
+def _propose_of_crafts(flights: Sequence[FlightEntry], folder: Path) -> None:
+    """Write what the flights of each craft support beside the newest of those that it was computed from.
+
+    It comes from all flights with chirps together; where they contradict each other, as by other settings, from the
+    newest that supports some alone.
+    """
+    for _, own in groupby(sorted(flights, key=lambda entry: entry.craft), key=lambda entry: entry.craft):
+        known = list(islice(_with_chirps(sorted(own, key=_started, reverse=True)), _MOST))
+        found = [(entry, alone) for entry, _, alone in known]
+        if len(known) > 1:
+            found.insert(0, (known[0][0], sysid_loops.tune([log for _, log, _ in known])))
+        for entry, tuning in found:
+            if tuning.refused is None:
+                _write_gains(tuning, folder / FLIGHTS / entry.folder)
+                break
+
+
+def _started(flight: FlightEntry) -> float:
+    """Return when a flight began, s since 1970; of a clock that was not set long ago."""
+    start = took_off(flight)
+    return float("-inf") if start is None else start.timestamp()
+
+
+def _with_chirps(flights: Sequence[FlightEntry]) -> "Iterator[tuple[FlightEntry, FlightLog, Tuning]]":
+    """Yield the flights in which a loop was identified, with what each supports alone."""
+    for entry in flights:
+        try:
+            log = logparse.read_flights(entry.source)[entry.number - 1]
+            alone = sysid_loops.tune(log)
+        except RotoridError as error:
+            _log.debug("no gains from %s: %s", entry.name, error)
+            continue
+        if any(axis.loop is not None for axis in alone.axes):
+            yield entry, log, alone
+
+
+def _write_gains(tuning: "Tuning", folder: Path) -> None:
+    (folder / "proposed.param").write_text(tuning.proposed_file(), encoding="utf-8")
+    (folder / "rollback.param").write_text(tuning.rollback_file(), encoding="utf-8")
 
 
 def _join(task: Task, progress: Progress) -> None:

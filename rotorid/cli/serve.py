@@ -147,13 +147,12 @@ def mcp(
     Example: rotorid mcp out
     """
     from api.machine.mcp_server import server_of
-    from api.machine.tools import Tools
-    from api.server import open_folder, open_library
+    from api.server import open_folder, open_service
     from pipeline.errors import ConfigError
 
     try:
-        with open_library(owner) if folder is None else open_folder(folder) as library:
-            server_of(Tools(library)).run()
+        with open_service(owner) if folder is None else open_folder(folder) as tools:
+            server_of(tools).run()
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("mcp", "mcp_types"):
             raise

@@ -207,7 +207,7 @@ def test_a_bomb_is_refused_before_it_fills_the_disk(
 
 @pytest.fixture
 def impatient_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
-    monkeypatch.setattr("api.web.connections.PATIENCE", 1.0)
+    monkeypatch.setattr("api.web.middleware.PATIENCE", 1.0)
     settings = Settings(data=tmp_path, upload_stall=1.0, workers=1)
     with served(settings) as client:
         yield client

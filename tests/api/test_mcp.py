@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from api import Settings, create_app
-from api.machine.tools import Tools, UnknownError
+from api.machine.tools import UnknownError
 from api.server import open_folder
 from api.work.craft_flights import keep
 from api.work.outcome import Flown
@@ -176,8 +176,7 @@ def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
         (tmp_path / "manifest.json").write_text(f"{name} {word}")
 
     write("first", "yes")
-    with open_folder(tmp_path) as library:
-        tools = Tools(library)
+    with open_folder(tmp_path) as tools:
         assert [each.happened for each in tools.list_flights().flights] == ["yes"]
         write("first", "mostly")
         write("second", "no")

@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import timedelta
 from types import SimpleNamespace
 
-from api.work import proposals
+from api.work import worker
 from api.work.worker import Task, analyze_logs
 from logparse import LogError
 from pipeline.fleet import job, joint
@@ -66,7 +66,7 @@ def test_gains_come_from_all_flights_with_chirps_or_the_newest_that_supports_som
         ]
         for entry in entries:
             (tmp_path / "flights" / entry.folder).mkdir(parents=True, exist_ok=True)
-        proposals.propose_of_crafts(entries, tmp_path)
+        worker._propose_of_crafts(entries, tmp_path)
         files = list(tmp_path.rglob("proposed.param"))
         found = {file.parent.name: file.read_text("utf-8") for file in files}
         for file in files:
