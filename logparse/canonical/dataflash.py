@@ -85,7 +85,7 @@ def build(
         ekf=ekf,
         truth=control.truth(messages),
         rangefinder=dataflash_sensors.rangefinder(messages, remarks),
-        modes=dataflash_events.modes(messages),
+        modes=dataflash_events.modes(messages, vehicle.firmware),
         events=dataflash_events.events(messages),
         further={name: tables for name, tables in further.items() if tables} | batches(messages),
         parameters=parameters,

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 
 from core.units import numbers
-from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, copter_mode
+from logparse.canonical.modes import COPTER_EVENTS, COPTER_SUBSYSTEMS, ardupilot_mode
 from logparse.canonical.series import distinct
 
 Messages = Mapping[str, pd.DataFrame]
 
 
-def modes(messages: Messages) -> pd.DataFrame | None:
+def modes(messages: Messages, firmware: str | None) -> pd.DataFrame | None:
     """Flight modes from MODE; one row for each change."""
     if "MODE" not in messages or not len(messages["MODE"]):
         return None
@@ -21,13 +21,13 @@ def modes(messages: Messages) -> pd.DataFrame | None:
     if column is None:
         return None
     values = frame[column]
-    return mode_table(frame.index.to_numpy(), (_mode_name(value) for value in values))
+    return mode_table(frame.index.to_numpy(), (_mode_name(value, firmware) for value in values))
 
 
-def _mode_name(value: object) -> str:
+def _mode_name(value: object, firmware: str | None) -> str:
     """Mode by number; text logs of 3.1 have the name instead."""
     try:
-        return copter_mode(int(float(str(value))))
+        return ardupilot_mode(int(float(str(value))), firmware)
     except (ValueError, OverflowError):
         return str(value).strip().upper().replace(" ", "_")
 

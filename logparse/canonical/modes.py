@@ -37,6 +37,38 @@ COPTER_MODES: Mapping[int, str] = MappingProxyType(
     }
 )
 
+#: Flight modes of ArduPlane, whose numbers are not those of ArduCopter.
+PLANE_MODES: Mapping[int, str] = MappingProxyType(
+    {
+        0: "MANUAL",
+        1: "CIRCLE",
+        2: "STABILIZE",
+        3: "TRAINING",
+        4: "ACRO",
+        5: "FBWA",
+        6: "FBWB",
+        7: "CRUISE",
+        8: "AUTOTUNE",
+        10: "AUTO",
+        11: "RTL",
+        12: "LOITER",
+        13: "TAKEOFF",
+        14: "AVOID_ADSB",
+        15: "GUIDED",
+        16: "INITIALISING",
+        17: "QSTABILIZE",
+        18: "QHOVER",
+        19: "QLOITER",
+        20: "QLAND",
+        21: "QRTL",
+        22: "QAUTOTUNE",
+        23: "QACRO",
+        24: "THERMAL",
+        25: "LOITER_ALT_QLAND",
+        26: "AUTOLAND",
+    }
+)
+
 #: nav_state of PX4's vehicle_status.
 PX4_MODES: Mapping[int, str] = MappingProxyType(
     {
@@ -155,9 +187,9 @@ COPTER_SUBSYSTEMS: Mapping[int, str] = MappingProxyType(
 )
 
 
-def copter_mode(number: int) -> str:
-    """Name of an ArduCopter mode; its number where it has none here."""
-    return COPTER_MODES.get(number, f"MODE_{number}")
+def ardupilot_mode(number: int, firmware: str | None) -> str:
+    """Name of a mode of ArduPlane, or else of ArduCopter; its number where it has none here."""
+    return (PLANE_MODES if firmware == "ArduPlane" else COPTER_MODES).get(number, f"MODE_{number}")
 
 
 def px4_custom_mode(custom_mode: int) -> str:

@@ -23,7 +23,7 @@ from logparse.canonical.dataflash_sensors import (
     unmapped,
 )
 from logparse.canonical.instances import pick
-from logparse.canonical.modes import copter_mode, px4_custom_mode
+from logparse.canonical.modes import ardupilot_mode, px4_custom_mode
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, euler_angles, frozen, join, series, with_attitude, wrap
 from logparse.craft.frames import Motor, Vehicle
@@ -93,7 +93,7 @@ def build(
         rates=_rates(sender),
         ekf=ekf,
         rangefinder=_rangefinder(sender),
-        modes=_modes(sender),
+        modes=_modes(sender, vehicle.firmware),
         events=_events(sender),
         further={name: tables for name, tables in further.items() if tables},
         parameters=parameters,
@@ -434,13 +434,15 @@ def _rangefinder(sender: Sender) -> pd.DataFrame | None:
     return None
 
 
-def _modes(sender: Sender) -> pd.DataFrame | None:
+def _modes(sender: Sender, firmware: str | None) -> pd.DataFrame | None:
     """Flight modes of HEARTBEAT; one row for each change."""
     if "HEARTBEAT" not in sender:
         return None
     frame = sender.get("HEARTBEAT")
-    name = px4_custom_mode if int(frame["autopilot"].iloc[0]) == 12 else copter_mode
-    return mode_table(frame.index.to_numpy(), (name(int(value)) for value in frame["custom_mode"]))
+    px4 = int(frame["autopilot"].iloc[0]) == 12
+    numbered = (int(value) for value in frame["custom_mode"])
+    names = (px4_custom_mode(each) if px4 else ardupilot_mode(each, firmware) for each in numbered)
+    return mode_table(frame.index.to_numpy(), names)
 
 
 def _events(sender: Sender) -> pd.DataFrame | None:

@@ -31,8 +31,8 @@ class Advice:
 
 def names_of(flights: Sequence[FlightEntry], total: int) -> str:
     """Name flights in a sentence; all of several are not listed."""
-    if len(flights) == total > 1:
-        return f"all {total} flights"
+    if len(flights) == total:
+        return f"all {total} flights" if total > 1 else "this flight"
     names = [flight.name for flight in flights[:_MOST_NAMED]]
     more = len(flights) - len(names)
     return ", ".join(names) + (f" and {more} more" if more else "")

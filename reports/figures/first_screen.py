@@ -23,7 +23,7 @@ from reports.figures.figure import (
 from reports.figures.flight import altitude, mode_bands, track
 from reports.figures.signals import signal_figure
 
-_HEIGHT = 270
+_HEIGHT, _ALONE = 270, 420
 _SIDE_HEIGHT = 330
 #: Width of a letter above a plot, as a part of the plot's width.
 _LETTER = 0.012
@@ -44,7 +44,7 @@ def first_figures(result: FlightResult) -> list[Figure]:
     """Draw where it flew and what matters most; each is left out where nothing is known of it."""
     beside = track(result)
     figures = [] if beside is None else [_map(beside)]
-    matters = _matters(result)
+    matters = _matters(result, _ALONE if beside is None else _HEIGHT)
     return figures if matters is None else [*figures, matters]
 
 
@@ -54,8 +54,9 @@ def _map(figure: Figure) -> Figure:
     # A flight that ends near where it began must not write one over the other: the northern one has its name above.
     ends = sorted((each for each in figure.data if each["name"] in ("start", "end")), key=lambda each: each["y"][0])
     places = {each["name"]: place for each, place in zip(ends, ("bottom right", "top right"), strict=False)}
+    named = {"mode": "markers+text", "cliponaxis": False}
     data = [
-        each | {"mode": "markers+text", "textposition": places[name], "text": [name]} if name in places else each
+        each | named | {"textposition": places[name], "text": [name]} if name in places else each
         for each in figure.data
         for name in (each["name"],)
     ]
@@ -63,7 +64,7 @@ def _map(figure: Figure) -> Figure:
     return replace(figure, height=_SIDE_HEIGHT, caption=caption, data=data, layout=layout)
 
 
-def _matters(result: FlightResult) -> Figure | None:
+def _matters(result: FlightResult, height: int) -> Figure | None:
     answer = present(result.answer)
     picture = Picture.ALTITUDE if answer is None else answer.picture
     around = None if answer is None else answer.around
@@ -85,7 +86,7 @@ def _matters(result: FlightResult) -> Figure | None:
     return replace(
         drawn,
         id=f"first-{picture}",
-        height=_HEIGHT,
+        height=height,
         layout=layout,
         caption=_CAPTIONS[picture],
         time=drawn.time and around is None,

@@ -168,14 +168,14 @@ def motors(result: FlightResult) -> Figure | None:
     used = inside[np.isfinite(inside)]
     if used.size == 0:
         return None
-    low, high = (float(v) for v in np.percentile(used, [0.5, 99.5]))
+    low, high = float(used.min()), float(used.max())
     pad = max(0.15 * (high - low), 10.0)
     axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
     plot = Plot(*[axis] * count, x=time_axis(span))
     modes = mode_bands(result)
     plot.shapes, plot.notes = modes["shapes"], modes["annotations"]
     signals = present(result.signals)
-    limits = () if signals is None else signals.motor_limits.values()
+    limits = [] if signals is None else [v for v in signals.motor_limits.values() if low - pad < v < high + pad]
     for number in range(count):
         name = str(table.columns[number]).removeprefix("m")
         commands = line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
@@ -184,9 +184,8 @@ def motors(result: FlightResult) -> Figure | None:
         place |= {"yref": f"y{suffix(number)} domain", "showarrow": False, "font": {"size": 13}}
         plot.notes.append(place | {"text": plotly_text(name)})
         for value in limits:
-            if low - pad < value < high + pad:
-                plot.limit(value, number)
-    caption = "PWM command of every motor (µs), all to the same scale, limits dashed."
+            plot.limit(value, number)
+    caption = f"PWM command of every motor (µs), all to the same scale{', limits dashed' if limits else ''}."
     return plot.figure("motors", caption, 70 + 58 * count, time=True)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from core.parameter import Parameter
-from core.quantity import uncertain
+from core.quantity import number, uncertain
 from core.summary import Summarised, listed
 from logparse import Finding, Severity, Vehicle
 from sysid.records.excitation import examine
@@ -285,6 +285,6 @@ def _lag(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None,
     left = [f - r @ values for f, r in zip(forces, rows, strict=True)]
     sigma = float(np.sqrt(max(covariance_of(full, left, round(1.0 / dt))[2, 2], 0.0)))
     if not np.isfinite(sigma) or sigma > 0.5 * tau or tau > 0.98 * LONGEST_LAG:
-        most = f"below {tau + 2.0 * sigma:.2f} s" if np.isfinite(sigma) and sigma < LONGEST_LAG else "unknown"
+        most = f"below {number(tau + 2.0 * sigma, 2)} s" if np.isfinite(sigma) and sigma < LONGEST_LAG else "unknown"
         return Parameter(None, None, "s", f"the flights do not show it ({most})")
     return Parameter(tau, sigma, "s")

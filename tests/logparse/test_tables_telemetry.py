@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from logparse.canonical.modes import ardupilot_mode
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
 from tests.logparse.builders import tables_of
@@ -191,6 +192,11 @@ def test_px4_modes_over_mavlink():
     beats["custom_mode"] = [0x00030000, 0x04040000, 0x00990000]
     tables, _ = build({"HEARTBEAT": beats})
     assert tables.modes["mode"].tolist() == ["POSITION", "MISSION", "MODE_153.0"]
+
+
+def test_modes_of_a_plane_are_not_those_of_a_copter():
+    told = [ardupilot_mode(19, firmware) for firmware in ("ArduPlane", "ArduCopter", None)]
+    assert told == ["QLOITER", "AVOID_ADSB", "AVOID_ADSB"]
 
 
 def test_a_flight_shows_without_motor_outputs():

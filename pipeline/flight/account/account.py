@@ -31,7 +31,7 @@ _LACKS = {
     "baro": "no barometer: heights are of another sensor",
     "gps": "no GPS: neither ground speed nor distance",
     "battery": "no battery voltage",
-    "motors": "no motor outputs: motors were not looked at",
+    "motors": "no outputs that are known to be motors: none was looked at",
     "imu": "no accelerometer: shocks are not seen",
     "setpoints": "no attitude target: whether it did what was asked is not known",
 }

@@ -117,7 +117,7 @@ def real_voltage(readings: Readings) -> pd.Series[float] | None:
 def cells(voltage: float) -> int | None:
     """Return how many lithium cells a battery before its flight has; None where the voltage is that of no number."""
     count = round(voltage / 4.05)
-    return count if count >= 2 and 3.6 <= voltage / count <= 4.4 else None
+    return count if count >= 2 and 3.4 <= voltage / count <= 4.4 else None
 
 
 def _battery(readings: Readings, voltage: pd.Series[float]) -> Iterator[Finding]:

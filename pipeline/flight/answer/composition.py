@@ -32,14 +32,11 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     """Yield how it turns and which models hold, where anything is determined; what was tried in vain is one line."""
     if isinstance(result.flight, Failure) or result.log.vehicle.other_craft:
         return
-    turning = loops(result)
-    if turning is not None:
-        yield turning
-    known, account = parameters(result), present(result.account)
+    account = present(result.account)
     crashed = account is not None and any(each.id == "crash" for each in account.story)
-    # Of a flight that ended in a crash only what holds is worth a line.
-    for line in (known, ahead(result)):
-        if line is not None and (line.tone is Tone.GOOD or not crashed):
+    # Of a flight that ended in a crash only what is good or bad is worth a line.
+    for line in (loops(result), parameters(result), ahead(result)):
+        if line is not None and (line.tone in (Tone.GOOD, Tone.BAD) or not crashed):
             yield line
 
 
