@@ -93,7 +93,7 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
 def _line(name: str, column: pd.Series[float], flight: Span) -> Signal | None:
     # Messages are as logged, and damage moves time stamps.
     ordered = column if column.index.is_monotonic_increasing else column.sort_index(kind="stable")
-    inside = ordered.loc[flight.start : flight.stop]
+    inside = ordered.iloc[flight.rows(ordered.index)]
     values = inside.to_numpy(np.float64)
     if len(values) < 2 or not np.isfinite(values).any():
         return None

@@ -88,7 +88,7 @@ def _bursts(tables: Tables, flight: Span) -> _Windows | None:
 def _logged(tables: Tables, flight: Span) -> _Windows | None:
     if tables.imu is None:
         return None
-    inside = tables.imu.loc[flight.start : flight.stop].dropna()
+    inside = tables.imu.iloc[flight.rows(tables.imu.index)].dropna()
     if len(inside) < 512:
         return None
     t = inside.index.to_numpy(np.float64)
@@ -153,7 +153,8 @@ def _notches(
         mode = round(parameters.get(f"{name}_MODE", 0.0)) if "HNT" in name else 0
         reference = parameters.get(f"{name}_REF", 0.0)
         if mode == 1 and reference > 0.0 and tables.setpoints is not None:
-            throttle = tables.setpoints["throttle"].loc[flight.start : flight.stop].dropna().to_numpy(np.float64)
+            asked = tables.setpoints["throttle"]
+            throttle = asked.iloc[flight.rows(asked.index)].dropna().to_numpy(np.float64)
             if len(throttle) > 10:
                 floor = parameters.get(f"{name}_FM_RAT", 1.0)
                 part = np.maximum(np.sqrt(np.percentile(throttle, [5.0, 95.0]).clip(0.0) / reference), floor)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from logparse import Flight
 
 
@@ -22,6 +24,11 @@ class Span:
     def duration(self) -> float:
         """Length in seconds."""
         return self.stop - self.start
+
+    def rows(self, index: pd.Index[float]) -> slice:
+        """Return the rows of an ordered index that lie within; looking labels up leaves a hash table of long ones."""
+        times = index.to_numpy()
+        return slice(int(times.searchsorted(self.start)), int(times.searchsorted(self.stop, side="right")))
 
 
 def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:

@@ -32,7 +32,7 @@ def test_a_heading_about_south_does_not_jump():
     t = np.arange(len(rows)) * 0.1
     flown, asked = 180.0 + 5.0 * np.sin(t), 180.0 + 5.0 * np.sin(t + 0.1)
     log.messages.replace("ATT", rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0))
-    panel = flight_signals(log, log.flight).attitude[2]
+    panel = flight_signals(log, Span(log.flight.start, log.flight.stop)).attitude[2]
     assert panel.title == "yaw"
     by_name = {signal.name: signal.y for signal in panel.signals}
     for values in by_name.values():
@@ -48,7 +48,7 @@ def test_turns_before_take_off_do_not_count():
     t = rows.index.to_numpy()
     carried = np.interp(t, [t[0], start], [0.0, 790.0])
     log.messages.replace("ATT", rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0))
-    panel = flight_signals(log, log.flight).attitude[2]
+    panel = flight_signals(log, Span(log.flight.start, log.flight.stop)).attitude[2]
     for signal in panel.signals:
         assert np.degrees(np.median(signal.y)) == pytest.approx(70.0, abs=1.0)
 

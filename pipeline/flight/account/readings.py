@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -87,9 +88,10 @@ class Readings:
     @cached_property
     def specific_force(self) -> pd.DataFrame | None:
         """Specific force along the body's axes, m/s^2, over the time that belongs to the flight."""
-        if self.tables.imu is None:
+        imu = self.tables.imu
+        if imu is None:
             return None
-        axes = self.tables.imu.loc[self.belongs.start : self.belongs.stop, list(ACCEL)].dropna()
+        axes = imu[list(ACCEL)].iloc[self.belongs.rows(imu.index)].dropna()
         return axes if len(axes) > 2 else None
 
     @cached_property
@@ -112,7 +114,7 @@ class Readings:
         """Throttle, 0..1: what the controller asked for, else the mean thrust of the motor outputs."""
         setpoints = self.tables.setpoints
         if setpoints is not None and len(asked := setpoints["throttle"].dropna()):
-            return asked.loc[self.belongs.start : self.belongs.stop]
+            return asked.iloc[self.belongs.rows(asked.index)]
         if self.outputs is None:
             return None
         part, expo = self.outputs.clip(0.0, 1.0), self.limits.thrust_expo
@@ -133,14 +135,14 @@ class Readings:
     def attitude_error(self) -> pd.Series[float] | None:
         """Angle between the thrust axis flown and the way of its target, rad; NaN where nothing should hold it."""
         wanted, flown = (
-            None if table is None else table.loc[self.belongs.start : self.belongs.stop, ["roll", "pitch"]].dropna()
+            None if table is None else table[["roll", "pitch"]].iloc[self.belongs.rows(table.index)].dropna()
             for table in (self.tables.setpoints, self.tables.attitude)
         )
         if wanted is None or flown is None or min(len(wanted), len(flown)) < 2:
             return None
         times = wanted.index.to_numpy(np.float64)
         t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
-        way = np.stack([_axes(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1)])
+        way = (_axes(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1))
         error = _off_the_way(_axes(flown, t), way)
         error[self.in_modes(t, AEROBATIC) | self.chirped(t) | self.idle(t)] = np.nan
         return pd.Series(error, index=pd.Index(t))
@@ -229,7 +231,7 @@ def at(t: float | Floats, series: pd.Series[float]) -> Floats:
 def _lean(attitude: pd.DataFrame | None, span: Span) -> pd.Series[float] | None:
     if attitude is None:
         return None
-    angles = attitude.loc[span.start : span.stop, ["roll", "pitch"]].dropna()
+    angles = attitude[["roll", "pitch"]].iloc[span.rows(attitude.index)].dropna()
     cosine = np.cos(angles["roll"].to_numpy(np.float64)) * np.cos(angles["pitch"].to_numpy(np.float64))
     return pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=angles.index) if len(angles) > 1 else None
 
@@ -242,10 +244,13 @@ def _axes(attitude: pd.DataFrame, t: Floats) -> Floats:
     return np.asarray(axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9))
 
 
-def _off_the_way(axis: Floats, way: Floats) -> Floats:
-    """Angle [rad] between directions (n, 3) and the nearest point of a way (points, n, 3), shape (n,)."""
-    begin, leg = way[:-1], np.diff(way, axis=0)
-    part = np.sum((axis - begin) * leg, axis=2) / np.maximum(np.sum(leg**2, axis=2), 1e-12)
-    nearest = begin + np.clip(part, 0.0, 1.0)[:, :, None] * leg
-    cosine = np.sum(axis * nearest, axis=2) / np.maximum(np.linalg.norm(nearest, axis=2), 1e-9)
-    return np.asarray(np.arccos(np.clip(cosine.max(axis=0), -1.0, 1.0)))
+def _off_the_way(axis: Floats, way: Iterable[Floats]) -> Floats:
+    """Angle [rad] between directions (n, 3) and the nearest point of a way, whose points are (n, 3); shape (n,)."""
+    closest = np.full(len(axis), -1.0)
+    for begin, end in pairwise(way):  # one leg at a time: all of a long log at once are many times its size
+        leg = end - begin
+        part = np.sum((axis - begin) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12)
+        nearest = begin + np.clip(part, 0.0, 1.0)[:, None] * leg
+        cosine = np.sum(axis * nearest, axis=1) / np.maximum(np.linalg.norm(nearest, axis=1), 1e-9)
+        np.maximum(closest, cosine, out=closest)
+    return np.asarray(np.arccos(np.clip(closest, -1.0, 1.0)))
