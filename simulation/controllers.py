@@ -39,16 +39,6 @@ class Cascade:
     speed_down: float = 1.5
     filter_frequency: float = 20.0  #: Corner of the gyro and accelerometer low-pass, Hz.
 
-    def __post_init__(self) -> None:
-        gains: tuple[float, ...] = (*self.angle_p, *self.roll_rate, *self.pitch_rate, *self.yaw_rate, *self.position_p)
-        gains = (*gains, *self.horizontal_velocity, *self.vertical_velocity)
-        if not all(math.isfinite(gain) and gain >= 0.0 for gain in gains):
-            raise ParameterError("controller gains must be finite and not negative (a negative one diverges)")
-        if not 0.0 < self.tilt_limit_deg < 60.0:
-            raise ParameterError(f"tilt limit {self.tilt_limit_deg:g} deg must lie between 0 and 60 deg")
-        if not 1.0 <= self.filter_frequency <= 300.0:
-            raise ParameterError(f"filter frequency {self.filter_frequency:g} Hz must lie between 1 and 300 Hz")
-
     def kernel_parameters(self, vehicle: Multirotor, hover_thrust: float) -> CascadeParameters:
         """Return the numbers that the flight loop reads; `hover_thrust` is the fraction of thrust that hovers."""
         return CascadeParameters(

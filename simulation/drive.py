@@ -8,7 +8,6 @@ import numpy as np
 from simulation._kernels import induced_velocity
 from simulation._parameters import BladeParameters, DriveParameters, ResponseParameters
 from simulation.atmosphere import SEA_LEVEL_DENSITY
-from simulation.errors import ParameterError, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,9 +17,6 @@ class QuadraticRotor:
     thrust_coefficient: float  #: k, N s^2 at `reference_density`.
     torque_coefficient: float  #: b, N m s^2 at `reference_density`.
     reference_density: float = SEA_LEVEL_DENSITY  #: Air density at which k and b hold, kg/m^3.
-
-    def __post_init__(self) -> None:
-        require_positive("rotor", self, ("thrust_coefficient", "torque_coefficient", "reference_density"))
 
     def thrust(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Thrust [N] at `speed` [rad/s] in air of `density` [kg/m^3]."""
@@ -50,9 +46,6 @@ class BladeElementRotor:
     blades: int = 2
     lift_slope: float = 5.7  #: Per rad.
     efficiency: float = 1.0  #: eta.
-
-    def __post_init__(self) -> None:
-        require_positive("rotor", self, ("radius", "pitch", "chord", "blades", "lift_slope", "efficiency"))
 
     @property
     def parameters(self) -> BladeParameters:
@@ -110,16 +103,6 @@ class ThirdOrder:
     acceleration_limit: float = 500.0  #: rad/s^2.
     catch_up: float = 0.005  #: Time constant with which the speed returns to that of the fraction after a limit, s.
 
-    def __post_init__(self) -> None:
-        require_positive("drive", self, ("a1", "a2", "a3", "speed_limit", "acceleration_limit", "catch_up"))
-        if not (math.isfinite(self.lead) and self.lead >= 0.0):
-            raise ParameterError(f"drive: lead must not be negative, not {self.lead:g} s")
-        if self.a1 * self.a2 <= self.a3:
-            raise ParameterError(
-                f"drive: {self.a3:g} s^3 + {self.a2:g} s^2 + {self.a1:g} s + 1 is unstable "
-                "(Routh: a1 a2 must exceed a3)"
-            )
-
     @property
     def order(self) -> int:
         """Number of states beside the speed."""
@@ -136,9 +119,6 @@ class FirstOrder:
     """First-order lag."""
 
     time_constant: float  #: s.
-
-    def __post_init__(self) -> None:
-        require_positive("drive", self, ("time_constant",))
 
     @property
     def order(self) -> int:
@@ -173,15 +153,6 @@ class Drive:
     spin_max: float = 0.95
     efficiency: float = 0.7  #: Mechanical power over electrical power.
 
-    def __post_init__(self) -> None:
-        require_positive("drive", self, ("speed_max", "voltage_reference", "efficiency"))
-        if not 0.0 <= self.expo <= 1.0:
-            raise ParameterError(f"drive: expo must lie in 0..1, not {self.expo:g}")
-        if not 0.0 <= self.spin_arm <= self.spin_min < self.spin_max <= 1.0:
-            raise ParameterError("drive: wants 0 <= spin_arm <= spin_min < spin_max <= 1")
-        if not 0.0 < self.pwm_min < self.pwm_max:
-            raise ParameterError("drive: wants 0 < pwm_min < pwm_max")
-
     @property
     def pwm_at_zero_thrust(self) -> float:
         """PWM [us] at which thrust begins."""
@@ -210,12 +181,6 @@ class Battery:
     capacity: float = 5.2  #: A h.
     resistance: float = 0.012  #: Of pack and wiring, ohm.
     avionics_power: float = 6.0  #: Drawn besides the drives, W.
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.voltage_empty < self.voltage_full:
-            raise ParameterError("battery: wants 0 < voltage_empty < voltage_full")
-        if not (self.capacity > 0.0 and self.resistance >= 0.0 and self.avionics_power >= 0.0):
-            raise ParameterError("battery: capacity must be positive, resistance and avionics_power not negative")
 
 
 def drive_parameters(drive: Drive, battery: Battery) -> DriveParameters:

@@ -1,8 +1,5 @@
 """What can be wrong with a simulation: its parameters, or where they lead."""
 
-import math
-from collections.abc import Sequence
-
 from logparse import RotoridError
 
 
@@ -16,11 +13,3 @@ class ArrivalError(RotoridError):
 
 class DivergenceError(RotoridError):
     """The simulated craft left every sensible state; the message says when and in which state."""
-
-
-def require_positive(part: str, parameters: object, names: Sequence[str]) -> None:
-    """Check that attributes of a part of the craft are positive and finite."""
-    for name in names:
-        value = getattr(parameters, name)
-        if not (math.isfinite(value) and value > 0.0):
-            raise ParameterError(f"{part}: {name} must be positive, not {value:g}")

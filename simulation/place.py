@@ -29,8 +29,6 @@ class Wind:
             raise ParameterError(f"wind speed {self.speed:g} m/s must lie in 0..40 m/s")
         if not 0.0 <= self.gusts <= 5.0:
             raise ParameterError(f"gust factor {self.gusts:g} must lie in 0..5")
-        if not 3.0 <= self.height <= 300.0:
-            raise ParameterError(f"height {self.height:g} m is outside the low-altitude Dryden model (3 to 300 m)")
 
     @property
     def mean(self) -> np.ndarray:

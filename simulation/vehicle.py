@@ -68,16 +68,6 @@ class Tank:
     mass: tuple[float, ...]  #: Of the whole craft, kg.
     inertia: tuple[np.ndarray, ...]  #: tuple of ndarray, shape (3, 3): kg m^2.
 
-    def __post_init__(self) -> None:
-        if not len(self.time) == len(self.mass) == len(self.inertia) >= 2:
-            raise ParameterError("tank: wants at least two times, each with a mass and an inertia")
-        if not all(a < b for a, b in zip(self.time, self.time[1:], strict=False)):
-            raise ParameterError("tank: times must increase")
-        if not all(math.isfinite(mass) and mass > 0.0 for mass in self.mass):
-            raise ParameterError(f"tank: masses must be positive, not {self.mass}")
-        for inertia in self.inertia:
-            _check_inertia("tank", inertia)
-
 
 @dataclass(frozen=True, slots=True)
 class LandingGear:
@@ -114,21 +104,6 @@ class Multirotor:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ParameterError(f"{self.name}: mass must be positive, not {self.mass:g} kg")
-        _check_inertia(self.name, self.inertia)
-        if self.frame_class not in (1, 2, 3) or self.frame_type not in (0, 1):
-            raise ParameterError(f"{self.name}: frame class {self.frame_class}, type {self.frame_type} is not known")
-        if not self.rotors:
-            raise ParameterError(f"{self.name}: a multirotor needs rotors")
-        for k, mount in enumerate(self.rotors, start=1):
-            if mount.spin not in (-1, 1):
-                raise ParameterError(f"{self.name}: rotor {k} must spin +1 or -1, not {mount.spin}")
-            if abs(math.hypot(*mount.axis) - 1.0) > 1e-9:
-                raise ParameterError(f"{self.name}: the axis of rotor {k} is not a unit vector")
-            if not (math.isfinite(mount.inertia) and mount.inertia >= 0.0):
-                raise ParameterError(f"{self.name}: the inertia of rotor {k} cannot be {mount.inertia:g} kg m^2")
-        _check_rotors(self.name, [mount.rotor for mount in self.rotors])
-        if min(*self.drag_linear, *self.drag_area) < 0.0:
-            raise ParameterError(f"{self.name}: drag cannot be negative (it would drive the craft)")
 
     @property
     def frame(self) -> str:
@@ -224,23 +199,3 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
     cofactors = np.column_stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)))
     determinant = float((a * cofactors[:, 0]).sum())
     return np.ascontiguousarray(cofactors / determinant)
-
-
-def _check_rotors(name: str, rotors: list[Rotor]) -> None:
-    quadratic = [rotor for rotor in rotors if isinstance(rotor, QuadraticRotor)]
-    if quadratic and len({rotor.reference_density for rotor in quadratic}) > 1:
-        raise ParameterError(f"{name}: the coefficients of all rotors must hold at one reference density")
-    if len(quadratic) < len(rotors) and len(set(rotors)) > 1:
-        raise ParameterError(f"{name}: rotors by blade elements must all be of one make")
-
-
-def _check_inertia(name: str, inertia: np.ndarray) -> None:
-    if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T):
-        raise ParameterError(f"{name}: inertia must be a symmetric 3 x 3 matrix")
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] <= 0.0:
-        raise ParameterError(f"{name}: inertia is not positive definite (principal moments {principal} kg m^2)")
-    if principal[2] > principal[0] + principal[1] + 1e-12:
-        raise ParameterError(
-            f"{name}: no body has principal moments {principal} kg m^2: the largest exceeds the sum of the others"
-        )
