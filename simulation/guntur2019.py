@@ -5,7 +5,7 @@ are commanded open loop. Units here are SI; the thesis writes turns per minute.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -124,44 +124,6 @@ def hover_rpm(motor: Motor, payload: float) -> float:
     return quadcopter(motor, payload).hover_speed(GRAVITY) / RPM
 
 
-def fly_profile(
-    motor: Motor,
-    payload: float,
-    *,
-    trim_rpm: float | None = None,
-    duration: float = 30.0,
-    dt: float = 0.01,
-    discharge: float = 0.0,
-    discharge_start: float = 0.0,
-) -> pd.DataFrame:
-    """Fly the plan open loop about a trim (none: hover), RK4 at 0.01 s as in the thesis; see `propagate`."""
-    craft = quadcopter(motor, payload, discharge=discharge, discharge_start=discharge_start)
-    trim = RPM * (hover_rpm(motor, payload) if trim_rpm is None else trim_rpm)
-    start = craft.state(profile(0.0, trim))
-    return propagate(craft, start, lambda t, x: profile(t, trim), duration, dt=dt, gravity=GRAVITY)
-
-
-def feasibility(voltage: float = 11.1) -> pd.DataFrame:
-    """Return which motor holds the flight plan with which payload: a row for each of both, speeds in rpm.
-
-    A motor holds it when the highest speed of the plan, about hover, stays below KV times voltage, and the ideal
-    power of one rotor at that speed below the motor's largest power. The thesis names no battery; three cells are
-    taken.
-    """
-    rows = []
-    times = np.arange(0.0, 30.0, 0.25)
-    for motor in MOTORS:
-        for payload, mass in zip(PAYLOADS, motor.masses, strict=True):
-            hover = hover_rpm(motor, payload)
-            top = max(float(profile(t, hover * RPM).max()) for t in times)
-            power = rotor().torque(top, SEA_LEVEL_DENSITY) * top
-            limit = motor.kv * voltage
-            holds = top < limit and power < motor.power
-            rows.append((motor.name, payload, mass, hover, top / RPM, limit / RPM, power, motor.power, holds))
-    names = ["motor", "payload", "mass", "hover_rpm", "top_rpm", "limit_rpm", "power", "limit_power", "feasible"]
-    return pd.DataFrame(rows, columns=names)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What of the plan can be changed."""
@@ -190,6 +152,36 @@ class Profile:
             raise ParameterError(f"trim_rpm {self.trim_rpm:g} must lie in 0 to 30000 turns per minute")
 
 
+def fly_profile(settings: Profile) -> pd.DataFrame:
+    """Fly the plan open loop about a trim, RK4 at 0.01 s as in the thesis; see `propagate`."""
+    motor = find(settings.motor)
+    craft = quadcopter(motor, settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start)
+    trim = RPM * (settings.trim_rpm or hover_rpm(motor, settings.payload))
+    start = craft.state(profile(0.0, trim))
+    return propagate(craft, start, lambda t, x: profile(t, trim), settings.duration, dt=settings.step, gravity=GRAVITY)
+
+
+def feasibility(voltage: float = 11.1) -> pd.DataFrame:
+    """Return which motor holds the flight plan with which payload: a row for each of both, speeds in rpm.
+
+    A motor holds it when the highest speed of the plan, about hover, stays below KV times voltage, and the ideal
+    power of one rotor at that speed below the motor's largest power. The thesis names no battery; three cells are
+    taken.
+    """
+    rows = []
+    times = np.arange(0.0, 30.0, 0.25)
+    for motor in MOTORS:
+        for payload, mass in zip(PAYLOADS, motor.masses, strict=True):
+            hover = hover_rpm(motor, payload)
+            top = max(float(profile(t, hover * RPM).max()) for t in times)
+            power = rotor().torque(top, SEA_LEVEL_DENSITY) * top
+            limit = motor.kv * voltage
+            holds = top < limit and power < motor.power
+            rows.append((motor.name, payload, mass, hover, top / RPM, limit / RPM, power, motor.power, holds))
+    names = ["motor", "payload", "mass", "hover_rpm", "top_rpm", "limit_rpm", "power", "limit_power", "feasible"]
+    return pd.DataFrame(rows, columns=names)
+
+
 _NOTES = (
     "At 4600 turns per minute the printed rotor gives 1.32 N, so four of them carry 0.54 kg, and at the listing's 3200 "
     "less: the craft hovers at 6200 to 9200, about which the plan is flown here.",
@@ -200,11 +192,10 @@ _NOTES = (
 
 def simulate(name: str, summary: str, settings: Profile) -> Outcome:
     """Fly the plan with every payload, and with the payload of the settings for the log."""
-    motor = find(settings.motor)
-    outflow = {"discharge": settings.discharge, "discharge_start": settings.discharge_start}
-    craft = quadcopter(motor, settings.payload, **outflow)
-    span = {"duration": settings.duration, "dt": settings.step}
-    flown = fly_profile(motor, settings.payload, trim_rpm=settings.trim_rpm or None, **span, **outflow)
+    craft = quadcopter(
+        find(settings.motor), settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start
+    )
+    flown = fly_profile(settings)
     mass = pd.Series(np.full(len(flown), craft.mass), index=flown.index)
     if craft.tank is not None:
         mass[:] = np.interp(flown.index, craft.tank.time, craft.tank.mass)
@@ -220,7 +211,10 @@ def simulate(name: str, summary: str, settings: Profile) -> Outcome:
         Plot("Speeds of the rotors.", "rotor speed (rpm)", rotor_speeds(flown) / RPM),
     ]
     if craft.tank is None:
-        every = {f"{100 * payload:.0f} %": fly_profile(motor, payload, **span) for payload in PAYLOADS}
+        every = {
+            f"{100 * payload:.0f} %": fly_profile(replace(settings, payload=payload, trim_rpm=0.0))
+            for payload in PAYLOADS
+        }
         per_square = rotor().thrust(100.0) / 100.0**2
         heights = {payload: -each["p_d"] for payload, each in every.items()}
         thrusts = {payload: per_square * (rotor_speeds(each) ** 2).sum(axis=1) for payload, each in every.items()}

@@ -160,10 +160,7 @@ class InstrumentedFlight(Instruments):
 
     def planned(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Position, velocity and acceleration of the mission on the times of `rows`; `tick` is its row."""
-        tick = np.minimum(
-            (rows.index.to_numpy() / self.flight.reference.tick + 1e-9).astype(np.int64),
-            len(self.flight.reference.samples) - 1,
-        )
+        tick = self.flight.reference.tick_at(rows.index.to_numpy())
         columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "a_n", "a_e", "a_d", "yaw"]
         planned = pd.DataFrame(self.flight.reference.samples[tick], index=rows.index, columns=columns)
         planned["tick"] = tick

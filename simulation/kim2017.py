@@ -89,57 +89,58 @@ def with_integrals(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeightGains:
-    """Gains from height error (target below the craft positive) to the speed of every rotor.
+class Recovery:
+    """What of the recovery can be changed."""
 
-    The printed PI (Kp -80, Ki -200) cannot hold height: hover is a double integrator, and without a term on the climb
-    rate the cubic ``s^3 + a (80 s + 200)`` has a pair of roots to the right for any a. `rate` supplies it.
-    """
+    voltage: float = 16.0  #: Of the battery, V: coefficients and gain follow it.
+    #: Where the craft starts, deg.
+    roll: float = 20.0
+    pitch: float = 20.0
+    duration: float = 20.0  #: s.
+    #: Gains from height error (target below the craft positive) to the speed of every rotor, rad/s per m, m s and m/s.
+    #: The printed PI (-80, -200) cannot hold height: hover is a double integrator, and without a term on the climb rate
+    #: the cubic ``s^3 + a (80 s + 200)`` has a pair of roots to the right for any a. `height_rate` supplies it.
+    height_p: float = -80.0
+    height_i: float = -200.0
+    height_rate: float = -120.0
 
-    proportional: float = -80.0  #: rad/s per m.
-    integral: float = -200.0  #: rad/s per m s.
-    rate: float = -120.0  #: rad/s per m/s.
+    def __post_init__(self) -> None:
+        if not (abs(self.roll) <= 85.0 and abs(self.pitch) <= 85.0):
+            raise ParameterError(f"roll {self.roll:g} and pitch {self.pitch:g} deg must lie within 85 deg")
+        if not 0.5 <= self.duration <= 600.0:
+            raise ParameterError(f"duration {self.duration:g} s must lie in 0.5 to 600 s")
 
 
-def height_fault(height: HeightGains, voltage: float = 16.0) -> str:
+def height_fault(settings: Recovery) -> str:
     """Report which gain makes the height loop unstable about hover; empty when it is stable.
 
     With ``a`` the vertical acceleration per rad/s of all rotors and ``tau`` their lag, the loop's characteristic
-    polynomial is ``tau s^4 + s^3 - a (rate s^2 + proportional s + integral)``.
+    polynomial is ``tau s^4 + s^3 - a (height_rate s^2 + height_p s + height_i)``.
     """
-    a = 2.0 * float(at_voltage(THRUST_COEFFICIENTS, voltage) @ at_voltage(TRIM_SPEEDS, voltage)) / MASS
-    gains = {"height_rate": height.rate, "height_p": height.proportional, "height_i": height.integral}
+    thrust, speeds = (at_voltage(table, settings.voltage) for table in (THRUST_COEFFICIENTS, TRIM_SPEEDS))
+    a = 2.0 * float(thrust @ speeds) / MASS
+    gains = {name: getattr(settings, name) for name in ("height_rate", "height_p", "height_i")}
     polynomial = [LAG, 1.0, *(-a * gain for gain in gains.values())]
     # Without an integral the loop has a root at zero that is not its own.
-    growth = float(np.roots(polynomial if height.integral else polynomial[:-1]).real.max())
+    growth = float(np.roots(polynomial if settings.height_i else polynomial[:-1]).real.max())
     if growth <= 0.0:
         return ""
     wrong = [f"{name} = {gain:g}" for name, gain in gains.items() if gain > 0.0]
     if wrong:
         why = f"{' and '.join(wrong)} must be negative, as down is positive"
-    elif not height.rate:
+    elif not settings.height_rate:
         why = "height_rate = 0 leaves it without damping; it must be negative"
     else:
         why = (
-            f"height_i = {height.integral:g} is too strong for height_p = {height.proportional:g} and "
-            f"height_rate = {height.rate:g}"
+            f"height_i = {settings.height_i:g} is too strong for height_p = {settings.height_p:g} and "
+            f"height_rate = {settings.height_rate:g}"
         )
     return f"the height loop is unstable with these gains, an error grows e-fold in {1.0 / growth:.2g} s: {why}"
 
 
-def recovery(
-    *,
-    voltage: float = 16.0,
-    duration: float = 20.0,
-    roll_deg: float = 20.0,
-    pitch_deg: float = 20.0,
-    height: HeightGains = HeightGains(),
-    feedback: np.ndarray | None = None,
-) -> pd.DataFrame:
+def recovery(settings: Recovery = Recovery()) -> pd.DataFrame:
     """Level the craft from the tilted start of Table 5 (Kim 2017, figure 12)."""
-    craft = quadcopter(voltage)
-    trim = at_voltage(TRIM_SPEEDS, voltage)
-    K = gain(voltage) if feedback is None else feedback
+    craft, trim, K = quadcopter(settings.voltage), at_voltage(TRIM_SPEEDS, settings.voltage), gain(settings.voltage)
     control_step, hold = 0.01, 10
     integrals = np.zeros(3)
 
@@ -148,12 +149,12 @@ def recovery(
         error = -x[2]
         integrals[:] += control_step * np.array([-roll, -pitch, error])
         state = np.array([roll, pitch, *x[10:13], integrals[0], integrals[1]])
-        climb = height.proportional * error + height.integral * integrals[2] - height.rate * x[5]
+        climb = settings.height_p * error + settings.height_i * integrals[2] - settings.height_rate * x[5]
         speeds: np.ndarray = np.maximum(trim + climb - K @ state, 0.0)
         return speeds
 
-    start = _table_5(trim, roll_deg, pitch_deg)
-    return propagate(craft, start, command, duration, dt=control_step / hold, hold=hold, gravity=GRAVITY)
+    start = _table_5(trim, settings.roll, settings.pitch)
+    return propagate(craft, start, command, settings.duration, dt=control_step / hold, hold=hold, gravity=GRAVITY)
 
 
 def _table_5(trim: np.ndarray, roll_deg: float, pitch_deg: float) -> np.ndarray:
@@ -168,27 +169,6 @@ def _table_5(trim: np.ndarray, roll_deg: float, pitch_deg: float) -> np.ndarray:
     return np.array([0, 0, 0.3045, north, east, down, cr * cp, sr * cp, cr * sp, -sr * sp, rate, rate, 0, *trim])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recovery:
-    """What of the recovery can be changed."""
-
-    voltage: float = 16.0  #: Of the battery, V: coefficients and gain follow it.
-    #: Where the craft starts, deg.
-    roll: float = 20.0
-    pitch: float = 20.0
-    duration: float = 20.0  #: s.
-    #: Gains of the height loop; see `HeightGains`.
-    height_p: float = -80.0
-    height_i: float = -200.0
-    height_rate: float = -120.0
-
-    def __post_init__(self) -> None:
-        if not (abs(self.roll) <= 85.0 and abs(self.pitch) <= 85.0):
-            raise ParameterError(f"roll {self.roll:g} and pitch {self.pitch:g} deg must lie within 85 deg")
-        if not 0.5 <= self.duration <= 600.0:
-            raise ParameterError(f"duration {self.duration:g} s must lie in 0.5 to 600 s")
-
-
 _NOTES = (
     "The printed height PI (Kp -80, Ki -200) alone cannot hold height: its cubic has roots to the right for any "
     "actuation. A term on the climb rate is added.",
@@ -200,16 +180,9 @@ _NOTES = (
 
 def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
     """Level the craft from the start of Table 5."""
-    gains = HeightGains(proportional=settings.height_p, integral=settings.height_i, rate=settings.height_rate)
-    fault = height_fault(gains, settings.voltage)
+    fault = height_fault(settings)
     try:
-        path = recovery(
-            voltage=settings.voltage,
-            duration=settings.duration,
-            roll_deg=settings.roll,
-            pitch_deg=settings.pitch,
-            height=gains,
-        )
+        path = recovery(settings)
     except DivergenceError as error:
         if not fault:
             raise

@@ -170,6 +170,10 @@ class Reference:
     chirps: tuple[tuple[float, Chirp], ...]  #: Start [s] and chirp.
     tick: float  #: s.
 
+    def tick_at(self, t: np.ndarray) -> np.ndarray:
+        """Return the row of `samples` in force at times [s]."""
+        return np.minimum((t / self.tick + 1e-9).astype(np.int64), len(self.samples) - 1)
+
     def excitation(self) -> np.ndarray:
         """Return what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
         added = np.zeros((5 * len(self.phase), 4))

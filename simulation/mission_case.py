@@ -103,8 +103,8 @@ def _with(part: Any, path: list[str], value: object) -> Any:
 
 
 def _planned(flight: Flight, rows: pd.DataFrame) -> np.ndarray:
-    tick = (rows.index.to_numpy() / flight.reference.tick + 1e-9).astype(np.int64)
-    return flight.reference.samples[np.minimum(tick, len(flight.reference.samples) - 1)]
+    planned: np.ndarray = flight.reference.samples[flight.reference.tick_at(rows.index.to_numpy())]
+    return planned
 
 
 def _facts(flight: Flight) -> tuple[Fact, ...]:
