@@ -73,6 +73,9 @@ _PASSES, _STAYS = 7, 0.3
 #: Part of the rows from which on it is their loss that leaves no window whole.
 _WHOLE = 0.1
 
+#: Frequencies on either side whose coherence counts as well.
+_BESIDE = 2
+
 #: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
 _LOWEST_RATE = 8.0
 
@@ -323,6 +326,18 @@ def _without_bends(
     return first
 
 
+def _of_neighbours(coherence: Floats) -> Floats:
+    """Return the median coherence of each frequency and two to either side, which see nearly the same windows.
+
+    By chance a single one passes a limit that the others do not, and it is the one whose response errs most: without
+    this the yaw of a PX4 flight with a jammed receiver had a gain of 31 ± 9 rad/s^2, of three chance frequencies.
+    """
+    if len(coherence) < 2 * _BESIDE + 1:
+        return coherence
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(coherence, _BESIDE, "edge"), 2 * _BESIDE + 1)
+    return np.asarray(np.median(around, axis=1))
+
+
 def _less_its_error(coherence: Floats, averages: Floats) -> Floats:
     """Return coherences less their standard error (Bendat and Piersol 2010, table 9.6).
 
@@ -391,6 +406,7 @@ def _composite(
     with np.errstate(divide="ignore", invalid="ignore"):
         averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
     instruments = sorted({record.instrument for record in records} - {""})
+    coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
     covered = np.any([_covered(record, hz) for record in records], axis=0)
     return FrequencyResponse(
         axis=axis.name,
@@ -399,7 +415,7 @@ def _composite(
         unit=axis.unit,
         hz=hz,
         response=merged.response,
-        coherence=np.where(covered, _less_its_error(merged.coherence, averages), 0.0),
+        coherence=np.where(covered, _less_its_error(coherence, averages), 0.0),
         sigma=merged.sigma,
         sigma_phase=merged.sigma.copy(),
         averages=np.asarray(averages, dtype=np.float64),
