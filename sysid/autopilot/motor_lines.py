@@ -95,23 +95,26 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
         raise LineError(f"{name}: {NO_BATCHES}{only}; fly with INS_LOG_BAT_MASK 1, INS_LOG_BAT_OPT 4")
     heads = log.messages["ISBH"]
     gyro = heads[heads["type"] == 1]
-    instances = sorted(gyro["instance"].unique())
+    instances = [int(each) for each in sorted(gyro["instance"].unique())]
     option = int(parameters.get("INS_LOG_BAT_OPT", 0.0))
     if option & 2:
         raise LineError(f"{name}: the batches are behind the filters (INS_LOG_BAT_OPT {option}); fly with 0 or 4")
+    # With both the instances behind the filters follow those before them.
+    raw = instances[: len(instances) // 2] if option & 4 and len(instances) > 1 else instances
     used = next((k for k, flag in enumerate(("INS_USE", "INS_USE2", "INS_USE3")) if parameters.get(flag, 1.0)), 0)
-    if int(instances[0]) != used:
+    if used not in raw:
         raise LineError(
-            f"{name}: the batches are of IMU {int(instances[0]) + 1}, and the loops fly on IMU {used + 1}; set "
+            f"{name}: the batches are of IMU {raw[0] + 1}, and the loops fly on IMU {used + 1}; set "
             f"INS_LOG_BAT_MASK {1 << used}"
         )
+    both = [tables[raw.index(used)], *(tables[len(raw) + raw.index(used) :][:1] if len(raw) < len(instances) else ())]
     throttle = log.tables.setpoints
     if throttle is None or throttle["throttle"].notna().sum() < 2:
         raise LineError(f"{name}: no throttle output (CTUN), which the notch would follow")
     given = throttle["throttle"].dropna()
     t, values = given.index.to_numpy(np.float64), given.to_numpy(np.float64)
     found: list[tuple[Batch, ...]] = []
-    for table in tables[: 2 if option & 4 else 1]:
+    for table in both:
         batches = []
         for _, part in table.loc[flight.start : flight.stop].groupby("batch"):
             times = part.index.to_numpy(np.float64)

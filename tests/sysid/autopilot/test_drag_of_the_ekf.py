@@ -61,7 +61,7 @@ def test_a_wind_that_turns_and_a_flight_without_speed_are_named():
     assert all(
         each.value is None and "the wind changed by 4.0 m/s" in each.reason for each in values(turned, record).values()
     )
-    still = values(*fitted("sample_logs/octa12_innsbruck_foehn.bin"))
+    still = values(*fitted("sample_logs/octa07_singapore_hot.bin"))
     assert all(each.value is None and "EKF3's wind would err" in each.reason for each in still.values())
 
 

@@ -29,7 +29,7 @@ LOUD = pd.DataFrame(
 )
 
 
-def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates=None, loud=1.0, **parameters):
+def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates=None, loud=1.0, esc=0.0, **parameters):
     """Make thirty batches at steady throttles of a craft whose fundamental is weaker than its second harmonic."""
     generator, tables = np.random.default_rng(7), []
     t = np.arange(SIZE) / RATE
@@ -44,6 +44,8 @@ def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates
     setpoints = pd.DataFrame(
         {"throttle": np.repeat(throttles, 4)}, index=np.add.outer(starts, [-0.4, 0.3, 0.9, 1.4]).ravel()
     )
+    line = 2.0 * np.pi * hover_hz * (np.repeat(throttles, 4) / 0.4) ** exponent
+    speeds = pd.DataFrame({"w1": esc * line, "w2": esc * line}, index=setpoints.index)
     heads = pd.DataFrame([(1, each, 1e6) for each in instances], columns=["type", "instance", "mul"])
     vehicle = SimpleNamespace(firmware="ArduCopter", version="4.5.7")
     return SimpleNamespace(
@@ -53,7 +55,12 @@ def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates
         vehicle=vehicle,
         messages={"ISBH": heads},
         parameters_flown=PARAMETERS | {"INS_LOG_BAT_OPT": float(option)} | parameters,
-        tables=Tables(setpoints=setpoints, rates=rates, further={"gyro_batch": (pd.concat(tables),) * len(instances)}),
+        tables=Tables(
+            setpoints=setpoints,
+            rates=rates,
+            esc=speeds if esc else None,
+            further={"gyro_batch": (pd.concat(tables),) * len(instances)},
+        ),
     )
 
 
@@ -65,6 +72,9 @@ def test_lines_and_what_they_follow():
     found = proposed(flight())
     assert found["INS_HNTCH_FREQ"] == pytest.approx(83.0, rel=0.005)
     assert (found["INS_HNTCH_MODE"], found["INS_HNTCH_REF"], found["INS_HNTCH_HMNCS"]) == (1.0, 0.4, 3.0)
+    # Where ESCs report the line's speed the notch follows them; where they report another, as with wrong poles, not.
+    assert proposed(flight(esc=1.0))["INS_HNTCH_MODE"] == 3.0
+    assert proposed(flight(esc=0.5))["INS_HNTCH_MODE"] == 1.0
     lines = notch_study(flight(exponent=0.8)).lines
     assert lines.exponent == pytest.approx(0.8, abs=0.05)
 
@@ -104,7 +114,7 @@ def test_the_noise_at_the_mixer_is_that_of_the_filters_in_the_time_domain():
         ({"instances": (1,)}, "of IMU 2, and the loops fly on IMU 1"),
         ({"option": 2}, "behind the filters"),
         ({"loud": 0.001}, "no notch is needed"),
-        ({"option": 4, "instances": (0, 2)}, "did not fly"),  # what is behind the filters is what is before them
+        ({"option": 4, "instances": (0, 1, 3, 4)}, "did not fly"),  # what is behind the filters is what is before them
         ({"rates": LOUD}, "did not fly"),
     ],
 )  # fmt: skip
