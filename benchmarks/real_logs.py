@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import logparse
-from logparse.canonical.modes import COPTER_SUBSYSTEMS
+from logparse.canonical.events import COPTER_SUBSYSTEMS
 from pipeline.flight.account import tell
 from pipeline.results.account import Account
 from pipeline.results.span import Span

@@ -140,3 +140,12 @@ def escaped(text: str) -> str:
     for mark in "\\`*_[]<>#|":
         text = text.replace(mark, {"<": "&lt;", ">": "&gt;"}.get(mark, f"\\{mark}"))
     return " ".join(text.split())
+
+
+#: First characters of what a spreadsheet calculates (OWASP, CSV injection).
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def as_cell(text: str) -> str:
+    """Return text that a spreadsheet shows as it is: what it would take for a formula gets an apostrophe before it."""
+    return f"'{text}" if text.startswith(_FORMULA) else text

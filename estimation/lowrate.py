@@ -14,6 +14,7 @@ import pandas as pd
 import scipy
 from filterpy.kalman import KalmanFilter
 
+from core.findings import warning
 from core.units import STANDARD_GRAVITY
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
@@ -22,7 +23,7 @@ from estimation.telemetry import SIZE, Measured, measurements_of, reversed_climb
 from estimation.timing import TICK, segments, usable
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
 from estimation.trust import contradicted_receiver, doubtful_sensors, only_one_withdrawal
-from logparse import Finding, MissingDataError, Severity, Tables
+from logparse import MissingDataError, Tables
 
 #: Correlation time of the acceleration that attitude does not tell, s: horizontally (drag and gusts, twice) and
 #: vertically (climbs).
@@ -305,14 +306,13 @@ def estimate_low_rate(
     states = pd.concat([part[0] for part in parts])
     sigma = pd.concat([part[1] for part in parts])
     innovations = _innovations([part[3] for part in parts])
-    doubts = doubtful_sensors(innovations) + contradicted_receiver(tables, states, origin, 0.0, velocities=False)
-    finding = Finding(
+    doubts = [*doubtful_sensors(innovations), *contradicted_receiver(tables, states, origin, 0.0, velocities=False)]
+    finding = warning(
         "signals-lacking",
-        Severity.WARNING,
         "No IMU fast enough to integrate: the trajectory comes from the autopilot's attitude and "
         f"{source} at telemetry rate; accelerations faster than about 1 Hz are missing.",
         "Analyse the .bin log of the same flight where there is one.",
-        {"attitude_rate_hz": float(1.0 / np.median(np.diff(attitude.index.to_numpy(float))))},
+        attitude_rate_hz=float(1.0 / np.median(np.diff(attitude.index.to_numpy(float)))),
     )
     return Trajectory(
         states=states,

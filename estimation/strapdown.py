@@ -28,6 +28,7 @@ from estimation.trust import (
     LATE,
     contradicted_receiver,
     doubtful_sensors,
+    doubtful_settings,
     gps_troubles,
     impossible_biases,
     imu_holes,
@@ -36,10 +37,7 @@ from estimation.trust import (
     missing_sensors,
     only_one_withdrawal,
     other_imu,
-    scaled_gyro,
     stuck_magnetometer,
-    swinging_heights,
-    wandering_compass,
 )
 from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Geodetic, MissingDataError, Tables
@@ -139,7 +137,7 @@ def estimate_strapdown(
     """Filter and smooth every segment of the IMU."""
     place = Surroundings.of(tables, date)
     mag = usable_field(tables.mag) is not None
-    findings = stuck_magnetometer() if place.compass_useless else []
+    findings = [stuck_magnetometer()] if place.compass_useless else []
     if place.field is None or place.compass_useless:
         tables = replace(tables, mag=None)
     known = _Known.of(tables, place, noise)
@@ -169,9 +167,7 @@ def estimate_strapdown(
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
-    doubts += swinging_heights(tuned.noise.gps_height_share)
-    doubts += wandering_compass(tuned.noise.hard_iron_walk)
-    doubts += scaled_gyro(tuned.yaw_scale)
+    doubts += doubtful_settings(tuned.noise, tuned.yaw_scale)
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.

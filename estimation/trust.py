@@ -4,12 +4,13 @@ Below a twentieth of readings refused a sensor is sound. Up to a fifth it has ha
 or where trajectory and a receiver of stated accuracy contradict each other, nobody knows which of the two is wrong.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
+from core.findings import info, warning
 from estimation import _kernels
 from estimation.consistency import SensorStatistics
 from estimation.filter import Filtered
@@ -17,6 +18,7 @@ from estimation.observations import usable_fixes
 from estimation.outages import LONGEST_SILENCE
 from estimation.place import LocalFrame, is_simulated
 from estimation.shocks import Shocks
+from estimation.states import SensorNoise
 from estimation.timing import LONGEST_HOLE
 from estimation.trajectory import POSITION_KNOWN
 from logparse import Finding, Geodetic, Severity, Tables
@@ -94,12 +96,13 @@ def _suspect(name: str, share: float, nis: float) -> Finding:
         f", and the others differ from the trajectory by {np.sqrt(nis):.1f} times what their noise explains (root mean "
         "square)"
     )
-    return Finding(
+    return warning(
         "sensor-refused",
-        Severity.WARNING,
         f"{share:.0%} of the {SPOKEN[name]} were refused{others if fused else ''}.",
         "Look at that sensor: its mounting, cables, and what is switched on near it.",
-        {"sensor": name, "refused_share": share, "nis": nis if fused else None},
+        sensor=name,
+        refused_share=share,
+        nis=nis if fused else None,
     )
 
 
@@ -115,43 +118,37 @@ def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Findi
     )
 
 
-def impossible_biases(states: pd.DataFrame) -> list[Finding]:
+def impossible_biases(states: pd.DataFrame) -> Iterator[Finding]:
     """Withdraw a trajectory that takes an IMU with wrong axes, units or scale, or its own heading, for a mere bias."""
-    found = []
     for what, columns, farthest, unit in (
         ("accelerometer", ["b_ax", "b_ay", "b_az"], FARTHEST_ACCEL_BIAS, "m/s²"),
         ("gyro", ["b_gx", "b_gy", "b_gz"], FARTHEST_GYRO_BIAS, "rad/s"),
     ):
         off = float(np.linalg.norm(states[columns].median()))
         if off > farthest:
-            found.append(
-                inconsistent(
-                    f"they agree only if the {what} is off by {off:.2g} {unit}, as one with wrong axes, units or scale",
-                    {"bias": off},
-                )
+            yield inconsistent(
+                f"they agree only if the {what} is off by {off:.2g} {unit}, as one with wrong axes, units or scale",
+                {"bias": off},
             )
     if "b_mx" in states:
         # Of a craft that flies level a wrong heading asks for up to twice the horizontal field.
         iron = float(np.median(np.linalg.norm(states[["b_mx", "b_my", "b_mz"]], axis=1)))
         level = float(np.median(np.hypot(states["m_n"], states["m_e"])))
         if iron > level:
-            found.append(
-                inconsistent(
-                    f"they agree only if the compass is off by {1e6 * iron:.0f} µT, more than the horizontal field "
-                    f"of {1e6 * level:.0f} µT by which it tells the heading",
-                    {"bias": iron},
-                )
+            yield inconsistent(
+                f"they agree only if the compass is off by {1e6 * iron:.0f} µT, more than the horizontal field "
+                f"of {1e6 * level:.0f} µT by which it tells the heading",
+                {"bias": iron},
             )
-    return found
 
 
 def contradicted_receiver(
     tables: Tables, states: pd.DataFrame, origin: Geodetic, lag: float, *, velocities: bool = True
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Compare a trajectory with the GPS by the accuracy that the receiver states."""
     fixes = usable_fixes(tables.gps)
     if fixes is None or not np.isfinite(origin.lat):
-        return []
+        return
     when = fixes["t_valid"].to_numpy(float)
     when = np.where(np.isfinite(when), when, fixes.index.to_numpy(float)) - lag
     t = states.index.to_numpy(float)
@@ -159,7 +156,6 @@ def contradicted_receiver(
     known = (when >= t[0]) & (when <= t[-1]) & (t[after] - t[after - 1] < 1.0)
     frame = LocalFrame.at(origin, spherical=is_simulated(tables.parameters))
     place = frame.to_ned(*(fixes[c].to_numpy(float) for c in ("lat", "lon", "alt")))
-    found = []
     wandering = np.where(fixes["fix"].to_numpy(float) >= CORRECTED, BEST_POSITION, BEST_UNCORRECTED)
     for what, columns, measured, accuracy, best in (
         ("positions", ("p_n", "p_e"), place[:, :2], fixes["h_acc"], wandering),
@@ -181,83 +177,59 @@ def contradicted_receiver(
         share = float(beyond.mean())
         if share > CONTRADICTED_SHARE:
             unit = "m" if what == "positions" else "m/s"
-            found.append(
-                inconsistent(
-                    f"{share:.0%} of the GPS {what} lie more than {CONTRADICTION:g} times their accuracy (as stated, "
-                    f"or that of their class) from it, up to {distance.max():.0f} {unit}",
-                    {"contradicted_share": share, "largest": float(distance.max())},
-                )
+            yield inconsistent(
+                f"{share:.0%} of the GPS {what} lie more than {CONTRADICTION:g} times their accuracy (as stated, "
+                f"or that of their class) from it, up to {distance.max():.0f} {unit}",
+                {"contradicted_share": share, "largest": float(distance.max())},
             )
-    return found
 
 
-def late_sensors(lags: Mapping[str, float]) -> list[Finding]:
+def late_sensors(lags: Mapping[str, float]) -> Iterator[Finding]:
     """Name sensors whose clock is off; their data are used at the times that were found."""
-    return [
-        Finding(
-            "sensor-doubtful",
-            Severity.WARNING,
-            f"The {CALLED[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
-            "than its rows say, by the IMU's movement; its data are used at the times found.",
-            "Set GPS_DELAY_MS, and look at the receiver's rate and cable."
-            if sensor.startswith("gps")
-            else "Look at how this sensor is connected, and at what filters its readings.",
-            {"sensor": sensor, "lag_s": lag},
-        )
-        for sensor, lag in lags.items()
-        if abs(lag) > LATE
-    ]
+    for sensor, lag in lags.items():
+        if abs(lag) > LATE:
+            yield warning(
+                "sensor-doubtful",
+                f"The {CALLED[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
+                "than its rows say, by the IMU's movement; its data are used at the times found.",
+                "Set GPS_DELAY_MS, and look at the receiver's rate and cable."
+                if sensor.startswith("gps")
+                else "Look at how this sensor is connected, and at what filters its readings.",
+                sensor=sensor,
+                lag_s=lag,
+            )
 
 
-def swinging_heights(share: float) -> list[Finding]:
-    """Name a receiver whose heights wander by `share` of the accuracy that it states, by barometer and IMU."""
-    if share < SWINGING:
-        return []
-    return [
-        Finding(
+def doubtful_settings(noise: SensorNoise, yaw_scale: float) -> Iterator[Finding]:
+    """Name sensors whose noise or scale, as the log itself shows them, are far from their class."""
+    if (share := noise.gps_height_share) >= SWINGING:
+        yield warning(
             "sensor-refused",
-            Severity.WARNING,
             f"The heights of the GPS swing by {share:.1f} times the accuracy that it states (or that of its class): "
             "height rests on the barometer.",
             "Look at the receiver's antenna, satellites and HDOP.",
-            {"sensor": "gps_height", "share": share},
+            sensor="gps_height",
+            share=share,
         )
-    ]
-
-
-def wandering_compass(walk: float) -> list[Finding]:
-    """Name a compass whose hard iron walks, T/sqrt(s); what it tells of the heading is weighted accordingly."""
-    if walk < WANDERING:
-        return []
-    moved = walk * 1e6 * float(np.sqrt(10.0))
-    return [
-        Finding(
+    if (walk := noise.hard_iron_walk) >= WANDERING:
+        moved = walk * 1e6 * float(np.sqrt(10.0))
+        yield warning(
             "sensor-doubtful",
-            Severity.WARNING,
             f"The compass's readings wander by {moved:.1f} µT within ten seconds, beside what turning explains: "
             "headings rest on the gyro and on how the craft accelerates.",
             "Move the compass away from power wires and iron, or calibrate it against the motors' current "
             "(COMPASS_MOTCT).",
-            {"wander_ut_10s": moved},
+            wander_ut_10s=moved,
         )
-    ]
-
-
-def scaled_gyro(yaw_scale: float) -> list[Finding]:
-    """Name a gyro whose scale about the down axis is off; its rates are used with the scale found."""
     off = 1.0 / yaw_scale - 1.0
-    if abs(off) < SCALE_OFF:
-        return []
-    return [
-        Finding(
+    if abs(off) >= SCALE_OFF:
+        yield warning(
             "sensor-doubtful",
-            Severity.WARNING,
             f"The gyro shows {abs(off):.1%} {'more' if off > 0.0 else 'less'} yaw than the craft turned, by compass "
             "and GPS; its rates are used with the scale found.",
             "Calibrate the IMU's temperature (INS_TCAL), or use another IMU.",
-            {"yaw_scale": yaw_scale},
+            yaw_scale=yaw_scale,
         )
-    ]
 
 
 def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
@@ -268,14 +240,14 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
     seconds = np.unique(np.floor(t))
     share = len(seconds) / max(length, 1.0)
     findings = [
-        Finding(
+        warning(
             "sensor-doubtful",
-            Severity.WARNING,
             f"At {len(t)} moments from t = {t.min():.1f} to {t.max():.1f} s, in {100.0 * share:.2g} % of "
             "the log's seconds, the craft's motion changed by more than its IMU tells: impacts, saturation, or "
             "vibration beyond its range.",
             "Look at vibration (VIBE) and the IMU's mount.",
-            {"steps": len(t), "share_of_seconds": share},
+            steps=len(t),
+            share_of_seconds=share,
         )
     ]
     steps = sizes[:, 1]
@@ -308,78 +280,60 @@ def only_one_withdrawal(findings: list[Finding]) -> list[Finding]:
 GLITCH_PAUSE = 2.0
 
 
-def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> list[Finding]:
+def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> Iterator[Finding]:
     """Report which aiding sensors are not there, each flag telling whether it is."""
-    lacking = (
-        (
-            gps,
-            "gps",
-            Severity.ERROR,
-            "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly.",
-            "Log GPS and wait for a 3-D fix before take-off.",
-        ),
-        (
-            mag,
-            "mag",
-            Severity.WARNING,
-            "No magnetometer: heading is known only from the movement of the craft, if it moves.",
-            "Log the compass.",
-        ),
-        (baro, "baro", Severity.INFO, "No barometer: height rests on GPS alone.", "Log the barometer."),
-    )
-    return [
-        Finding("not-logged", severity, reason, advice, {"what": what})
-        for there, what, severity, reason, advice in lacking
-        if not there
-    ]
+    if not gps:
+        reason = "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly."
+        advice = "Log GPS and wait for a 3-D fix before take-off."
+        yield Finding("not-logged", Severity.ERROR, reason, advice, {"what": "gps"})
+    if not mag:
+        reason = "No magnetometer: heading is known only from the movement of the craft, if it moves."
+        yield warning("not-logged", reason, "Log the compass.", what="mag")
+    if not baro:
+        yield info("not-logged", "No barometer: height rests on GPS alone.", "Log the barometer.", what="baro")
 
 
-def stuck_magnetometer() -> list[Finding]:
+def stuck_magnetometer() -> Finding:
     """Report a magnetometer whose readings never change although the craft turns."""
-    return [
-        Finding(
-            "sensor-doubtful",
-            Severity.WARNING,
-            "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
-            "from the movement of the craft.",
-            "Look at the compass's cable and its driver (COMPASS_USE, COMPASS_DEV_ID); calibrate it again.",
-        )
-    ]
+    return warning(
+        "sensor-doubtful",
+        "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
+        "from the movement of the craft.",
+        "Look at the compass's cable and its driver (COMPASS_USE, COMPASS_DEV_ID); calibrate it again.",
+    )
 
 
-def imu_holes(pieces: list[pd.DataFrame]) -> list[Finding]:
+def imu_holes(pieces: list[pd.DataFrame]) -> Iterator[Finding]:
     """Report where no IMU was logged: between the samples of successive segments."""
-    return [
-        Finding(
-            "gap-in-table",
-            Severity.WARNING,
-            f"No IMU samples for {after.index[0] - before.index[-1]:.1f} s from t = {before.index[-1]:.1f} s; "
-            "the trajectory has no rows there.",
-            "Check that the logger keeps up, and that it goes on while disarmed.",
-            {"start": float(before.index[-1]), "stop": float(after.index[0])},
-        )
-        for before, after in pairwise(pieces)
-        if after.index[0] - before.index[-1] > LONGEST_HOLE
-    ]
+    for before, after in pairwise(pieces):
+        start, stop = float(before.index[-1]), float(after.index[0])
+        if stop - start > LONGEST_HOLE:
+            yield warning(
+                "gap-in-table",
+                f"No IMU samples for {stop - start:.1f} s from t = {start:.1f} s; the trajectory has no rows there.",
+                "Check that the logger keeps up, and that it goes on while disarmed.",
+                start=start,
+                stop=stop,
+            )
 
 
-def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> list[Finding]:
+def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> Iterator[Finding]:
     """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
     if imu == 0:
-        return []
+        return
     start, stop = float(piece.index[0]), float(piece.index[-1])
     reason = (
         "agrees better with GPS, baro and compass than" if np.isfinite(gain) else "goes on where there is a hole in"
     )
-    return [
-        Finding(
-            "sensor-doubtful",
-            Severity.WARNING,
-            f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
-            "Look at the mounting, calibration and temperature of the first IMU.",
-            {"imu": imu, "log_likelihood_gain": gain, "start": start, "stop": stop},
-        )
-    ]
+    yield warning(
+        "sensor-doubtful",
+        f"From t = {start:.1f} to {stop:.1f} s IMU {imu + 1} {reason} IMU 1, and is used instead.",
+        "Look at the mounting, calibration and temperature of the first IMU.",
+        imu=imu,
+        log_likelihood_gain=gain,
+        start=start,
+        stop=stop,
+    )
 
 
 def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> list[Finding]:
@@ -403,12 +357,15 @@ def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> li
         size = float(np.abs(segment.innovation[scalars]).max())
         start, stop = when[run[[0, -1]]].tolist()
         findings.append(
-            Finding(
+            warning(
                 "sensor-refused",
-                Severity.WARNING,
                 f"GPS positions up to {size:.0f} m off were refused from t = {start:.1f} to {stop:.1f} s.",
                 "Look at satellites and HDOP there; a mast and distance from power cables help.",
-                {"sensor": "gps_position", "start": start, "stop": stop, "size_m": size, "fixes": int(run.size)},
+                sensor="gps_position",
+                start=start,
+                stop=stop,
+                size_m=size,
+                fixes=int(run.size),
             )
         )
     return findings

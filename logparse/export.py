@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from core.cells import as_cell
 from core.errors import RotoridError
 from core.lazy import lazy
+from core.table import as_cell
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from core.errors import RotoridError
-from logparse.canonical.instances import INSTANCE_NAMES, instance_column
+from logparse.canonical.fields import INSTANCE_NAMES, instance_column
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from api.machine.answers import (
 )
 from core.serialization import plain, restored
 from logparse import FlightLog, RotoridError, check_is_log, read_log
-from logparse.canonical.instances import INSTANCE_NAMES, instance_column
+from logparse.canonical.fields import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
 from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review

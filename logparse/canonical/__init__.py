@@ -2,26 +2,37 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-
-import pandas as pd
+from functools import partial
 
 from core.findings import Finding, Severity
-from logparse.canonical import dataflash, px4, telemetry
+from logparse.canonical import actuators, control, events, sensors
+from logparse.canonical.batches import batches
+from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
 from logparse.canonical.remarks import Remarks
+from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
+from logparse.source import LONG
 from logparse.tables import COLUMNS, LongTable, Tables
 
 __all__ = ["TOGETHER", "gather_tables"]
 
-#: Messages that `gather_tables` reads wherever they are logged, but for those of the fast loop.
-TOGETHER = dataflash.TOGETHER
+#: DataFlash messages of which there may be a row for every step of the fast loop.
+_IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
+_RATES = ("RATE", "PIDR", "PIDP", "PIDY")
+
+#: Messages that `gather_tables` reads wherever they are logged, but for the above and bursts of samples.
+TOGETHER = (
+    *("RCOU", "RCO2", "RCO3", "GPS", "GPS2", "GPA", "GPA2", "BARO", "BAR2", "BAR3", "MAG", "MAG2", "MAG3"),
+    *("BAT", "BAT2", "CURR", "CUR2", "ESC", "RFND", "ATT", "ANG", "CTUN", "PSCN", "PSCE", "PSCD", "XKF1", "XKF4"),
+    *("SIM", "SIM2", "SIDD", "SIDS", "ORGN", "MODE", "EV", "ERR"),
+)
 
 #: Messages that hold servo outputs.
 _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
 
 
 def gather_tables(
-    messages: Mapping[str, pd.DataFrame],
+    messages: Messages,
     *,
     format: str,  # noqa: A002 -- the public argument's name
     parameters: Mapping[str, float],
@@ -29,39 +40,103 @@ def gather_tables(
 ) -> tuple[Tables, Callable[[], tuple[Finding, ...]]]:
     """Return the canonical tables of one boot, the longest of which are built when they are asked for.
 
-    Parameters
-    ----------
-    messages : mapping of str to DataFrame
-        Decoded messages by name as logged, index `t` in seconds on the boot clock; only those needed are asked for.
-    format : str
-        ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
-    parameters : mapping of str to float
-        The autopilot's parameters.
-    vehicle : Vehicle
-        From `logparse.craft.vehicle.describe`.
-
-    Returns
-    -------
-    tables : Tables
-    findings : callable
-        Gives what had to be left out or assumed, as a tuple of Finding; builds what is not yet built.
+    The function beside them returns what had to be left out or assumed, and builds what is not yet built for it.
     """
     remarks = Remarks()
     said: dict[str, Remarks] = {}  # Of long tables, when they are built.
-    long: Mapping[str, LongTable] = {}
-    if format.startswith("dataflash"):
-        long = dataflash.long_tables(messages, said)
-        tables = dataflash.build(messages, parameters, vehicle, remarks, long)
-    elif format == "ulog":
-        tables = px4.build(messages, parameters, vehicle, remarks)
-    else:
-        tables = telemetry.build(messages, parameters, vehicle, remarks)
+    kind = {"ulog": Kind.PX4}.get(format, Kind.DATAFLASH if format.startswith("dataflash") else Kind.TELEMETRY)
+    messages = Sender(messages) if kind is Kind.TELEMETRY else messages
+    long = _long_tables(messages, said) if kind is Kind.DATAFLASH else {}
+    tables = _build(messages, kind, parameters, vehicle, remarks, long)
     # A table without a row says no more than a missing one.
     empty = {name: None for name in COLUMNS if (table := getattr(tables, name)) is not None and len(table) == 0}
-    if empty:
-        tables = replace(tables, **empty)  # type: ignore[arg-type]
+    tables = replace(tables, **empty) if empty else tables  # type: ignore[arg-type]
     if long:
         tables = tables.with_long(long)
+    _remark_frame(messages, vehicle, remarks)
+
+    def findings() -> tuple[Finding, ...]:
+        if "imu" in long and "imu" not in said:
+            tables.imu  # noqa: B018 -- kept for who asks for the table next
+        together = Remarks()
+        for each in (remarks, *said.values()):
+            together.take(each)
+        return together.findings()
+
+    return tables, findings
+
+
+def _long_tables(messages: Messages, said: dict[str, Remarks]) -> dict[str, LongTable]:
+    """Return how to build the tables that are long; `said` gets what building them has to say."""
+    counts: Mapping[str, int] = getattr(messages, "counts", {})
+
+    def inertial() -> Sensor:
+        said["imu"] = Remarks()
+        return _inertial(messages, Kind.DATAFLASH, said["imu"])
+
+    found = {}
+    if sum(counts.get(name, 0) for name in _IMU) >= LONG:
+        found["imu"] = LongTable(inertial)
+    if sum(counts.get(name, 0) for name in _RATES) >= LONG:
+        columns = partial(control.rate_columns, messages) if "RATE" in messages else None
+        found["rates"] = LongTable(lambda: (control.rates(messages, Kind.DATAFLASH), ()), columns)
+    return found
+
+
+def _inertial(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
+    """IMUs; without damaged rows where no checksum has kept them out."""
+    table, further = sensors.imu(messages, kind, remarks)
+    return (table if kind is Kind.TELEMETRY else without_stray(table, "imu", remarks)), further
+
+
+def _build(
+    messages: Messages,
+    kind: Kind,
+    parameters: Mapping[str, float],
+    vehicle: Vehicle,
+    remarks: Remarks,
+    long: Mapping[str, LongTable],
+) -> Tables:
+    """Build all tables that the messages allow, but for long ones."""
+    imu: Sensor = (None, ()) if "imu" in long else _inertial(messages, kind, remarks)
+    found = {
+        "imu": imu,
+        "gps": sensors.gps(messages, kind, parameters, vehicle, remarks),
+        "baro": sensors.baro(messages, kind, parameters, remarks),
+        "mag": sensors.mag(messages, kind, parameters, remarks),
+        "battery": sensors.battery(messages, kind, remarks),
+    }
+    gps, _ = found["gps"]
+    attitude = control.attitude(messages, kind)
+    origin = control.logged_origin(messages, kind)
+    if origin is None and first(messages, "LOCAL_POSITION_NED", "vehicle_local_position") is None:
+        place = control.origin_of_fixes(gps, None)  # of positions in latitude and longitude
+    else:
+        place = origin
+    ekf = control.estimate(messages, kind, parameters, attitude, place)
+    dataflash = kind is Kind.DATAFLASH
+    tables = Tables(
+        **{name: table for name, (table, _) in found.items()},
+        motors=actuators.motors(messages, kind, parameters, vehicle, remarks),
+        esc=actuators.esc(messages, kind, vehicle.motors),
+        attitude=attitude,
+        setpoints=control.setpoints(messages, kind, vehicle, place, attitude),
+        rates=None if "rates" in long else control.rates(messages, kind),
+        systemid=control.systemid(messages, kind),
+        ekf=ekf,
+        truth=control.truth(messages) if dataflash else None,
+        rangefinder=sensors.rangefinder(messages, kind, remarks),
+        modes=events.modes(messages, kind, vehicle.firmware),
+        events=events.events(messages, kind),
+        further={name: more for name, (_, more) in found.items() if more} | (batches(messages) if dataflash else {}),
+        parameters=parameters,
+        origin=origin or (place if kind is Kind.TELEMETRY else None) or control.origin_of_fixes(gps, ekf),
+    )
+    return tables if kind is Kind.TELEMETRY else without_stray_rows(tables, remarks)
+
+
+def _remark_frame(messages: Messages, vehicle: Vehicle, remarks: Remarks) -> None:
+    """Remark what is not known of the frame, and so of the motors."""
     if vehicle.frame_source == "outputs":
         remarks.add(
             Finding(
@@ -98,13 +173,3 @@ def gather_tables(
                 else "rotorid knows multirotors; their log needs the parameters, which are written when it starts.",
             )
         )
-
-    def findings() -> tuple[Finding, ...]:
-        if "imu" in long and "imu" not in said:
-            tables.imu  # noqa: B018 -- kept for who asks for the table next
-        together = Remarks()
-        for each in (remarks, *said.values()):
-            together.take(each)
-        return together.findings()
-
-    return tables, findings

@@ -131,7 +131,7 @@ def frozen(values: Array) -> npt.NDArray[np.bool_]:
 
 
 #: Columns that are angles, rad.
-_ANGLES = ("roll", "pitch", "yaw")
+ANGLES = ("roll", "pitch", "yaw")
 
 
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
@@ -142,8 +142,8 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
     t = tables[-1].index.to_numpy()
     values: dict[str, Array] = {name: np.full(len(t), np.nan) for name in columns}
     for table in tables:
-        turning = [name for name in table.columns if name in _ANGLES]
-        others = [name for name in table.columns if name not in _ANGLES]
+        turning = [name for name in table.columns if name in ANGLES]
+        others = [name for name in table.columns if name not in ANGLES]
         for some, angles in ((others, False), (turning, True)):
             values |= zip(some, sample(table[some], t, gap=gap, angles=angles).T, strict=True)
     return pd.DataFrame(values, index=pd.Index(t, name="t", dtype=np.float64))
@@ -152,8 +152,8 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
 def with_attitude(table: pd.DataFrame, attitude: pd.DataFrame | None, gap: float) -> pd.DataFrame:
     """Add roll, pitch and yaw at the times of a table; NaN without an attitude."""
     if attitude is None:
-        return table.reindex(columns=[*table.columns, *_ANGLES])
-    table[list(_ANGLES)] = sample(attitude[list(_ANGLES)], table.index.to_numpy(), gap=gap, angles=True)
+        return table.reindex(columns=[*table.columns, *ANGLES])
+    table[list(ANGLES)] = sample(attitude[list(ANGLES)], table.index.to_numpy(), gap=gap, angles=True)
     return table
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.findings import Finding, Severity, info, warning
-from logparse.file_findings import COPY_AGAIN, behind_the_end, listed, several_boots
+from logparse.source import COPY_AGAIN, behind_the_end, listed, several_boots
 
 if TYPE_CHECKING:
     from logparse.dataflash.chain import Chain

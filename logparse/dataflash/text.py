@@ -18,10 +18,9 @@ from core.errors import LogError
 from core.findings import Finding, info, warning
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
-from logparse.dataflash.boots import Span, boot_spans
+from logparse.dataflash.chain import Span, boot_spans
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
-from logparse.file_findings import listed, mended_times, several_boots
-from logparse.source import Boot, MessageSource
+from logparse.source import Boot, MessageSource, listed, mended_times, several_boots
 from logparse.timebase import mend_times
 
 _FMT_LINE = re.compile(rb"^\s*FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)

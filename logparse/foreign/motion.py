@@ -18,10 +18,9 @@ from core.findings import Finding, Severity
 from logparse.craft.frames import Vehicle
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
-from logparse.foreign.consistency import contradiction, wrong_frame
+from logparse.foreign.consistency import Motion, contradiction, pairs_of, wrong_frame
 from logparse.foreign.files import TableError, flatten, read_columns, table_finding
 from logparse.foreign.motors import check_lift, check_units, find_order, not_lifting, unchecked_order, wrong_order
-from logparse.foreign.pairs import Motion, pairs_of
 from logparse.foreign.shifts import check_clock, check_shifts
 
 Floats = npt.NDArray[np.float64]

@@ -16,8 +16,8 @@ from scipy.ndimage import uniform_filter1d
 
 from core.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
+from logparse.foreign.consistency import Motion, alike, mean_over, ratio
 from logparse.foreign.files import TableError, table_finding
-from logparse.foreign.pairs import Motion, alike, mean_over, ratio
 
 Floats = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import ColumnMap
+from logparse.foreign.consistency import Motion, Pair, alike, ratio
 from logparse.foreign.files import table_finding
-from logparse.foreign.pairs import Motion, Pair, alike, ratio
 
 Floats = npt.NDArray[np.float64]
 

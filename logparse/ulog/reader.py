@@ -19,8 +19,7 @@ from pyulog import ULog
 from core.errors import LogError
 from core.findings import Finding, Severity, warning
 from logparse.containers import Buffer
-from logparse.file_findings import COPY_AGAIN, mended_times
-from logparse.source import Boot, MessageSource
+from logparse.source import COPY_AGAIN, Boot, MessageSource, mended_times
 from logparse.timebase import mend_times
 from logparse.ulog.chain import whole_messages
 

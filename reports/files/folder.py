@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from core.cells import as_cell
 from core.serialization import as_json, from_json
+from core.table import as_cell
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import FlightLog
-from logparse.canonical.dataflash_control import throttle_output
+from logparse.canonical.control import throttle_output
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.excitation import Within
 from sysid.frequency.flight_records import at_rows, flight_span, lift_asked

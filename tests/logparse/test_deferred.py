@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import logparse.canonical.dataflash
+import logparse.canonical
 import logparse.messages
 from logparse import Tables, read_log
 
@@ -23,7 +23,7 @@ def at_once():
 @pytest.fixture
 def deferred(monkeypatch):
     """Return the log as if a thousand rows were many."""
-    monkeypatch.setattr(logparse.canonical.dataflash, "LONG", 1000)
+    monkeypatch.setattr(logparse.canonical, "LONG", 1000)
     monkeypatch.setattr(logparse.messages, "LONG", 1000)
     return read_log(LOG)
 

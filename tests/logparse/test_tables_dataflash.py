@@ -96,7 +96,7 @@ def test_a_frozen_compass_is_none():
     stuck = {f"Mag{axis}": np.full(120, value) for axis, value in zip("XYZ", (-40.0, 1.0, -53.0), strict=True)}
     tables, findings = build({"MAG": message(t, **stuck)})
     assert tables.mag is None or tables.mag["mag_x"].isna().all()
-    assert "one reading throughout in 120 of 120 samples" in findings[0].reason
+    assert "one reading of the magnetometer throughout in 120 of 120 samples" in findings[0].reason
     alive = stuck | {"MagX": np.where(t < 3.0, -40.0, -41.0)}
     assert build({"MAG": message(t, **alive)})[0].mag["mag_x"].notna().all()
 
@@ -223,7 +223,7 @@ def test_a_dead_magnetometer_gives_way_to_the_second():
     alive = message([1, 2, 3], MagX=[1, 2, 3], MagY=[1, 1, 1], MagZ=[400, 400, 400])
     tables, findings = build({"MAG": dead, "MAG2": alive})
     assert tables.mag["mag_x"].tolist() == pytest.approx([1e-7, 2e-7, 3e-7])
-    assert reasons(findings) == ["MAG: all three axes zero in 3 of 3 samples; taken as missing."]
+    assert reasons(findings) == ["MAG: all three axes of the magnetometer zero in 3 of 3 samples; taken as missing."]
 
 
 def test_current_is_in_hundredths_until_3_3():

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.canonical.modes import ardupilot_mode
+from logparse.canonical.events import ardupilot_mode
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
 from tests.logparse.builders import tables_of
