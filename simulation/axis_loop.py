@@ -31,6 +31,9 @@ _SUBSTEPS = 12
 #: Rate of the physics and of the gyro's filter, Hz.
 GYRO_HZ = LOOP_HZ * _SUBSTEPS
 
+#: Corner of disturbances, Hz.
+GUST_HZ = 1.0
+
 #: Where the chirp of a SID_AXIS is added; others are added to the rate target.
 _POINTS = {
     **dict.fromkeys(range(10, 14), "mixer"),
@@ -44,8 +47,8 @@ _SYSTEMID, _STABILIZE = 25, 0
 _LETTERS = {"roll": "R", "pitch": "P", "yaw": "Y", "vertical": "A"}
 #: Time since boot at the start of the runs, s.
 _BOOT = 10.0
-#: Mean thrust of the craft in parts of full, and the speed of its rotors there, rad/s.
-HOVER, _SPEED = 0.35, 600.0
+#: Mean thrust of the craft in parts of full.
+HOVER = 0.35
 #: Parameters with which a motor's thrust is linear in its PWM.
 LINEAR: Mapping[str, float] = {
     "MOT_PWM_MIN": 1000.0,
@@ -58,8 +61,6 @@ LINEAR: Mapping[str, float] = {
     "FRAME_TYPE": 1.0,
     **{f"SERVO{k}_FUNCTION": 32.0 + k for k in range(1, 5)},
 }
-#: Samples of a burst of the batch sampler and of a row of it, and int16 per rad/s.
-_BURST, _BLOCK, _SCALE = 1024, 32, 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,9 +157,7 @@ class Excitation:
     #: rate target.
     sid_axis: int = 10
     stick: float = 0.0  #: Standard deviation of random sticks, rad (or m/s^2), held for 0.4 to 2.5 s each.
-    #: Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), first-order with `gust_hz`.
-    gust: float = 0.0
-    gust_hz: float = 1.0
+    gust: float = 0.0  #: Standard deviation of disturbing accelerations, rad/s^2 (or m/s^2), below `GUST_HZ`.
     noise: float = 0.0  #: Standard deviation of the sensor's noise after its filter, rad/s (or m/s^2).
     gyro_noise: float = 0.0  #: The same before the filter, at every step of the physics.
 
@@ -193,7 +192,7 @@ def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: i
     stick = _sticks(rng, n, excitation.stick, smooth=plant.integrates)
     added_to = _POINTS.get(excitation.sid_axis, "rate")
     added = {point: chirp if point == added_to else np.zeros(n) for point in ("rate", "mixer", "position", "velocity")}
-    pole = np.exp(-2.0 * np.pi * excitation.gust_hz / GYRO_HZ)
+    pole = np.exp(-2.0 * np.pi * GUST_HZ / GYRO_HZ)
     gust = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], rng.normal(0.0, excitation.gust, n * _SUBSTEPS))
     signals = AxisSignals(
         stick=stick,
@@ -410,9 +409,7 @@ def _chirps(runs: _Runs, rate: float) -> list[MessageTable]:
     ]
 
 
-def _motors(
-    runs: _Runs, rcou: float = 0.0, imu: float = 0.0, esc: float = 0.0, lag: float = 0.0, pause: float = 0.0
-) -> list[MessageTable]:
+def _motors(runs: _Runs, rcou: float = 0.0, imu: float = 0.0) -> list[MessageTable]:
     """Return what a quadcopter's motors got and its gyros felt, at rates [Hz] of which 0 leaves a message out."""
     motors = motor_table("quad", "x")
     asked = [
@@ -433,32 +430,9 @@ def _motors(
         columns = {f"Gyr{letter}": gyro[_rows(imu), k] for k, letter in enumerate("XYZ")}
         columns |= {"AccX": np.zeros(len(runs.t(imu))), "AccY": np.zeros(len(runs.t(imu)))}
         tables.append(message("IMU", runs.t(imu), columns | {"AccZ": -9.81 - runs("vertical", "measured", imu)}))
-    if esc:
-        if lag:
-            decay = float(np.exp(-1.0 / (LOOP_HZ * lag)))
-            thrust = HOVER + lfilter([0.0, 1.0 - decay], [1.0, -decay], thrust - HOVER, axis=0)
-        rpm = (_SPEED * np.sqrt(np.maximum(thrust[_rows(esc)], 1e-3) / HOVER) * 30.0 / np.pi).ravel()
-        t = np.repeat(runs.t(esc), len(motors))
-        columns = {"Instance": np.tile(np.arange(len(motors)), len(runs.t(esc))), "RPM": rpm, "RawRPM": rpm}
-        tables.append(message("ESC", t, columns | dict.fromkeys(("Volt", "Curr", "Temp"), 0.0)))
     if "vertical" in runs.axes:
         # The pilot's throttle and that of the controller.
         stick = np.rint(1500.0 + 50.0 * runs("vertical", "stick", 10.0)).astype(np.uint16)
         tables.append(message("CTUN", runs.t(10.0), {"ThO": HOVER + runs("vertical", "output", 10.0)}))
         tables.append(message("RCIN", runs.t(10.0), {"C3": stick}))
-    return tables + (_bursts(gyro, runs.t(LOOP_HZ), pause) if pause else [])
-
-
-def _bursts(gyro: np.ndarray, t: np.ndarray, pause: float) -> list[MessageTable]:
-    """Return ISBH and ISBD rows of bursts of gyro samples, at the rate of the loop, a pause [s] between them."""
-    starts = np.arange(0, len(t) - _BURST, _BURST + round(pause * LOOP_HZ))
-    numbers = np.arange(len(starts)) % 65536
-    heads = {"N": numbers, "type": 1, "instance": 0, "mul": _SCALE, "smp_cnt": _BURST}
-    heads |= {"SampleUS": np.rint(t[starts] * 1e6).astype(np.uint64), "smp_rate": LOOP_HZ}
-    blocks = _BURST // _BLOCK
-    at = (starts[:, None] + _BLOCK * np.arange(blocks)).ravel()
-    raw = np.rint(gyro * _SCALE).astype(np.int16)
-    written = t[np.minimum(at + _BURST + 8, len(t) - 1)]
-    data: dict[str, object] = {"N": np.repeat(numbers, blocks), "seqno": np.tile(np.arange(blocks), len(starts))}
-    data |= {axis: [raw[k : k + _BLOCK, j] for k in at] for j, axis in enumerate("xyz")}
-    return [message("ISBH", t[starts + _BURST], heads), message("ISBD", written, data)]
+    return tables

@@ -81,9 +81,6 @@ PIDR terms_roll QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=
 PIDP terms_pitch QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
 PIDY terms_yaw QffffffB s------- F------- Tar=target Act=actual P=P I=I D=D FF=FF Flags=0
 RCIN sticks QH sY F- C3=throttle_us
-ISBH bursts QHBBHHQf s-----sz F-----F-
-    N=number type=1 instance=0 mul=scale smp_cnt=samples SampleUS=start_us smp_rate=hz
-ISBD bursts QHHaaa s----- F----- N=number seqno=block x=x y=y z=z
 SIM truth QccCfLLffff sddhmDU---- FBBB0GG0000
     Roll=true_roll_deg Pitch=true_pitch_deg Yaw=true_heading Alt=true_alt Lat=true_lat Lng=true_lon Q1=q_w Q2=q_x Q3=q_y
     Q4=q_z

@@ -15,7 +15,6 @@ import logparse.dataflash._decode as dataflash
 import logparse.timebase as timebase
 import sysid.frequency._window_kernels as windows
 import sysid.records._filter_kernels as filters
-import sysid.records._resampling_kernels as resampling
 import sysid.rigid_body.conditions._carry_kernels as carrying
 import sysid.rigid_body.methods._gust_kernels as gusts
 import sysid.rigid_body.motion._rigid_kernels as rigid_body
@@ -38,7 +37,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     imu_splines.along_spline,
     rigid_body.ahead,
     windows.products,
-    resampling.filtered_at,
+    filters.filtered_at,
     transfer_functions.recur,
     transfer_functions.recur_few,
     gusts.whiten,

@@ -1,4 +1,4 @@
-"""Compiled loop of linear filters."""
+"""Compiled loops of linear filters, of whole signals and of a few of their many samples."""
 
 import numpy as np
 
@@ -34,4 +34,28 @@ def filtered(b: Vector, a: Vector, signals: Matrix, state: Matrix) -> Matrix:
             for i in range(1, b.size):
                 state[i - 1, c] = state[i, c] + b[i] * x - a[i] * y
             result[t, c] = y
+    return result
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
+    """Filter a signal and interpolate it by straight lines, both only where asked.
+
+    `extended` (M + taps - 1,): signal, continued at both ends by half the filter; `between` (N,): where, in samples of
+    the signal, 0 to M - 1. Returns (N,).
+    """
+    result = np.empty(between.size)
+    last = extended.size - taps.size
+    for k in range(between.size):
+        first = min(int(between[k]), last)
+        share = between[k] - first
+        total = 0.0
+        for j in range(taps.size):
+            total += taps[j] * extended[first + j]
+        if share > 0.0:
+            after = 0.0
+            for j in range(taps.size):
+                after += taps[j] * extended[first + 1 + j]
+            total += share * (after - total)
+        result[k] = total
     return result

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from sysid.records._resampling_kernels import filtered_at
+from sysid.records._filter_kernels import filtered_at
 from sysid.records.arrays import Floats
 from sysid.records.filtering import low_pass_taps
 

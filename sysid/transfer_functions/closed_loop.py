@@ -28,7 +28,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.serialization import plain, restored
 from logparse import Finding, Severity
 from sysid.records.experiment import (
     Experiment,
@@ -118,7 +117,7 @@ class ClosedLoopModel(FunctionsModel):
             disturbance={name: Disturbance.from_record(each) for name, each in record.disturbance.items()},
             reports=record.fits,
             offset_trust=record.offset_trust,
-            following=restored(plain(record.following_rms), Mapping[str, float]),  # type: ignore[type-abstract]
+            following=record.following_rms,
             training=record.training,
         )
 

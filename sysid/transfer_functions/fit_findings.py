@@ -19,10 +19,7 @@ CHANCE = 0.001
 def few_samples(records: Sequence[Experiment], parameters: int, order: int) -> list[Finding]:
     """Return a finding where samples are few for the coefficients of an output.
 
-    Raises
-    ------
-    ExperimentError
-        When they cannot determine them, with the initial states of this order.
+    ExperimentError when they cannot determine them, with the initial states of this order.
     """
     samples = sum(len(record.t) for record in records)
     needed = parameters + len(records) * (1 + order)

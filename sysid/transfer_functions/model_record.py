@@ -103,4 +103,4 @@ class ClosedLoopRecord(
     """See `sysid.ClosedLoopModel`."""
 
     offset_trust: Mapping[str, float]
-    following_rms: Mapping[str, float | None]
+    following_rms: Mapping[str, float]

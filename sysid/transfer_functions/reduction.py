@@ -280,13 +280,7 @@ def sum_of(parts: Sequence[Floats]) -> Floats:
 
 # LAPACK itself: the matrices are so small that checks and dispatch around it take as long as the work.
 def factorise(matrix: Floats) -> Floats:
-    """Lower Cholesky factor of a symmetric matrix.
-
-    Raises
-    ------
-    LinAlgError
-        When it is not positive definite.
-    """
+    """Lower Cholesky factor of a symmetric matrix; LinAlgError when it is not positive definite."""
     factor, info = lapack.dpotrf(matrix, lower=1)
     if info:
         raise np.linalg.LinAlgError("normal equations are not positive definite")

@@ -89,14 +89,10 @@ class Separated:
 
 
 def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: float) -> Iterator[Separated]:
-    """Find starts for own denominators, without any guess of them.
+    """Yield starts for own denominators, from one draw of the channels' sections after the other.
 
-    Yields
-    ------
-    Separated
-        From one draw of the channels' sections after the other, of the same shared modes. Nothing where there are too
-        few samples for so many coefficients, integrators, or an output that even all these modes do not explain: by
-        size, or because what they leave is far from white.
+    Of the same shared modes. Nothing where there are too few samples for so many coefficients, integrators, or an
+    output that even all these modes do not explain: by size, or because what they leave is far from white.
     """
     sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
     if problem.integrators or not _enough(problem, sections):
