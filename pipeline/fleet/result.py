@@ -40,6 +40,7 @@ class FleetResult(Summarised):
     duplicates: tuple[LogFailure, ...] = ()  #: Copies of logs that were analysed.
     #: Logs of earlier runs that are no longer there; their products are still in the store.
     removed: tuple[LogFailure, ...] = ()
+    again: tuple[str, ...] = ()  #: Flights of which another recording is here too.
     reused: int = 0  #: Logs whose products, or whose reason to have none, were in the store already.
     manifest: Manifest | None = None
     #: Crafts whose models were fitted in this run, by the folders of `groups`; those of others are in the store.

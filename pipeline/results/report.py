@@ -213,4 +213,5 @@ class FleetReport:
     passed_over: tuple[LeftOut, ...] = ()
     duplicates: tuple[LeftOut, ...] = ()
     removed: tuple[LeftOut, ...] = ()
+    again: tuple[str, ...] = ()  #: Flights of which another recording is here too; they are not counted twice.
     timings_s: Mapping[str, float]

@@ -61,6 +61,7 @@ def write_fleet(fleet: FleetResult) -> None:
             passed_over=_reasons(fleet.passed_over),
             duplicates=_reasons(fleet.duplicates),
             removed=_reasons(fleet.removed),
+            again=fleet.again,
             timings_s=fleet.timings,
         ),
     )

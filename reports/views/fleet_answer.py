@@ -72,10 +72,11 @@ def fleet_answer(numbers: FleetReport) -> list[ShownAnswer]:
     """Sum all flights up, the best insight first, then a line for each purpose."""
     if not numbers.flights:
         return [_line("Happened", "no", Tone.UNKNOWN, "", "No log gave a flight.")]
-    changed, health = insight(numbers), _health(numbers.flights)
+    flights = [flight for flight in numbers.flights if flight.name not in numbers.again]
+    changed, health = insight(numbers), _health(flights)
     first = health if changed is None else _line("Changed", "changed", Tone.CARE, "", changed.text)
     rest = [] if changed is None else [health]
-    lines = [_flown(numbers), _loops(numbers.flights), _parameters(numbers), _ahead(numbers)]
+    lines = [_flown(flights), _loops(flights), _parameters(numbers), _ahead(numbers)]
     return [first, *rest, *(each for each in lines if each is not None)]
 
 
@@ -83,14 +84,14 @@ def _line(purpose: str, word: str, tone: Tone, shown: str, text: str) -> ShownAn
     return ShownAnswer(AnswerLine(purpose=purpose, word=word, tone=tone, text=text), shown)
 
 
-def _flown(numbers: FleetReport) -> ShownAnswer:
-    flown = [flight.flight for flight in numbers.flights if flight.flight]
+def _flown(flights: Sequence[FlightReport]) -> ShownAnswer:
+    flown = [flight.flight for flight in flights if flight.flight]
     high = max((each.height_m for each in flown if each.height_m is not None), default=None)
     fast = max((each.speed_max_m_s for each in flown if each.speed_max_m_s is not None), default=None)
     reach = [] if high is None else [f"{number(high, 2)} m high"]
     reach += [] if fast is None else [f"{number(fast, 2)} m/s"]
     text = duration(sum(each.duration_s for each in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
-    return _line("Flown", "", Tone.GOOD, f"{counted(len(numbers.flights), 'flight')},", text)
+    return _line("Flown", "", Tone.GOOD, f"{counted(len(flights), 'flight')},", text)
 
 
 def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[str, ShownAnswer]]:

@@ -306,6 +306,14 @@ def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
     assert said["Loops"].number == own["Loops"].number == "52 ± 2°"
 
 
+def test_a_flight_that_was_recorded_twice_is_counted_once(kinds):
+    flights = [
+        dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name=name) for name in ("bin", "tlog")
+    ]
+    assert fleet_answer(made(FleetReport, flights=flights))[0].line.text == "Nothing happened in 2 flights."
+    assert fleet_answer(made(FleetReport, flights=flights, again=("tlog",)))[0].line.text.endswith(" in 1 flight.")
+
+
 def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
     reasons = ["only 7 s of 57 s", "no GPS", "only 18 s of 57 s", "only 11.5 s of 57 s"]
     assert summary.alike(reasons) == {"only 7–18 s of 57 s": [0, 2, 3], "no GPS": [1]}
