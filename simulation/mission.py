@@ -57,6 +57,7 @@ class Chirp:
     stop_hz: float = 12.0
     seconds: float = 24.0  #: Length of the sweep after the first two periods.
     fade: float = 1.5  #: Time over which the sine grows at the start and shrinks at the end, s.
+    placed: bool = False  #: Whether position is held all the while, which SYSTEMID does not do.
 
     @property
     def hold(self) -> float:
@@ -188,7 +189,7 @@ class Reference:
         t = np.arange(len(self.phase)) * self.tick
         level = np.zeros(t.shape, dtype=bool)
         for start, chirp in self.chirps:
-            level |= (t >= start) & (t <= start + chirp.duration)
+            level |= (t >= start) & (t <= start + chirp.duration) & (not chirp.placed)
         return level
 
 

@@ -19,9 +19,9 @@ SHAKEN = Mission(
     takeoff=8.0,
     steps=(
         Wait(10.0),
-        Chirp("roll", 0.08, 0.5, 6.0, 15.0),
-        Chirp("pitch", 0.08, 0.5, 6.0, 15.0),
-        Chirp("yaw", 0.15, 0.5, 4.0, 15.0),
+        Chirp("roll", 0.08, 0.5, 6.0, 15.0, placed=True),
+        Chirp("pitch", 0.08, 0.5, 6.0, 15.0, placed=True),
+        Chirp("yaw", 0.15, 0.5, 4.0, 15.0, placed=True),
         Wait(10.0),
     ),
 )

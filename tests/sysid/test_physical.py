@@ -131,7 +131,9 @@ def test_a_stand_is_a_prior_of_the_rigid_body(tmp_path, record):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "turned"), [("octa07_loiter_sticks", True), ("octa11_auto_8kg", False)])
+@pytest.mark.parametrize(
+    ("name", "turned"), [("octa07_loiter_sticks", True), ("octa11_auto_8kg", False), ("octa05_auto_quito", False)]
+)
 def test_firmware_in_the_loop(name, turned, sitl):
     """Thrust by every method within 2 % of the truth; roll and pitch inertia, where sticks moved, within 7 %.
 

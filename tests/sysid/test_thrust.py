@@ -1,8 +1,6 @@
-"""Thrust per command from accelerometer and PWM: simulated truth, honest silence, and firmware in the loop."""
+"""Thrust per command from accelerometer and PWM: simulated truth and honest silence (firmware: test_physical)."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +11,6 @@ from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.level_flight import CRAFT, flight
-
-LOGS = Path("../shared/logs/sitl")
 
 
 def test_common_coefficient_within_its_standard_error():
@@ -143,15 +139,3 @@ def test_with_some_motors_unlogged_no_coefficient_is_told():
     assert model.common.reason == "only 4 of 8 motors are logged"
     assert not any(value.determined for value in model.per_motor.values())
     assert "not-logged" in {finding.id for finding in model.findings}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper01", "octa05_auto_quito", "octa11_auto_8kg"])
-def test_firmware_in_the_loop(name, sitl):
-    """Thrust at full command of craft of 3 and 8 kg, at 490 and 2850 m, within 2 % of the simulator's truth."""
-    made = Experiment.from_flight(*sitl(name))
-    truth = json.loads((LOGS / f"{name}.json").read_text())["truth"]
-    model = fit_thrust([made], mass=truth["mass_kg"])
-    voltage = model.reference_voltage / truth["model_inputs"]["maxVoltage"]
-    expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2
-    assert model.common.newton == pytest.approx(expected, rel=0.02)

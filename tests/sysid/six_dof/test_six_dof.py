@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 from core.units import STANDARD_GRAVITY
 from simulation.elhesasy2024 import quadcopter
@@ -13,7 +12,7 @@ from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
 from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
 from sysid.rigid_body.six_dof.fit import fit_six_dof, timing_of
-from sysid.rigid_body.six_dof.shooting import rotation_vectors, state_errors
+from sysid.rigid_body.six_dof.shooting import state_errors
 from tests.sysid.six_dof import flown, papers
 
 LATE = (2, 0, 1, 0)
@@ -73,13 +72,8 @@ def test_parameters_are_those_of_the_craft(fitted):
     for axis, linear, square in zip("xy", flown.ROTOR_DRAG, flown.QUADRATIC, strict=False):
         found = model.value(f"drag_rotor_{axis}") + 2.5 * model.value(f"drag_quadratic_{axis}")
         assert found == pytest.approx(linear * model.shape.reference_speed / flown.HOVER + 2.5 * square, rel=0.03)
-
-
-@pytest.mark.slow
-def test_thrust_is_given_in_si_for_the_mass(fitted):
-    thrust = fitted[0].parameters["thrust"]
-    assert thrust.si_unit == "N s^2"
-    assert thrust.si_value == pytest.approx(flown.THRUST, rel=0.01)
+    thrust = model.parameters["thrust"]
+    assert (thrust.si_value, thrust.si_unit) == (pytest.approx(flown.THRUST, rel=0.01), "N s^2")
 
 
 @pytest.mark.slow
@@ -93,11 +87,6 @@ def test_predicts_the_whole_state_of_a_flight_it_has_not_seen(fitted):
     still = np.sqrt((held.reshape(-1, 4, 3) ** 2).sum(axis=2).mean(axis=0))
     assert (rms < [0.01, 0.05, 0.02, 0.08]).all(), rms
     assert (rms < 0.1 * still).all(), (rms, still)
-
-
-@pytest.mark.slow
-def test_predict_begins_with_the_free_run_and_is_position_of_the_state(fitted):
-    model, _, unseen = fitted
     ahead = model.predict(unseen, 0.5)
     assert np.array_equal(ahead[:50], model.simulate(unseen)[:50])
     assert np.allclose(ahead[:, 2], -model.predict_states(unseen, 0.5)[:, 2])
@@ -215,12 +204,6 @@ def test_motion_is_that_of_another_integrator():
     for _ in range(100):
         kernels.advance(theta, drive, wind, np.zeros(6), 0.01, 1, ours)
     assert np.abs(ours - exact).max() < 2e-3  # second order in steps of 10 ms
-
-
-def test_rotation_vectors_are_those_of_scipy():
-
-    rotation = Rotation.random(50, rng=np.random.default_rng(0))
-    assert np.allclose(rotation_vectors(rotation.as_matrix()), rotation.as_rotvec(), atol=1e-9)
 
 
 @pytest.mark.parametrize(("unit", "internal", "name", "stated", "refused"), TIMES)
