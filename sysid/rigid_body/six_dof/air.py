@@ -37,19 +37,15 @@ _UNLIKE = 4.4
 _PASSES = 12
 
 
-@dataclass(frozen=True, slots=True)
-class _Sought:
-    """What is sought of a window: two horizontal numbers and the thrust over the model's."""
+#: What is sought of a window, two horizontal numbers and the thrust over the model's: known before, and its spread.
+_Sought = tuple[Floats, Floats]
 
-    mean: Floats  #: shape (3,): Known before.
-    sigma: Floats  #: shape (3,): Its spread.
-    farthest: Floats  #: shape (3,): From the mean, what is believed.
-    difference: Floats  #: shape (3,): Step of differences.
+#: North and east, m/s, or forward and right, m/s^2; thrust as `fit.FAMILIES` has it of a battery's charge.
+_WIND: _Sought = np.array([0.0, 0.0, 1.0]), np.array([15.0, 15.0, 0.1])
+_TRIM: _Sought = np.array([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.1])
 
-
-#: North and east, m/s, or forward and right, m/s^2; thrust as `fit.PRIORS` has it of a battery's charge.
-_WIND = _Sought(*map(np.array, ([0.0, 0.0, 1.0], [15.0, 15.0, 0.1], [40.0, 40.0, 0.5], [0.5, 0.5, 0.01])))
-_TRIM = _Sought(*map(np.array, ([0.0, 0.0, 1.0], [1.0, 1.0, 0.1], [5.0, 5.0, 0.5], [0.1, 0.1, 0.01])))
+#: Parts of a spread: step of differences, longest step of the search, and what is believed.
+_DIFFERENCE, _STRIDE, _FARTHEST = 0.05, 0.4, 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,26 +187,26 @@ def _solve(
     spread = runs.windows // blocks
     owner = np.repeat(np.arange(blocks), len(runs.starts) // blocks)
     number = np.bincount(owner, minlength=blocks)
-    value = np.tile(sought.mean if first is None else first, (blocks, 1))
-    held = np.tile(np.diag(1.0 / sought.sigma**2), (blocks, 1, 1))
+    mean, sigma = sought
+    value = np.tile(mean if first is None else first, (blocks, 1))
     for _ in range(_PASSES):
         base = errors(np.repeat(value, spread, axis=0))
         slopes = np.empty((*base.shape, 3))
-        for k in range(3):
+        for k, step in enumerate(_DIFFERENCE * sigma):
             moved = value.copy()
-            moved[:, k] += sought.difference[k]
-            slopes[..., k] = (errors(np.repeat(moved, spread, axis=0)) - base) / sought.difference[k]
+            moved[:, k] += step
+            slopes[..., k] = (errors(np.repeat(moved, spread, axis=0)) - base) / step
         information, gradient, square = np.zeros((blocks, 3, 3)), np.zeros((blocks, 3)), np.zeros(blocks)
         np.add.at(information, owner, np.einsum("nij,nik->njk", slopes, slopes))
         np.add.at(gradient, owner, np.einsum("nij,ni->nj", slopes, base))
         np.add.at(square, owner, np.sum(base**2, axis=1))
         # Runs overlap: neighbours share their noise.
         noise = square / (3 * number) * runs.steps
-        held = information / noise[:, None, None] + np.diag(1.0 / sought.sigma**2)
-        slope = gradient / noise[:, None] + (value - sought.mean) / sought.sigma**2
-        step = np.clip(np.linalg.solve(held, -slope[..., None])[..., 0], -0.4 * sought.sigma, 0.4 * sought.sigma)
-        value = np.clip(value + step, sought.mean - sought.farthest, sought.mean + sought.farthest)
-        if np.abs(step / sought.sigma).max() < 1e-4:
+        held = information / noise[:, None, None] + np.diag(sigma**-2.0)
+        slope = gradient / noise[:, None] + (value - mean) / sigma**2
+        move = np.clip(np.linalg.solve(held, -slope[..., None])[..., 0], -_STRIDE * sigma, _STRIDE * sigma)
+        value = np.clip(value + move, mean - _FARTHEST * sigma, mean + _FARTHEST * sigma)
+        if np.abs(move / sigma).max() < 1e-4:
             break
     by_sought = np.zeros((blocks, 2, 2))
     np.add.at(by_sought, owner, slopes[:, :2, :2] / number[owner, None, None])
