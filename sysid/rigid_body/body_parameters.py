@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -111,41 +112,17 @@ def judge_parameters(
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
-    numbers: dict[str, tuple[float, float, str]] = {}
-    assumed: dict[str, float] = {}
     expo = THETA.index("thrust_expo")
     if prior.sigma[expo] >= EXPO_SIGMA:
         result["thrust_expo"] = _held_against_setting(result["thrust_expo"], vehicle)
-    if turning is None:
-        why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
-        why = "not all motors are logged" if unlogged else why
-        numbers = dict.fromkeys(ROTATION_UNITS, (0.0, float("inf"), why))
+    if turning is not None:
+        numbers = _rotational(turning, records, vehicle, voltage, curved)
     else:
-        for axis, fit in turning.axes.items():
-            reason = rotation_doubt(axis, fit, turning.source, turning.rate)
-            floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
-            # Noise in the command makes the gain too small by up to what is not coherent.
-            bent = turning.per_expo * curved.sigma
-            parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air, bent))]
-            numbers[f"{axis}_gain"] = (fit.gain, float(np.linalg.norm(parts)), reason)
-            assumed[f"{axis}_gain"] = float(np.hypot(floor, air)) * abs(fit.gain)
-            assumed[f"{axis}_damping"] = DAMPING_FLOOR
-            numbers[f"{axis}_damping"] = (fit.damping, _damping_sigma(fit), reason)
-        # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
-        for name, value in (("torque_lag", turning.lag), ("torque_delay", turning.delay)):
-            best = max(turning.axes.values(), key=lambda fit: fit.coherent)
-            reason = "" if best.coherent >= COHERENT else "no axis has a determined gain"
-            numbers[name] = (value, _LAG_SIGMA, reason)
-        numbers["yaw_lead"] = (turning.axes["yaw"].lead, _LAG_SIGMA, numbers["yaw_gain"][2])
-        constant, flown = constant_motors(records), replace(vehicle, thrust_expo=curved.expo)
-        why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
-        for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
-            assumed[name] = unlike_motors(len(vehicle.motors))
-            numbers[name] = (value, float(np.hypot(spread, assumed[name])), why if constant else "")
+        why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
+        numbers = dict.fromkeys(ROTATION_UNITS, _Stated(0.0, np.inf, "not all motors are logged" if unlogged else why))
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
-        value, spread, reason = numbers[name]
-        reason = reason or _doubt(name, value, spread)
-        result[name] = BodyParameter.of(name, unit, value, spread, reason, assumed.get(name))
+        value, spread, reason, assumed = numbers[name]
+        result[name] = BodyParameter.of(name, unit, value, spread, reason or _doubt(name, value, spread), assumed)
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
@@ -156,33 +133,61 @@ def judge_parameters(
     return result, covariance, (*THETA, *ROTATION_UNITS)
 
 
-def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParameter:
-    """Widen the standard error of a curvature that contradicts the parameters.
+class _Stated(NamedTuple):
+    value: float
+    sigma: float
+    reason: str = ""  #: Why it is not determined, whatever its standard error.
+    assumed: float | None = None
 
-    Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
-    flight tells which of the two is wrong: the truth may be either number.
-    """
+
+def _rotational(
+    turning: RotationFit, records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, curved: TorqueCurve
+) -> dict[str, _Stated]:
+    """Name what turns the craft, with all that makes it err."""
+    air, found = shared_air(records), dict[str, _Stated]()
+    for axis, fit in turning.axes.items():
+        reason = rotation_doubt(axis, fit, turning.source, turning.rate)
+        floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
+        # Noise in the command makes the gain too small by up to what is not coherent.
+        bent = turning.per_expo * curved.sigma
+        parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air, bent))]
+        hidden = float(np.hypot(floor, air)) * abs(fit.gain)
+        found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, hidden)
+        found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(fit), reason, DAMPING_FLOOR)
+    # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
+    reason = "" if max(fit.coherent for fit in turning.axes.values()) >= COHERENT else "no axis has a determined gain"
+    found["torque_lag"] = _Stated(turning.lag, _LAG_SIGMA, reason)
+    found["torque_delay"] = _Stated(turning.delay, _LAG_SIGMA, reason)
+    found["yaw_lead"] = _Stated(turning.axes["yaw"].lead, _LAG_SIGMA, found["yaw_gain"].reason)
+    constant, flown = constant_motors(records), replace(vehicle, thrust_expo=curved.expo)
+    why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
+    unlike = unlike_motors(len(vehicle.motors))
+    for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
+        found[name] = _Stated(value, float(np.hypot(spread, unlike)), why if constant else "", unlike)
+    return found
+
+
+def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParameter:
+    """Widen the standard error of a curvature that contradicts the parameters, or call it not determined."""
     if expo.value is None or expo.sigma is None:
         return expo
-    sigma = _of_both(expo.value, expo.sigma, vehicle)
-    if not (reason := _contradiction(expo.value, expo.sigma, vehicle)):
-        return replace(expo, sigma=sigma)
-    return expo.refused(reason)
+    sigma, reason = _contradiction(expo.value, expo.sigma, vehicle)
+    return expo.refused(reason) if reason else replace(expo, sigma=sigma)
 
 
-def _of_both(value: float, sigma: float, vehicle: Vehicle) -> float:
-    """Return the standard error of a curvature, with half the way to the parameters' where it contradicts them."""
+def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> tuple[float, str]:
+    """Return the standard error of a curvature beside the parameters', and how it contradicts them if beyond use.
+
+    Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
+    flight tells which of the two is wrong: the truth may be either number, and the error covers half the way.
+    """
     apart = value - vehicle.thrust_expo
-    return sigma if abs(apart) < _CONTRADICTS * sigma else float(np.hypot(sigma, 0.5 * apart))
-
-
-def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> str:
-    """Return how a curvature contradicts the parameters so much that it is not determined; empty otherwise."""
-    if abs(value - vehicle.thrust_expo) < _CONTRADICTS * sigma:
-        return ""
-    if not _doubt("thrust_expo", value, _of_both(value, sigma, vehicle)):
-        return ""
-    return (
+    if abs(apart) < _CONTRADICTS * sigma:
+        return sigma, ""
+    both = float(np.hypot(sigma, 0.5 * apart))
+    if not _doubt("thrust_expo", value, both):
+        return both, ""
+    return both, (
         f"between the ends of the commands thrust rises as with {value:.2f} ± {sigma:.2f} instead of "
         f"{vehicle.thrust_expo:.2f}: MOT_THST_EXPO or MOT_SPIN_MIN is not as set, and no flight tells which"
     )
@@ -192,7 +197,7 @@ def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Fi
     """Report when thrust clearly follows another curve than the parameters say."""
     at = THETA.index("thrust_expo")
     value, sigma = float(fine.values[at]), float(np.sqrt(max(fine.covariance[at, at], 0.0)))
-    reason = _contradiction(value, sigma, vehicle) if prior.sigma[at] >= EXPO_SIGMA else ""
+    reason = _contradiction(value, sigma, vehicle)[1] if prior.sigma[at] >= EXPO_SIGMA else ""
     if not reason:
         return []
     return [
