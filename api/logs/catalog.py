@@ -42,6 +42,26 @@ class Quota(NamedTuple):
     stored: int = 0  #: Bytes of logs.
     unfinished: int = 0  #: Analyses that wait or run.
 
+    def check_logs(self, count: int, more: int = 0) -> None:
+        """Refuse more logs than one may have."""
+        if 0 < self.logs < count + more:
+            detail = f"You have the {self.logs} logs that this service keeps for one user. Delete one, then try again."
+            raise ProblemError.of("too-many-logs", detail)
+
+    def check_bytes(self, stored: int) -> None:
+        """Refuse more bytes of logs than one may have."""
+        if 0 < self.stored < stored:
+            detail = f"Your logs would have more than the {in_words(self.stored)} that this service keeps for one user."
+            raise ProblemError.of("too-many-bytes", f"{detail} Delete some, then try again.")
+
+    def check_order(self, unfinished: int) -> None:
+        """Refuse another analysis where as many as one may have wait or run."""
+        if 0 < self.unfinished <= unfinished:
+            detail = (
+                f"You have the {self.unfinished} analyses waiting or running that this service takes from one user."
+            )
+            raise ProblemError.of("too-many-analyses", f"{detail} Try again later.", {"Retry-After": "60"})
+
 
 #: How often logs are kept anew when somebody else keeps or deletes the same ones at the same time.
 _TRIES = 5
@@ -57,8 +77,7 @@ class Catalog:
 
     def check_room(self, owner: str) -> None:
         """Refuse another log where the owner has as many as one may have."""
-        if 0 < self._quota.logs <= self.count_logs(owner):
-            raise _too_many_logs(self._quota.logs)
+        self._quota.check_logs(self.count_logs(owner), more=1)
 
     def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str) -> list[Kept]:
         """Keep logs that have fully arrived, with their names: all or none.
@@ -117,11 +136,10 @@ class Catalog:
                         session.add(records[upload.sha256])
                     kept.append(Kept(Log.model_validate(records[upload.sha256]), secret))
                 session.flush()
-                added = any(each.delete_token is not None for each in kept)
-                if added and 0 < self._quota.logs < _count_logs(session, owner):
-                    raise _too_many_logs(self._quota.logs)
-                if added and 0 < self._quota.stored < _count_bytes(session, owner):
-                    raise _too_many_bytes(self._quota.stored)
+                if any(each.delete_token is not None for each in kept):
+                    self._quota.check_logs(_count_logs(session, owner))
+                    stored = session.scalar(select(func.sum(LogRecord.size)).where(LogRecord.owner == owner))
+                    self._quota.check_bytes(int(stored or 0))
         except IntegrityError:
             return None
         return kept
@@ -197,8 +215,9 @@ class Catalog:
     def order(self, log_ids: Sequence[str], configuration: Mapping[str, Any], owner: str) -> Analysis:
         """Put an analysis of one or several logs of the owner's into the queue; KeyError names a log there is not."""
         with self._database.write() as session:
-            if 0 < self._quota.unfinished <= _count_unfinished(session, owner):
-                raise _too_many_unfinished(self._quota.unfinished)
+            open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
+            unfinished = select(func.count()).where(AnalysisRecord.owner == owner, open_)
+            self._quota.check_order(session.scalar(unfinished) or 0)
             logs = {}
             for log_id in sorted(set(log_ids)):  # one order for all, so that no two wait for each other
                 log = find(session, LogRecord, log_id, owner, lock=True)  # nobody deletes it meanwhile
@@ -316,30 +335,6 @@ def _same_logs(session: Session, owner: str, digests: Iterable[str]) -> dict[str
 
 def _count_logs(session: Session, owner: str) -> int:
     return session.scalar(select(func.count()).where(LogRecord.owner == owner)) or 0
-
-
-def _count_bytes(session: Session, owner: str) -> int:
-    return int(session.scalar(select(func.sum(LogRecord.size)).where(LogRecord.owner == owner)) or 0)
-
-
-def _count_unfinished(session: Session, owner: str) -> int:
-    open_ = AnalysisRecord.state.in_((State.QUEUED, State.RUNNING))
-    return session.scalar(select(func.count()).where(AnalysisRecord.owner == owner, open_)) or 0
-
-
-def _too_many_logs(limit: int) -> ProblemError:
-    detail = f"You have the {limit} logs that this service keeps for one user. Delete one, then try again."
-    return ProblemError.of("too-many-logs", detail)
-
-
-def _too_many_bytes(limit: int) -> ProblemError:
-    detail = f"Your logs would have more than the {in_words(limit)} that this service keeps for one user. "
-    return ProblemError.of("too-many-bytes", detail + "Delete some, then try again.")
-
-
-def _too_many_unfinished(limit: int) -> ProblemError:
-    detail = f"You have the {limit} analyses waiting or running that this service takes from one user. Try again later."
-    return ProblemError.of("too-many-analyses", detail, {"Retry-After": "60"})
 
 
 #: Seconds between two looks at the database: workers may be in other processes and on other computers.

@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from api import problems
 from api.logs.catalog import changes
 from api.problems import ProblemError
-from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, AnalysisSummary, Page, State
+from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, Page, State
 from api.web.dependencies import After, AnalysisId, FileName, Limit, Owner, Parts, PartsOf, page
-from api.web.results import Include, answer, file_of, summary
+from api.web.results import Include, answer, file_of
 from logparse import RotoridError
 from pipeline import AnalysisConfig
 
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/analyses", tags=["analyses"], responses=problems.RES
 
 
 @router.post("", status_code=HTTPStatus.ACCEPTED, summary="Analyse uploaded logs")
-def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, owner: Owner) -> AnalysisSummary:
+def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, owner: Owner) -> Analysis:
     """Start an analysis and answer at once; `Location` is where to follow it.
 
     Several logs are analysed together: flights of the same craft are fitted jointly and judged on the other flights.
@@ -34,7 +34,7 @@ def start_analysis(order: AnalysisOrder, response: Response, parts: PartsOf, own
         detail = f"There is no log with the id {error.args[0]}."
         raise ProblemError.of("unknown-log", detail) from error
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
-    return summary(analysis)
+    return analysis
 
 
 def check(order: AnalysisOrder) -> None:
@@ -57,10 +57,10 @@ def list_analyses(
     q: Annotated[
         str, Query(max_length=200, description="Part of a log's name, the craft, the day or the health.")
     ] = "",
-) -> Page[AnalysisSummary]:
+) -> Page[Analysis]:
     """List your analyses."""
     found = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log, text=q.strip())
-    return page(request, [summary(analysis) for analysis in found], limit)
+    return page(request, found, limit)
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
@@ -83,14 +83,14 @@ def follow_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> St
 
 async def _events(parts: Parts, analysis: Analysis) -> AsyncIterator[str]:
     async for now in changes(parts.catalog, analysis, parts.runner.stopping):
-        content = json.dumps(summary(now).model_dump(mode="json"), ensure_ascii=False)
+        content = json.dumps(now.model_dump(mode="json"), ensure_ascii=False)
         yield f"event: {'end' if now.state.ended else 'progress'}\ndata: {content}\n\n"
 
 
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
-def cancel_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> AnalysisSummary:
+def cancel_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> Analysis:
     """End an analysis that waits or is being worked on; one that has ended stays as it is."""
-    return summary(parts.catalog.cancel(analysis_id, owner))
+    return parts.catalog.cancel(analysis_id, owner)
 
 
 @router.delete("/{analysis_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete an analysis and its results")

@@ -4,6 +4,7 @@ import math
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated, Any, Generic, Self, TypeVar
+from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, computed_field, model_validator
 
@@ -139,6 +140,18 @@ class Analysis(Progress):
         """The first of its logs, mostly the only one."""
         return self.logs[0]
 
+    @computed_field(  # type: ignore[prop-decorator]
+        description="Where to find this analysis and, once it is done, its files.",
+        examples=[{"self": "/api/v1/analyses/0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"}],
+    )
+    @property
+    def links(self) -> dict[str, str]:
+        """Addresses of an analysis, of its page and log and, once it is done, of its files."""
+        here = f"/api/v1/analyses/{self.id}"
+        page, log = f"/analyses/{self.id}", f"/api/v1/logs/{self.log.id}"
+        links = {"self": here, "events": f"{here}/events", "log": log, "page": page}
+        return links | {name: f"{here}/{quote(name)}" for name in self.files}
+
     @property
     def title(self) -> str:
         """What it is of, for people."""
@@ -146,16 +159,7 @@ class Analysis(Progress):
         return self.logs[0].name + (f" and {more} more" if more else "")
 
 
-class AnalysisSummary(Analysis):
-    """An analysis in a list."""
-
-    links: dict[str, str] = Field(
-        description="Where to find this analysis and, once it is done, its files.",
-        examples=[{"self": "/api/v1/analyses/0a1b2c3d4e5f5f0c1d3e9a7b4c2d8e6f"}],
-    )
-
-
-class AnalysisAnswer(AnalysisSummary, Results):
+class AnalysisAnswer(Analysis, Results):
     """An analysis with its results, once it is done."""
 
     answers: dict[str, list[dict[str, JsonValue]]] | None = Field(

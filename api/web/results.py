@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 
 from api.settings import in_words
 from api.store.ids import new_id
-from api.store.resources import Analysis, AnalysisAnswer, AnalysisSummary, Extra
+from api.store.resources import Analysis, AnalysisAnswer, Extra
 from api.web.dependencies import Parts
 from api.web.middleware import REPORT_POLICY
 from api.work.outcome import FILE
@@ -28,34 +28,16 @@ _MEDIA_TYPES = {
 }
 
 
-def links_of(analysis: Analysis) -> dict[str, str]:
-    """Return the addresses of an analysis, of its page and log and, once it is done, of its files."""
-    here = f"/api/v1/analyses/{analysis.id}"
-    links = {
-        "self": here,
-        "events": f"{here}/events",
-        "log": f"/api/v1/logs/{analysis.log.id}",
-        "page": f"/analyses/{analysis.id}",
-    }
-    return links | {name: f"{here}/{quote(name)}" for name in analysis.files}
-
-
-def summary(analysis: Analysis) -> AnalysisSummary:
-    """Add to an analysis where its files are."""
-    return AnalysisSummary(**dict(analysis), links=links_of(analysis))
-
-
 Include = Annotated[
     Sequence[Extra], Query(description="What to answer in full beside answers, RMSE and coefficients; may come again.")
 ]
 
 
 def answer(analysis: Analysis, parts: Parts, include: Sequence[Extra] = tuple(Extra)) -> AnalysisAnswer:
-    """Add to an analysis what it found, with as much as `include` asks for, and where its files are."""
+    """Add to an analysis what it found, with as much as `include` asks for."""
     report = _contents(analysis, parts, "report.json")
     return AnalysisAnswer(
         **dict(analysis),
-        links=links_of(analysis),
         answers=None if report is None else _answers(report),
         rmse=None if report is None else _rmse(report),
         coefficients=None if report is None else _coefficients(report),
