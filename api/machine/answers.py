@@ -190,7 +190,7 @@ class SignalSpectrum:
     unit: str
     samples: int
     hz: Sequence[float]
-    y: Sequence[float]
+    y: Sequence[float | None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -97,23 +97,25 @@ def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> L
     """List the autopilot's parameters beside those of another log, which its user calls by a name."""
 
     def answer() -> LoggedParameters:
-        values, earlier = _opened(path).parameters, {} if before is None else _opened(before[0]).parameters
+        values, earlier = _parameters(path), {} if before is None else _parameters(before[0])
         rows = [
-            LoggedParameter(
-                each,
-                float(value),
-                earlier.get(each),
-                each in earlier
-                and not math.isclose(value, earlier[each], rel_tol=1e-6)
-                and not each.startswith(BY_THEMSELVES),
-            )
+            LoggedParameter(each, value, earlier.get(each), _changed(each, value, earlier))
             for each, value in values.items()
-            if math.isfinite(value)
         ]
         rows.sort(key=lambda row: (not row.changed, row.name))
         return LoggedParameters(None if before is None else before[1], rows)
 
     return _in_users_words(answer, path, name)
+
+
+def _parameters(path: Path) -> Mapping[str, float]:
+    return {name: value for name, value in _opened(path).parameters.items() if math.isfinite(value)}
+
+
+def _changed(name: str, value: float, earlier: Mapping[str, float]) -> bool:
+    """Return whether somebody changed a parameter, and not the autopilot itself."""
+    same = name not in earlier or math.isclose(value, earlier[name], rel_tol=1e-6)
+    return not same and not name.startswith(BY_THEMSELVES)
 
 
 def list_fields(path: Path, name: str, message: str) -> LoggedFields:
@@ -180,9 +182,10 @@ def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpe
     count = min(_TRANSFORMED, int((t[-1] - t[0]) / step) + 1)
     even = np.interp(t[0] + step * np.arange(count), t, y)
     size = min(count, max(_FEWEST, round(1.0 / step)))
-    hz, density = welch(even, 1.0 / step, size)
-    amplitudes = np.sqrt(2.0 * density * (hz[1] - hz[0]))
-    rounded = [float(f"{each:.5g}") for each in amplitudes[1:]]
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no sensor gives
+        hz, density = welch(even, 1.0 / step, size)
+        amplitudes = np.sqrt(2.0 * density * (hz[1] - hz[0]))
+    rounded = [float(f"{each:.5g}") if math.isfinite(each) else None for each in amplitudes[1:].tolist()]
     return SignalSpectrum(text, signal.unit, len(t), [round(each, 3) for each in hz[1:].tolist()], rounded)
 
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import HTMLResponse
 
-from api.crafts.models import FILES, LeastTrust, latest
+from api.crafts.models import FILES, LeastTrust
 from api.problems import Problem, ProblemError
+from api.routes.crafts import show_model
 from api.store.owned import missing
 from api.store.records import CraftRecord
 from api.web.dependencies import After, Owner, Parts, PartsOf
@@ -52,29 +53,22 @@ def show_craft_page(request: Request, craft_id: str, parts: PartsOf, owner: Owne
         "unfolded": _UNFOLDED,
         "purposes": _PURPOSES,
         "others": others,
-        "model": _model(parts, craft_id),
+        "model": _model(parts, craft_id, owner),
+        "kinds": FILES,
         "now": datetime.now(UTC).strftime("%Y-%m-%d"),
     }
     return render(request, "craft.html", view)
 
 
-def _model(parts: Parts, craft_id: str) -> dict[str, Any]:
+def _model(parts: Parts, craft_id: str, owner: str) -> dict[str, Any]:
     """Gather the latest models as far as they may be used, or say why there are none."""
     refused = ""
     for least in LeastTrust:
         try:
-            found = latest(parts.database, craft_id, least)
+            return {"found": show_model(craft_id, parts, owner, least), "least": least, "refused": refused}
         except ProblemError as error:
             refused = refused or error.problem.detail
-            continue
-        ending = "" if least is LeastTrust.YES else f"?trust={least}"
-        files = {
-            name: (what, f"/api/v1/crafts/{craft_id}/model/{name}{ending}")
-            for name, what in FILES.items()
-            if name in found.files
-        }
-        return {"found": found, "least": least, "files": files, "refused": refused}
-    return {"found": None, "least": None, "files": {}, "refused": refused}
+    return {"found": None, "least": None, "refused": refused}
 
 
 @router.get("/crafts/{craft_id}/report")

@@ -84,6 +84,11 @@ def children(pid: int) -> list[int]:
         return []
 
 
+def descendants(pid: int) -> list[int]:
+    """List what a process started, and what that started."""
+    return [each for child in children(pid) for each in (child, *descendants(child))]
+
+
 def is_analysis(pid: int) -> bool:
     """Report a process that analyses, which is nice, from those that serve `multiprocessing`."""
     try:

@@ -16,6 +16,7 @@ from api.work.worker import Limits, Task, run
 from tests.api import standins
 from tests.api.conftest import EVERYTHING, Upload, served
 from tests.api.programs import wait_until
+from tests.api.visits import ordered, told
 
 
 def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: Upload) -> None:
@@ -54,7 +55,6 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
     [
         (b"refused", 422, "unusable-log", "set LOG_BITMASK to include motor outputs"),
         (b"bug", 500, "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"crash", 500, "analysis-crashed", "mistake of rotorid, not yours"),
         (b"greedy", 422, "analysis-too-large", "more than the 600 MB"),
         (gzip.compress(bytes(5_000_000)), 422, "unusable-log", "unpacks to more than 0.004 GB"),
     ],
@@ -97,11 +97,6 @@ def test_what_the_pipeline_logs_in_a_worker_is_written(tmp_path: Path, capfd: py
     receiver.close()
 
 
-def stage_of(client: httpx.Client, address: str) -> str:
-    found: str = client.get(address).json()["stage"]
-    return found
-
-
 def test_an_analysis_can_be_followed(service: httpx.Client, tmp_path: Path) -> None:
     go_on = tmp_path / "go on"
     log = service.post("/api/v1/logs", files={"file": ("a.bin", f"until |{go_on}|".encode())}).json()
@@ -110,7 +105,7 @@ def test_an_analysis_can_be_followed(service: httpx.Client, tmp_path: Path) -> N
     address = started.headers["Location"]
     early = service.get(f"{address}/report.html")
     assert (early.status_code, early.json()["detail"]) == (404, "This analysis is not done yet.")
-    wait_until(lambda: stage_of(service, address) == "transfer functions")
+    wait_until(lambda: told(service, address, "stage") == "transfer functions")
     before = service.get(address).json()
     assert (before["state"], before["progress"]) == ("running", 0.4)
     assert before["happened"] == "<b>motor 4 stopped</b>"  # told before the models
@@ -127,7 +122,7 @@ def test_the_service_answers_while_the_workers_are_busy(service: httpx.Client, t
     logs = [(f"{number}.bin", f"until |{go_on}| {number}".encode()) for number in range(4)]
     uploaded = service.post("/api/v1/logs", files=[("file", log) for log in logs]).json()["logs"]
     addresses = [service.post("/api/v1/analyses", json={"log": log["id"]}).headers["Location"] for log in uploaded]
-    wait_until(lambda: [stage_of(service, address) for address in addresses].count("transfer functions") == 2)
+    wait_until(lambda: [told(service, address, "stage") for address in addresses].count("transfer functions") == 2)
     for _ in range(100):
         assert service.get("/healthz").json() == {"status": "ok"}
     states = [service.get(address).json()["state"] for address in addresses]
@@ -139,9 +134,8 @@ def test_the_service_answers_while_the_workers_are_busy(service: httpx.Client, t
 def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Path, upload: Upload) -> None:
     settings, go_on = Settings(data=tmp_path / "data", workers=1), tmp_path / "go on"
     with ThreadPoolExecutor() as clients, served(settings) as client:
-        log = client.post("/api/v1/logs", files={"file": ("a.bin", f"until |{go_on}|".encode())}).json()["id"]
-        address = client.post("/api/v1/analyses", json={"log": log}).headers["Location"]
-        wait_until(lambda: stage_of(client, address) == "transfer functions")
+        _, address = ordered(client, f"until |{go_on}|".encode())
+        wait_until(lambda: told(client, address, "stage") == "transfer functions")
         waiting = clients.submit(upload, client, b"good, but second")  # one worker: this one stands in the queue
         wait_until(lambda: len(client.get("/api/v1/analyses").json()["items"]) == 2)
     assert waiting.result().status_code == 503

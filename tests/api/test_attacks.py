@@ -25,7 +25,8 @@ from api.store.scratch import Incoming
 from api.work.queue import Queue
 from tests.api import standins
 from tests.api.conftest import Upload, running, served
-from tests.api.programs import Service, children, wait_until
+from tests.api.programs import Service, descendants, wait_until
+from tests.api.visits import ordered
 
 
 @pytest.mark.parametrize(
@@ -56,20 +57,13 @@ def test_a_crafted_backup_writes_nothing_outside_the_storage(name: str, tmp_path
 
 def test_processes_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
     with closing(Service(tmp_path)) as service:
-        files = {"file": ("a.bin", f"until |{tmp_path / 'never'}|".encode())}
-        log = service.client.post("/api/v1/logs", files=files).json()["id"]
-        service.client.post("/api/v1/analyses", json={"logs": [log]})
+        log, _ = ordered(service.client, f"until |{tmp_path / 'never'}|".encode())
         assert service.client.get(f"/api/v1/logs/{log}/messages").status_code == 422  # by the process that answers
         wait_until(lambda: bool(service.workers()))
         left = descendants(service.process.pid)
         assert len(left) == 4  # with the one that they are forked from, and Python's own
         service.kill()
         wait_until(lambda: not any(is_alive(pid) for pid in left))
-
-
-def descendants(pid: int) -> list[int]:
-    """List what a process started, and what that started."""
-    return [each for child in children(pid) for each in (child, *descendants(child))]
 
 
 def is_alive(pid: int) -> bool:

@@ -14,6 +14,7 @@ from tests.api import standins
 from tests.api.browsing import PHONE, File, assert_accessible, assert_fits, watched
 from tests.api.conftest import running
 from tests.api.programs import PATIENCE
+from tests.api.visits import ordered
 
 expect.set_options(timeout=PATIENCE * 1000.0)  # only what never comes may meet it, on a busy computer too
 
@@ -120,8 +121,7 @@ def test_a_log_is_dropped(page: Page) -> None:
 
 
 def test_a_list_that_cannot_be_renewed_says_so_until_it_can(page: Page, service: httpx.Client) -> None:
-    log = service.post("/api/v1/logs", files={"file": ("endless.bin", b"hang endlessly")}).json()["id"]
-    endless = service.post("/api/v1/analyses", json={"log": log}).headers["Location"]
+    _, endless = ordered(service, b"hang endlessly", "endless.bin")
     page.goto("/")
     page.route("**/", lambda route: route.abort())
     expect(page.get_by_role("alert")).to_contain_text("The service does not answer")

@@ -12,17 +12,7 @@ from api import Settings, create_app
 from tests.api import standins
 from tests.api.conftest import Upload, running, served
 from tests.api.programs import wait_until
-
-
-def started(client: httpx.Client, content: bytes) -> tuple[str, str]:
-    """Upload a log and order its analysis; gives the log's id and the analysis's address."""
-    log = client.post("/api/v1/logs", files={"file": ("a.bin", content)}).json()["id"]
-    return log, client.post("/api/v1/analyses", json={"log": log}).headers["Location"]
-
-
-def state_of(client: httpx.Client, address: str) -> str:
-    found: str = client.get(address).json()["state"]
-    return found
+from tests.api.visits import ordered, told
 
 
 def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> None:
@@ -30,7 +20,7 @@ def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> Non
     settings = Settings(data=tmp_path, workers=2, deaths=3, memory_limit=600_000_000)
     contents = (b"crash", b"good 1", b"good 2", b"greedy", b"killed", b"good 3")
     with served(settings) as client:
-        addresses = {content: started(client, content)[1] for content in contents}
+        addresses = {content: ordered(client, content)[1] for content in contents}
         wait_until(lambda: all(client.get(at).json()["ended"] for at in addresses.values()), pause=0.1)
         answers = {content: client.get(at).json() for content, at in addresses.items()}
     ends = {
@@ -50,7 +40,7 @@ def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: 
     """Both hang: on a busy computer a time so short may end a good log as well."""
     settings = Settings(data=tmp_path, workers=1, time_limit=1.0)
     with served(settings) as client:
-        _, first = started(client, b"hang")
+        _, first = ordered(client, b"hang")
         response = upload(client, b"hang second")
         assert response.status_code == 422
         assert response.json()["type"] == "urn:rotorid:problem:analysis-too-slow"
@@ -68,12 +58,12 @@ def patient_service(tmp_path: Path) -> Iterator[httpx.Client]:
 
 
 def test_a_running_analysis_is_cancelled(patient_service: httpx.Client, tmp_path: Path) -> None:
-    _, address = started(patient_service, b"hang")
-    _, waiting = started(patient_service, b"good, but second")
-    wait_until(lambda: state_of(patient_service, address) == "running")
+    _, address = ordered(patient_service, b"hang")
+    _, waiting = ordered(patient_service, b"good, but second")
+    wait_until(lambda: told(patient_service, address, "state") == "running")
     cancelled = patient_service.post(f"{address}/cancel")
     assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")
-    wait_until(lambda: state_of(patient_service, waiting) == "done")  # its process is gone and its place free
+    wait_until(lambda: told(patient_service, waiting, "state") == "done")  # its process is gone and its place free
     again = patient_service.post(f"{address}/cancel").json()
     assert (again["state"], again["ended"]) == ("cancelled", cancelled.json()["ended"])
     assert patient_service.post(f"{waiting}/cancel").json()["state"] == "done"
@@ -82,11 +72,11 @@ def test_a_running_analysis_is_cancelled(patient_service: httpx.Client, tmp_path
 
 def test_a_waiting_analysis_is_cancelled_and_never_begun(patient_service: httpx.Client, tmp_path: Path) -> None:
     go_on = tmp_path / "go on"
-    _, first = started(patient_service, f"until |{go_on}|".encode())
-    _, second = started(patient_service, b"good log")
+    _, first = ordered(patient_service, f"until |{go_on}|".encode())
+    _, second = ordered(patient_service, b"good log")
     assert patient_service.post(f"{second}/cancel").json()["state"] == "cancelled"
     go_on.touch()
-    wait_until(lambda: state_of(patient_service, first) == "done")
+    wait_until(lambda: told(patient_service, first, "state") == "done")
     assert patient_service.get(second).json()["attempts"] == 0
 
 
@@ -94,14 +84,14 @@ def test_a_waiting_analysis_is_cancelled_and_never_begun(patient_service: httpx.
 def test_what_is_deleted_while_it_is_worked_on_stays_deleted(
     patient_service: httpx.Client, tmp_path: Path, what: str
 ) -> None:
-    log, address = started(patient_service, b"hang")
-    _, waiting = started(patient_service, b"good, but second")
-    wait_until(lambda: state_of(patient_service, address) == "running")
+    log, address = ordered(patient_service, b"hang")
+    _, waiting = ordered(patient_service, b"good, but second")
+    wait_until(lambda: told(patient_service, address, "state") == "running")
     gone = f"/api/v1/logs/{log}" if what == "log" else address
     assert patient_service.delete(gone).status_code == 204
     assert patient_service.delete(gone).status_code == 404
     assert patient_service.get(address).status_code == 404
-    wait_until(lambda: state_of(patient_service, waiting) == "done")
+    wait_until(lambda: told(patient_service, waiting, "state") == "done")
     assert (tmp_path / "objects" / "logs" / log).exists() == (what == "analysis")
     assert not any(path.is_file() for path in (tmp_path / "objects" / address.rpartition("/")[0]).rglob("*"))
 
@@ -111,7 +101,7 @@ def test_logs_of_one_name_are_analysed_together(patient_service: httpx.Client) -
     logs = [log["id"] for log in patient_service.post("/api/v1/logs", files=files).json()["logs"]]
     address = patient_service.post("/api/v1/analyses", json={"logs": logs}).headers["Location"]
     wait_until(lambda: bool(patient_service.get(address).json()["ended"]))
-    assert state_of(patient_service, address) == "done"
+    assert told(patient_service, address, "state") == "done"
 
 
 def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> None:
@@ -119,7 +109,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
     settings = Settings(data=tmp_path, workers=2)
     with ExitStack() as stack:
         clients = [stack.enter_context(served(settings)) for _ in range(2)]
-        addresses = [started(clients[number % 2], b"brief %d" % number)[1] for number in range(16)]
+        addresses = [ordered(clients[number % 2], b"brief %d" % number)[1] for number in range(16)]
         wait_until(lambda: all(clients[0].get(at).json()["ended"] for at in addresses), pause=0.1)
         answers = [clients[number % 2].get(at).json() for number, at in enumerate(addresses)]
         assert {(answer["state"], answer["attempts"]) for answer in answers} == {("done", 1)}
@@ -143,5 +133,5 @@ def test_a_service_that_cannot_read_its_queue_waits_for_it(tmp_path: Path, monke
 
     monkeypatch.setattr(app.state.parts.runner.queue, "claim", claim_later)
     with running(app) as client:
-        _, address = started(client, b"good log")
-        wait_until(lambda: state_of(client, address) == "done")
+        _, address = ordered(client, b"good log")
+        wait_until(lambda: told(client, address, "state") == "done")

@@ -100,6 +100,11 @@ def test_a_spectrum_has_the_amplitude_of_a_sine_and_the_speed_of_the_rotors(tmp_
     turned = questions.read_spectra(SAMPLE, SAMPLE.name, ["imu.gyro_x", "IMU.Nothing"], 40.0, 60.0)
     assert turned.rotors_hz == pytest.approx((98.0, 98.0), abs=6.0)  # the log's ESCs say 5,600 to 6,100 rpm
     assert isinstance(turned.signals[1], NoSignal)
+    none = questions.read_spectra(path, "sine.log", ["IMU.GyrX", "IMU.GyrX * 1e300"], 12.0, 11.0)
+    assert [type(each) for each in none.signals] == [NoSignal, NoSignal]
+    (huge,) = questions.read_spectra(path, "sine.log", ["IMU.GyrX * 1e300"], None, None).signals
+    assert isinstance(huge, SignalSpectrum)
+    assert None in huge.y
 
 
 def test_parameters_say_what_was_changed_since_the_flight_before(tmp_path: Path) -> None:
@@ -110,6 +115,7 @@ def test_parameters_say_what_was_changed_since_the_flight_before(tmp_path: Path)
     ]
     paths = [tmp_path / "before.log", tmp_path / "after.log"]
     for path, each in zip(paths, values, strict=True):
+        each["BROKEN"] = float("inf")
         path.write_text(head + "".join(f"PARM, {k}, {name}, {each[name]}\n" for k, name in enumerate(each, start=1)))
     found = questions.list_parameters(paths[1], "after.log", (paths[0], "before.log"))
     assert found.before == "before.log"

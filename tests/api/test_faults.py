@@ -13,6 +13,7 @@ from benchmarks import service_faults
 from tests.api import postgresql
 from tests.api.conftest import unfinished
 from tests.api.programs import Service, wait_until
+from tests.api.visits import ordered, told
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -35,10 +36,8 @@ def test_kills_lose_nothing_and_do_nothing_twice(service: Service) -> None:
 
 def begun(service: Service, go_on: Path) -> tuple[str, str]:
     """Make a log analysed until the file `go_on` is there; gives the log's id and the analysis's address."""
-    files = {"file": ("a.bin", f"until |{go_on}|".encode())}
-    log = service.client.post("/api/v1/logs", files=files).json()["id"]
-    address = service.client.post("/api/v1/analyses", json={"logs": [log]}).headers["Location"]
-    wait_until(lambda: service.client.get(address).json()["stage"] == "transfer functions")
+    log, address = ordered(service.client, f"until |{go_on}|".encode())
+    wait_until(lambda: told(service.client, address, "stage") == "transfer functions")
     return log, address
 
 

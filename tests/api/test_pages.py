@@ -41,16 +41,6 @@ def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Cli
     assert "<title>report</title>" in service.get(frame["src"] or "").text
 
 
-@pytest.mark.parametrize("content", [b"good log with markup", b"refused with markup"])
-def test_names_are_escaped(service: httpx.Client, upload: Upload, content: bytes) -> None:
-    log = service.post("/api/v1/logs", files={"file": ('<img src=x onerror="alert(1)">', content)}).json()
-    page = service.post("/api/v1/analyses", json={"log": log["id"]}).json()["links"]["page"]
-    while "Analysing" in (text := service.get(page).text):
-        assert "<img" not in text
-    assert "<img" not in text
-    assert "&lt;img src=x" in text
-
-
 def test_a_sample_is_analysed_as_if_uploaded(
     service: httpx.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

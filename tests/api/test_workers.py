@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.api import postgresql
-from tests.api.programs import PROJECT, Service, children, is_analysis, wait_until
+from tests.api.programs import PROJECT, Service, descendants, is_analysis, wait_until
+from tests.api.visits import ordered, told
 from tests.s3_server import s3_server
 
 
@@ -27,26 +28,17 @@ def elsewhere() -> Iterator[dict[str, str]]:
 def start_worker(folder: Path, settings: dict[str, str]) -> subprocess.Popen[bytes]:
     """Start a worker that shares nothing with the server but the database and the storage."""
     own = {"ROTORID_DATA": str(folder), "ROTORID_WORKERS": "1", **settings}
-    return subprocess.Popen([sys.executable, "-m", "tests.api.working"], cwd=PROJECT, env=os.environ | own)
-
-
-def descendants(pid: int) -> list[int]:
-    found = children(pid)
-    return found + [each for child in found for each in descendants(child)]
+    return subprocess.Popen([sys.executable, "-m", "tests.api.serving"], cwd=PROJECT, env=os.environ | own)
 
 
 @pytest.mark.slow
 def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tmp_path: Path) -> None:
     with ExitStack() as stack:
         service = stack.enter_context(closing(Service(tmp_path / "server", **elsewhere | {"ROTORID_WORKERS": "0"})))
-        logs = [
-            service.client.post("/api/v1/logs", files={"file": ("a.bin", b"slow %d" % number)}).json()["id"]
-            for number in range(3)
-        ]
-        analyses = [service.client.post("/api/v1/analyses", json={"log": log}).headers["Location"] for log in logs]
+        analyses = [ordered(service.client, b"slow %d" % number)[1] for number in range(3)]
 
         def states() -> list[str]:
-            return [service.client.get(address).json()["state"] for address in analyses]
+            return [told(service.client, address, "state") for address in analyses]
 
         assert set(states()) == {"queued"}  # the server itself does nothing
         first = start_worker(tmp_path / "first", elsewhere)
@@ -61,9 +53,8 @@ def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tm
             assert found["report"]["bytes"] == 6
             assert service.client.get(found["links"]["rmse.csv"]).text.startswith("flight,x,y,z")
         # Told to stop, a worker gives back what it works on, and it counts as not begun.
-        long = service.client.post("/api/v1/logs", files={"file": ("b.bin", b"hang")}).json()["id"]
-        address = service.client.post("/api/v1/analyses", json={"log": long}).headers["Location"]
-        wait_until(lambda: service.client.get(address).json()["state"] == "running")
+        _, address = ordered(service.client, b"hang")
+        wait_until(lambda: told(service.client, address, "state") == "running")
         second.terminate()
         assert second.wait() == 0
         given_back = service.client.get(address).json()

@@ -1,4 +1,4 @@
-"""What a client of the service does with its craft: upload a flight, wait until a craft is settled."""
+"""What a client of the service does: upload a flight, order its analysis, wait until a craft is settled."""
 
 import time
 from collections.abc import Callable
@@ -14,6 +14,17 @@ def fly(client: httpx.Client, name: str, content: bytes) -> str:
     answer = client.post("/api/v1/logs", params={"analyze": True}, files={"file": (name, content)})
     assert answer.status_code == 201, answer.text
     return str(answer.json()["logs"][0]["id"])
+
+
+def ordered(client: httpx.Client, content: bytes, name: str = "a.bin") -> tuple[str, str]:
+    """Upload a log and order its analysis; return the log's id and the analysis's address."""
+    log = str(client.post("/api/v1/logs", files={"file": (name, content)}).json()["id"])
+    return log, client.post("/api/v1/analyses", json={"log": log}).headers["Location"]
+
+
+def told(client: httpx.Client, address: str, what: str) -> str:
+    """Return what is told of an analysis: its state, its stage."""
+    return str(client.get(address).json()[what])
 
 
 def wait(question: Callable[[], Any]) -> Any:
