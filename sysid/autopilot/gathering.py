@@ -81,18 +81,16 @@ def batch_values(
     flights: Sequence[FlightLog], chirps: Sequence[FlightLog], flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
     """Return the notch by the last flight whose batches show the motors' lines; else why the last one's do not."""
+    loops: dict[str, RateLoop] = {}
+    for axis in ("roll", "pitch") if any("ISBH" in log.messages for log in flights) else ():
+        with suppress(RotoridError):
+            loops[axis] = rate_loop(chirps, axis)
     reasons = []
     for log in reversed(flights):
         try:
-            study = notch_study(log)
+            return notch_values(log, notch_study(log, loops), loops, flown)
         except RotoridError as error:
             reasons.append(str(error))
-            continue
-        loops: dict[str, RateLoop] = {}
-        for axis in ("roll", "pitch"):
-            with suppress(RotoridError):
-                loops[axis] = rate_loop(chirps, axis)
-        return notch_values(log, study, loops, flown)
     # Of flights without batches nothing more is to be said than that.
     why = next((each for each in reasons if NO_BATCHES not in each), reasons[0])
     return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, why)

@@ -18,7 +18,7 @@ from logparse import FlightLog
 from sysid.autopilot.motor_lines import Batch, LineError, MotorLines, gyro_batches, motor_lines
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused, typed
 from sysid.loops.controller import AXES, RateController
-from sysid.loops.filters import DigitalFilter, cascade, harmonic_notches, second_order
+from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, harmonic_notches, second_order
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
 from sysid.loops.settings import read_settings
@@ -47,8 +47,11 @@ _NOISE, _VIBRATION = 2.0, 30.0
 #: Factor between noise foretold and measured at the mixer beyond which the filters are not those of the parameters.
 _APART = 2.0
 
+#: Margins that tuning keeps, deg and dB.
+_WIDE = (45.0, 6.0)
+
 #: Factor of the filters that stay of which it is said what they would do.
-_WIDER = 1.5
+__WIDER = 1.5
 
 #: Frequencies at which phase is told where no loop is identified, Hz.
 _PHASE_AT = (10.0, 20.0)
@@ -60,7 +63,6 @@ class MotorNoise:
 
     gyro: float  #: rad/s rms above 30 Hz behind the filters, as a batch would log it.
     mixer: Mapping[str, float]  #: rms of the controllers' outputs by axis.
-    phase_deg: Mapping[float, float]  #: What the notches cost at frequencies, Hz.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +87,7 @@ def notch_values(
         name: " ".join(f"{axis} {number(x, 2)}" for axis, x in noise.mixer.items() if axis != "yaw")
         for name, noise in (("now", study.now), ("then", study.then))
     }
-    filters = _filters(log, study, flown)
+    filters = _filters(log, study, loops, flown)
     if _flies_already(flown, values):
         why = f"what flew is right: {follows}, {lines.hz:.1f} ± {lines.sigma:.1f} Hz; noise at the mixer {rms['now']}"
         return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, why, right=True), *filters]
@@ -108,7 +110,9 @@ def notch_values(
     return [*decided(found, ParameterFile.MOTOR_NOTCH, flown), *filters]
 
 
-def _filters(log: FlightLog, study: NotchStudy, flown: Mapping[str, float]) -> list[AutopilotValue]:
+def _filters(
+    log: FlightLog, study: NotchStudy, loops: Mapping[str, RateLoop], flown: Mapping[str, float]
+) -> list[AutopilotValue]:
     """Return what wider low-pass filters would do: they stay, because a mode of the frame would be raised as well."""
     parameters = {**log.parameters_flown, **study.values}
     names = [("INS_GYRO_FILTER",), *(tuple(f"ATC_RAT_{axis}_{name}" for axis in ("RLL", "PIT")) for name in FILTERS)]
@@ -117,10 +121,10 @@ def _filters(log: FlightLog, study: NotchStudy, flown: Mapping[str, float]) -> l
         now = [parameters.get(name, 0.0) for name in each]
         if not min(now) > 0.0:
             continue
-        wider = parameters | {name: _WIDER * value for name, value in zip(each, now, strict=True)}
-        noise = max(motor_noise(log, study.lines, wider).mixer[axis] for axis in ("roll", "pitch"))
+        wider = parameters | {name: __WIDER * value for name, value in zip(each, now, strict=True)}
+        noise = max(motor_noise(log, study.lines, wider, loops).mixer[axis] for axis in ("roll", "pitch"))
         why = (
-            f"at {_WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
+            f"at {__WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
             f"{number(max(study.then.mixer['roll'], study.then.mixer['pitch']), 2)} as it is; that no mode of the "
             "frame rises with it only chirps show: rotorid tune"
         )
@@ -129,7 +133,7 @@ def _filters(log: FlightLog, study: NotchStudy, flown: Mapping[str, float]) -> l
     return result
 
 
-def notch_study(log: FlightLog) -> NotchStudy:
+def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> NotchStudy:
     """Find the motors' lines of a flight and compute its noise with the notch as flown and as proposed.
 
     Raises
@@ -141,7 +145,7 @@ def notch_study(log: FlightLog) -> NotchStudy:
     lines = motor_lines(log, before, quantum)
     values = _proposed(log, lines)
     parameters = log.parameters_flown
-    now, then = (motor_noise(log, lines, each) for each in (parameters, {**parameters, **values}))
+    now, then = (motor_noise(log, lines, each, loops) for each in (parameters, {**parameters, **values}))
     measured = _measured(log, lines.batches)
     told = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
     behind = [each for each in after if each.steady and abs(each.throttle / lines.hover - 1.0) < _SAME]
@@ -207,10 +211,15 @@ def _flies_already(flown: Mapping[str, float], values: Mapping[str, float]) -> b
 
 
 def _notches(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:
-    """Return the first harmonic notch as it stood in a batch; none where it is not enabled."""
+    """Return the harmonic notches as they stood in a batch."""
+    return tuple(each for prefix in (_PREFIX, "INS_HNTC2_") for each in _notch(parameters, prefix, batch, lines))
+
+
+def _notch(parameters: Mapping[str, float], prefix: str, batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:
+    """Return one harmonic notch as it stood in a batch; none where it is not enabled."""
 
     def get(name: str, otherwise: float = 0.0) -> float:
-        return parameters.get(_PREFIX + name, otherwise)
+        return parameters.get(prefix + name, otherwise)
 
     if get("ENABLE") <= 0.0 or not get("FREQ") > 0.0:
         return ()
@@ -232,28 +241,45 @@ def _notches(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -
     )
 
 
-def motor_noise(log: FlightLog, lines: MotorLines, parameters: Mapping[str, float]) -> MotorNoise:
-    """Send the batches of hover through filters and controllers."""
+def _through(parameters: Mapping[str, float], batch: Batch, lines: MotorLines, hz: Floats) -> Complexes:
+    """Return the response of notches and low-pass as they stood in a batch."""
+    notches = cascade(_notches(parameters, batch, lines), hz)
+    return second_order(batch.rate, parameters["INS_GYRO_FILTER"]).response(hz) * notches
+
+
+def _broken(loop: RateLoop, through: Complexes) -> Complexes:
+    """Return the response of a broken loop through other filters of the gyro."""
+    bare = loop.plant.response / loop.flown.gyro.response(loop.hz)
+    return np.asarray(bare * through * loop.flown.feedback(loop.hz))
+
+
+def motor_noise(
+    log: FlightLog, lines: MotorLines, parameters: Mapping[str, float], loops: Mapping[str, RateLoop] | None = None
+) -> MotorNoise:
+    """Send the batches of hover through filters and controllers, and around the loops where they are identified.
+
+    A notch's lag raises the loop's peak, and with it what the gyro hears below the lines.
+    """
     controllers = {axis: _controller(log, axis, parameters) for axis in AXES}
     gyro, mixer = [], []
     for batch in lines.batches:
         heard = batch.hz >= _NOISE
         hz, step = batch.hz[heard], batch.step
-        notches = _notches(parameters, batch, lines)
-        through = second_order(batch.rate, parameters["INS_GYRO_FILTER"]).response(hz) * cascade(notches, hz)
+        through = _through(parameters, batch, lines, hz)
         # Rounding to the batch's quantum is white, and none of it passes the filters.
         power = np.maximum(batch.power[:, heard] - lines.quantum**2 / 6.0 / batch.rate, 0.0) * np.abs(through) ** 2
+        for axis, loop in (loops or {}).items():
+            flown, new = (
+                _broken(loop, _through(each, batch, lines, loop.hz)) for each in (log.parameters_flown, parameters)
+            )
+            rise = np.abs((1.0 + flown) / (1.0 + new))
+            power[list(AXES).index(axis)] *= np.interp(hz, loop.hz, rise, left=1.0, right=1.0) ** 2
         high = hz >= _VIBRATION
         gyro.append(power[:, high].sum(axis=1).mean() * step + lines.quantum**2 / 12.0)
         gains = [np.abs(each.error_response(hz)) ** 2 for each in controllers.values()]
         mixer.append([float(axis @ gain) * step for axis, gain in zip(power, gains, strict=True)])
-    middle = lines.batches[len(lines.batches) // 2]
-    angle = np.degrees(np.angle(cascade(_notches(parameters, middle, lines), np.array(_PHASE_AT))))
-    return MotorNoise(
-        gyro=float(np.sqrt(np.mean(gyro))),
-        mixer=dict(zip(controllers, np.sqrt(np.mean(mixer, axis=0)).tolist(), strict=True)),
-        phase_deg=dict(zip(_PHASE_AT, (-angle).tolist(), strict=True)),
-    )
+    by_axis = dict(zip(AXES, np.sqrt(np.mean(mixer, axis=0)).tolist(), strict=True))
+    return MotorNoise(gyro=float(np.sqrt(np.mean(gyro))), mixer=by_axis)
 
 
 def _controller(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> RateController:
@@ -286,14 +312,16 @@ def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
         if margins.crossover_hz.value is None:
             continue
         change = cascade(_notches(study.values, batch, study.lines), loop.hz)
-        notched = loop.plant.response / loop.flown.gyro.response(loop.hz) * change
-        notched = notched * second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
-        left = margins_of(loop.hz, notched * loop.flown.feedback(loop.hz))
+        low_pass = second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
+        left = margins_of(loop.hz, _broken(loop, change * low_pass))
         lost = -np.degrees(np.interp(margins.crossover_hz.value, loop.hz, np.angle(change)))
         told.append(
             f"{lost:.0f} deg at {axis}'s crossover of {margins.crossover_hz.value:.1f} Hz, leaving "
             f"{float(left.phase_deg[0]):.0f} deg and {float(left.gain_db[0]):.1f} dB of "
             f"{margins.phase_deg.value or np.nan:.0f} deg and {margins.gain_db.value or np.nan:.1f} dB"
+            + ("" if left.phase_deg[0] >= _WIDE[0] and left.gain_db[0] >= _WIDE[1] else ", which is thin: tune with it")
         )
-    phases = " and ".join(f"{cost:.0f} deg at {hz:.0f} Hz" for hz, cost in study.then.phase_deg.items())
-    return "; ".join(told) or phases
+    if told:
+        return "; ".join(told)
+    lags = -np.degrees(np.angle(cascade(_notches(study.values, batch, study.lines), np.array(_PHASE_AT))))
+    return " and ".join(f"{lag:.0f} deg at {hz:.0f} Hz" for lag, hz in zip(lags, _PHASE_AT, strict=True))

@@ -36,6 +36,10 @@ _ELSEWHERE, _NOTICED = 4.0, 0.05
 #: it is all the same: hover with small climbs errs by 2.3 (`vibration_octa8_off`).
 _SAME_GAIN, _CLEARLY = 0.03, 3.0
 
+#: Change of the curve that goes with a change of where thrust begins, which is not known as well as its sigma says
+#: (`expo_quad15_right` read with MOT_SPIN_MIN 0.20).
+_BENDS = 5.0
+
 #: Averaging time of specific force, s, as the rigid body's fit has it; lags whose correlation counts, in blocks.
 _BLOCK, _LAGS = 0.5, 20
 
@@ -70,20 +74,18 @@ def thrust_values(
         found = {NAMES[0]: Parameter(meant.thrust_expo, sigma, "", reason)}
         moved = meant.spin_min != vehicle.spin_min
         if moved:
-            found[NAMES[1]] = Parameter(
-                meant.spin_min, begin_sigma * width, "", "where thrust begins; goes with the curve"
-            )
+            found[NAMES[1]] = Parameter(meant.spin_min, begin_sigma * width, "", "where thrust begins, with this curve")
         curves = decided(found, ParameterFile.ESC, flown)
         clear = abs(meant.thrust_expo - vehicle.thrust_expo) > _CLEARLY * sigma
         if not clear and max(abs(least), abs(highest)) < _SAME_GAIN and _proposed(curves):
-            change = f"the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % over the thrust flown"
-            why = f"{found[NAMES[0]]} would change {change}"
+            why = f"{found[NAMES[0]]} changes the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % as flown"
             curves = refused(NAMES[:1], ParameterFile.ESC, flown, why, right=True)
         if not moved or not _proposed(curves):
-            spread = f"± {begin_sigma * width:.3f}" if np.isfinite(begin_sigma) else "nothing"
-            unknown = f"where thrust begins is known by {spread}; climb and descend with vigour"
-            why = f"thrust begins where it says, {spread}" if begin_sigma <= _BEGIN_SIGMA else unknown
             known = begin_sigma <= _BEGIN_SIGMA
+            how = (
+                "thrust begins where it says" if known else "where thrust begins only vigorous climbs and descents tell"
+            )
+            why = f"{how}: ± {min(begin_sigma, 1.0) * width:.3f}"
             curves = curves[:1] + refused(NAMES[1:2], ParameterFile.ESC, flown, why, right=known)
     changed = _proposed(curves)
     scale = float(_thrust(usual, meant) / _thrust(usual, vehicle)) if changed else 1.0
@@ -104,10 +106,7 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
     expo, sigma = model.value("thrust_expo"), float(np.sqrt(model.covariance[place, place]))
     regressors, felt = zip(*[_along_thrust(model, record) for record in records], strict=True)
     every, forces = np.concatenate(regressors), np.concatenate(felt)
-    try:
-        inverse = np.linalg.inv(every.T @ every)
-    except np.linalg.LinAlgError:
-        return replace(vehicle, thrust_expo=expo), sigma, np.inf
+    inverse = np.linalg.pinv(every.T @ every)
     a, b, d = inverse @ every.T @ forces
     left = [force - part @ (a, b, d) for part, force in zip(regressors, felt, strict=True)]
     covariance = inverse @ coloured_information(regressors, autocovariance(left, _LAGS)) @ inverse
@@ -120,7 +119,8 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
         # What is not believed of the departure is an error of it.
         return replace(vehicle, thrust_expo=expo), sigma, float(np.hypot(begin_sigma, begin))
     straight, bent = b + 2.0 * d * begin, d * (1.0 - begin)
-    return replace(vehicle, spin_min=float(spin), thrust_expo=float(bent / (straight + bent))), sigma, begin_sigma
+    meant = replace(vehicle, spin_min=float(spin), thrust_expo=float(bent / (straight + bent)))
+    return meant, float(np.hypot(sigma, _BENDS * begin_sigma)), begin_sigma
 
 
 def _along_thrust(model: RigidBodyModel, record: Experiment) -> tuple[Floats, Floats]:

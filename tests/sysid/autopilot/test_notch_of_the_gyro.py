@@ -13,6 +13,7 @@ from sysid.autopilot.motor_lines import LineError
 from sysid.autopilot.notches import motor_noise, notch_study, notch_values
 from sysid.autopilot.values import AutopilotValues
 from sysid.loops.filters import harmonic_notches, second_order
+from sysid.loops.loop import rate_loop
 
 RATE, SIZE = 1000.0, 1024
 FILTERS = {f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT", "YAW") for name in ("FLTT", "FLTD")}
@@ -144,8 +145,11 @@ def test_firmware_flights_before_and_after_a_notch(unpacked, craft, hz, with_not
     for axis in ("roll", "pitch"):
         assert 20.0 * abs(np.log10(study.now.mixer[axis] / study.measured[axis])) < 1.0
         assert 20.0 * abs(np.log10(flown.now.mixer[axis] / flown.measured[axis])) < 1.0
-    # The craft sways a little more behind a notch, whose lag is in its loops.
     assert 20.0 * abs(np.log10(foretold.mixer["roll"] / with_notch)) < 3.0
+    # The craft sways a little more behind a notch, whose lag is in its loops: chirps of another flight tell.
+    loops = {"roll": rate_loop(firmware(unpacked(f"pairs/{craft}_id")), "roll")}
+    closer = motor_noise(before, study.lines, after.parameters_flown, loops)
+    assert 20.0 * abs(np.log10(closer.mixer["roll"] / with_notch)) < 2.0
     assert 20.0 * abs(np.log10(foretold.gyro / flown.measured_gyro)) < 3.0
     assert proposed(before)["INS_HNTCH_FREQ"] == pytest.approx(hz, rel=0.005)
     assert not proposed(after)
