@@ -50,6 +50,9 @@ def test_a_craft_is_named_noted_and_read_by_everybody(browser: Browser, tmp_path
                 page.locator("iframe.craft").scroll_into_view_if_needed()
                 expect(frame.get_by_role("heading", name="Over the flights")).to_be_visible()
                 assert serious(page.frames[1]) == []
+                # The boxes above a plot are its legend: there is no second one.
+                expect(frame.locator(".choice .swatch").first).to_be_visible()
+                assert frame.locator(".choice + .plot svg g.legend").count() == 0
                 assert frame.locator("img, script[src=x]").count() == 0
                 page.goto("/crafts")
                 assert_accessible(page)
