@@ -170,7 +170,7 @@ def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> Mot
             return MotorLines(tuple(steady), near, hover, hz, spread, harmonics, exponent, exponent_sigma, quantum)
         else:
             still = still or f"the line at {candidate:.0f} Hz does not go with throttle: a mode of the frame"
-    raise LineError(f"{log.name}: {still or 'no line is seen in enough batches'}")
+    raise LineError(f"{log.name}: {still or f'no line is seen in {_FEWEST} of its {len(steady)} steady batches'}")
 
 
 def _standing_out(hz: Floats, power: Floats, rate: float) -> list[float]:

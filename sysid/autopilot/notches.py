@@ -203,11 +203,14 @@ def _flies_already(flown: Mapping[str, float], values: Mapping[str, float]) -> b
     def get(name: str) -> float:
         return flown.get(_PREFIX + name, 0.0)
 
-    wanted = {name: values[_PREFIX + name] for name in ("ENABLE", "MODE", "REF", "FREQ", "HMNCS")}
-    follows = get("MODE") == wanted["MODE"] or get("MODE") == _ESC
-    there = abs(get("FREQ") / wanted["FREQ"] - 1.0) < _SAME and abs(get("REF") / wanted["REF"] - 1.0) < 2.0 * _SAME
+    wanted = {name: values[_PREFIX + name] for name in ("REF", "FREQ", "HMNCS")}
     lines = int(get("HMNCS")) & int(wanted["HMNCS"]) == int(wanted["HMNCS"])
-    return get("ENABLE") == 1.0 and follows and there and lines
+    if get("MODE") > _THROTTLE:  # follows the rotors themselves, from FREQ on
+        there = 0.0 < get("FREQ") < (1.0 + _SAME) * wanted["FREQ"]
+    else:
+        there = abs(get("FREQ") / wanted["FREQ"] - 1.0) < _SAME and abs(get("REF") / wanted["REF"] - 1.0) < 2.0 * _SAME
+        there = there and get("MODE") == values[_PREFIX + "MODE"]
+    return get("ENABLE") == 1.0 and there and lines
 
 
 def _notches(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:

@@ -124,9 +124,18 @@ def test_what_the_batches_cannot_tell_is_named(made, reason):
         notch_study(flight(**made))
 
 
-def test_a_notch_that_flies_right_stays():
-    right = {"ENABLE": 1.0, "MODE": 1.0, "REF": 0.4, "FREQ": 83.2, "BW": 41.0, "ATT": 40.0, "HMNCS": 7.0}
-    assert not proposed(flight(**{f"INS_HNTCH_{name}": value for name, value in right.items()}))
+@pytest.mark.parametrize(
+    ("notch", "right"),
+    [
+        ({"MODE": 1.0, "REF": 0.4, "FREQ": 83.2}, True),
+        ({"MODE": 1.0, "REF": 0.3, "FREQ": 83.2}, False),
+        ({"MODE": 3.0, "REF": 1.0, "FREQ": 60.0}, True),  # follows the rotors wherever they turn
+        ({"MODE": 3.0, "REF": 1.0, "FREQ": 100.0}, False),
+    ],
+)
+def test_a_notch_that_flies_right_stays(notch, right):
+    flown = {"ENABLE": 1.0, "BW": 41.0, "ATT": 40.0, "HMNCS": 7.0} | notch
+    assert (not proposed(flight(**{f"INS_HNTCH_{name}": value for name, value in flown.items()}))) == right
 
 
 @cache
