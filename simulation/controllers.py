@@ -7,7 +7,6 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from simulation._parameters import CascadeParameters
-from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.errors import ParameterError
 from simulation.vehicle import Multirotor
 
@@ -64,14 +63,12 @@ def mixer(vehicle: Multirotor) -> np.ndarray:
     return np.ascontiguousarray(0.5 * factors / largest)
 
 
-def hover_linearisation(
-    vehicle: Multirotor, speeds: np.ndarray, density: float = SEA_LEVEL_DENSITY
-) -> tuple[np.ndarray, np.ndarray]:
+def hover_linearisation(vehicle: Multirotor, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Linearise attitude about hover with the given rotor speeds (Kim 2017, eq. 17)."""
     moments = np.empty((3, len(vehicle.rotors)))
     for k, (mount, speed) in enumerate(zip(vehicle.rotors, speeds, strict=True)):
-        thrust = mount.rotor.thrust(1.0, density) * np.cross(mount.position, mount.axis)
-        torque = mount.spin * mount.rotor.torque(1.0, density) * np.array(mount.axis)
+        thrust = mount.rotor.thrust(1.0) * np.cross(mount.position, mount.axis)
+        torque = mount.spin * mount.rotor.torque(1.0) * np.array(mount.axis)
         moments[:, k] = 2.0 * speed * (thrust + torque)
     A = np.zeros((5, 5))
     A[0, 2] = A[1, 3] = 1.0

@@ -184,7 +184,7 @@ def write_bin(path: Path, log: InstrumentedFlight, logging: Logging = Logging())
     _write(path, streams, log.boot)
 
 
-def write_open_loop(path: Path, log: Instruments, imu: float = 50.0) -> None:
+def write_open_loop(path: Path, log: Instruments) -> None:
     """Write a flight that no ArduPilot flew: instruments, motors, truth, and of the autopilot the true attitude."""
     rows = _degrees(log.rows(10.0), "roll", "pitch", "yaw")
     heading = rows["yaw_deg"] % 360.0
@@ -195,7 +195,7 @@ def write_open_loop(path: Path, log: Instruments, imu: float = 50.0) -> None:
         heading=heading,
         estimator=0,
     )
-    streams = _instruments(log, imu, esc=50.0) | {"attitude": attitude}
+    streams = _instruments(log, imu=50.0, esc=50.0) | {"attitude": attitude}
     streams["modes"] = _frame([0.0], mode=[_GUIDED], reason=[1])
     _write(path, streams | {"arming": _frame([0.0], state=[1], method=[2])}, log.boot)
 

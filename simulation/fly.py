@@ -43,6 +43,10 @@ RECORD_COLUMNS = (
 )
 
 
+#: Time recorded after the motors stop, s.
+AFTER = 3.0
+
+
 def attitude(x: np.ndarray) -> tuple[float, float, float]:
     """Return roll, pitch and yaw [rad] of a state."""
     w, i, j, k = x[6:10]
@@ -198,7 +202,7 @@ class Flight:
         return self.disarm < self.reference.land
 
 
-def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
+def fly(setup: Setup, *, rate: float = 100.0) -> Flight:
     """Fly a mission.
 
     Parameters
@@ -206,8 +210,6 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
     setup : Setup
     rate : float
         Records per second; the steps per second divided by a whole number.
-    after : float
-        Time recorded after the motors stop, s.
 
     Raises
     ------
@@ -278,7 +280,7 @@ def fly(setup: Setup, *, rate: float = 100.0, after: float = 3.0) -> Flight:
         down = float(force.index.to_numpy()[np.argmax((force * force).sum(axis=1))])
     return Flight(
         setup=setup,
-        truth=truth.loc[: disarm + after],
+        truth=truth.loc[: disarm + AFTER],
         reference=reference,
         navigation=navigation,
         hover_thrust=hover_thrust,

@@ -12,6 +12,12 @@ from simulation.errors import ParameterError
 #: Usual length of a position-control tick, s; attitude is controlled five times, physics computed ten times in it.
 TICK: Final = 0.0125
 
+#: Speed of a landing, m/s, and how much longer than the height takes it sinks, s.
+DESCENT, SINKING = 0.5, 6.0
+
+#: Greatest rate of a turn, rad/s.
+TURN_RATE = 0.5
+
 #: Longest mission, s.
 LONGEST: Final = 3600.0
 
@@ -112,12 +118,11 @@ class Mission:
             if isinstance(step, Wait) and not 0.0 <= step.seconds <= 600.0:
                 raise ParameterError(f"{step}: wait between 0 and 600 s")
 
-    def reference(self, tick: float = TICK, descent: float = 0.5, after: float = 6.0) -> "Reference":
+    def reference(self, tick: float = TICK) -> "Reference":
         """Plan the mission for position control every `tick` [s].
 
         Legs are straight, from rest to rest, with the quintic of least jerk, as slow as the limits of speed and
-        acceleration ask. The landing sinks with `descent` [m/s] for `after` [s] longer than the height takes, so
-        that the ground is met.
+        acceleration ask. The landing sinks for longer than the height takes, so that the ground is met.
         """
         planner = _Planner(math.radians(self.heading_deg), tick)
         planner.hold(self.disarmed, DISARMED)
@@ -142,7 +147,7 @@ class Mission:
                 items.append((planner.now, f"turn to {step.heading_deg:g} deg"))
                 planner.turn(math.radians(step.heading_deg))
         land = planner.now
-        planner.sink(descent, after)
+        planner.sink()
         phase = np.concatenate(planner.phases)
         samples = np.concatenate(planner.samples)
         return Reference(
@@ -245,18 +250,18 @@ class _Planner:
         self.add(FLYING, samples)
         self.position = target
 
-    def turn(self, yaw: float, rate: float = 0.5) -> None:
+    def turn(self, yaw: float) -> None:
         change = math.remainder(yaw - self.yaw, 2.0 * math.pi)
-        n = self.ticks(1.875 * abs(change) / rate)
+        n = self.ticks(1.875 * abs(change) / TURN_RATE)
         s = np.arange(n) / n
         samples = self.still(n)
         samples[:, 9] += change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
         self.add(FLYING, samples)
         self.yaw += change
 
-    def sink(self, speed: float, after: float) -> None:
-        n = round((-self.position[2] / speed + after) / self.tick)
+    def sink(self) -> None:
+        n = round((-self.position[2] / DESCENT + SINKING) / self.tick)
         samples = self.still(n)
-        samples[:, 2] += speed * self.tick * np.arange(n)
-        samples[:, 5] = speed
+        samples[:, 2] += DESCENT * self.tick * np.arange(n)
+        samples[:, 5] = DESCENT
         self.add(LANDING, samples)

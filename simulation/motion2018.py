@@ -133,8 +133,8 @@ class Gains:
 class Autopilot:
     """Leads the craft to a point: speed towards it, acceleration, lean and lift, moments, rotor speeds."""
 
-    def __init__(self, craft: Multirotor, target: np.ndarray, speed: float, gains: Gains):
-        self.craft, self.target, self.speed, self.gains = craft, target, speed, gains
+    def __init__(self, craft: Multirotor, target: np.ndarray, speed: float):
+        self.craft, self.target, self.speed, self.gains = craft, target, speed, Gains()
         self.air = Atmosphere.standard(0.0)
         self.inertia = np.diag(craft.inertia)
         self.integral = np.zeros(3)
@@ -183,7 +183,7 @@ class Autopilot:
         return acceleration
 
 
-def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFrame:
+def fly_to_point(flight: Flight = VERTICAL) -> pd.DataFrame:
     """Fly until the craft is within 0.1 m of the target and slower than 0.1 m/s."""
     craft = quadcopter(flight.mass)
     density = min(Atmosphere.standard(0.0).density_at(point[1]) for point in (flight.start, flight.target))
@@ -199,7 +199,7 @@ def fly_to_point(flight: Flight = VERTICAL, gains: Gains = Gains()) -> pd.DataFr
         raise ParameterError(
             f"start and target lie {distance:g} m apart, and {ARRIVAL_DISTANCE:g} m count as arrival: nothing to fly"
         )
-    autopilot = Autopilot(craft, target, flight.speed, gains)
+    autopilot = Autopilot(craft, target, flight.speed)
 
     def arrived(t: float, x: np.ndarray) -> bool:
         offset, velocity = target - x[0:3], x[3:6]

@@ -21,6 +21,9 @@ FLOOR = 0.01
 #: Independent frequencies that a fit needs for each parameter.
 _PER_PARAMETER = 1.0
 
+#: Parameters that several responses have in common.
+_SHARED = ("lag", "delay")
+
 #: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
 _LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
 
@@ -44,7 +47,6 @@ def fit(
     frf: FrequencyResponse | Sequence[FrequencyResponse],
     structure: Structure | str | None = None,
     *,
-    shared: Sequence[str] = ("lag", "delay"),
     band: tuple[float, float] | None = None,
 ) -> FrequencyFit:
     """Fit the parameters of an axis, or of several with shared lag and delay, to measured frequency responses.
@@ -58,8 +60,6 @@ def fit(
     structure : Structure or str, optional
         One of `STRUCTURES` or its name; by default the one that explains the response with fewest parameters
         (Bayesian information criterion).
-    shared : sequence of str
-        Parameters that several responses have in common.
     band : tuple of float, optional
         Frequencies, Hz, outside of which nothing counts.
 
@@ -76,14 +76,14 @@ def fit(
     chosen = tuple(_choose(response, structure) for response in responses)
     if len(responses) == 1:
         return chosen[0]
-    return stated(_search(responses, tuple(part.structure[0] for part in chosen), chosen, tuple(shared)))
+    return stated(_search(responses, tuple(part.structure[0] for part in chosen), chosen))
 
 
 def refit(found: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
     """Fit the structure of an earlier fit to one response, from the values found before."""
     if np.count_nonzero(response.counts) < len(found.values) + 2:
         raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
-    return stated(_search((response,), found.structure, None, (), found.values))
+    return stated(_search((response,), found.structure, None, found.values))
 
 
 def _worth(responses: Sequence[FrequencyResponse]) -> float:
@@ -112,7 +112,7 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
         if rare and found and min(attempt.excess for _, _, attempt in found) < _RIGID_FITS:
             continue
         for start in _starts(response, candidate):
-            attempt = _search((response,), (candidate,), None, (), start)
+            attempt = _search((response,), (candidate,), None, start)
             found.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
     if not found:
         low, high = (response.hz[good][0], response.hz[good][-1]) if good.any() else (0.0, 0.0)
@@ -217,7 +217,6 @@ def _search(
     responses: tuple[FrequencyResponse, ...],
     structures: tuple[Structure, ...],
     single: tuple[FrequencyFit, ...] | None,
-    shared: tuple[str, ...],
     start: Floats | None = None,
 ) -> FrequencyFit:
     """Search the parameters of all responses together, from those of each for itself."""
@@ -229,7 +228,7 @@ def _search(
         own = []
         for j, spec in enumerate(structure.specs):
             common = sum(spec.name in other.names for other in structures) > 1
-            alone = len(structures) == 1 or (spec.name in shared and common)
+            alone = len(structures) == 1 or (spec.name in _SHARED and common)
             name = spec.name if alone else f"{responses[k].axis}.{spec.name}"
             if name not in names:
                 names.append(name)

@@ -127,9 +127,6 @@ def fit_closed_loop(
     poles: int = 3,
     zeros: int = 2,
     *,
-    ridge: float | None = None,
-    starts: int = 4,
-    seed: int = 0,
     time_limit: float = 60.0,
     progress: Progress | None = None,
 ) -> ClosedLoopModel:
@@ -142,7 +139,7 @@ def fit_closed_loop(
         same names.
     poles, zeros : int
         Of H; 2 <= zeros < poles. Two of the zeros are at s = 0.
-    ridge, starts, seed, time_limit, progress
+    time_limit, progress
         As for `fit_transfer_functions`.
 
     Raises
@@ -177,9 +174,6 @@ def fit_closed_loop(
             zeros - 2,
             "common",
             hold="foh",
-            ridge=ridge,
-            starts=starts,
-            seed=seed,
             time_limit=max(left / (len(groups) - done), 1.0),
         )
         findings += [finding for finding in fitted.findings if finding not in findings]
