@@ -19,7 +19,7 @@ from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.fit import fit, refit
 from sysid.frequency.fitted import FrequencyFit
-from sysid.frequency.flight_records import flight_record
+from sysid.frequency.flight_records import flight_record, throttle_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
 from sysid.frequency.response import Floats, FrequencyResponse
@@ -33,7 +33,6 @@ from sysid.frequency.spectra import (
     window_lengths,
     windows_of,
 )
-from sysid.frequency.throttle import throttle_record
 from sysid.records.experiment import Experiment
 
 #: Frequencies per decade of the grid.
