@@ -36,8 +36,9 @@ from api.store.database import Database
 from api.store.objects import Objects
 from api.store.scratch import Incoming, Scratch
 from api.web import problem_responses
-from api.web.dependencies import Parts, from_our_pages
+from api.web.dependencies import Parts
 from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
+from api.web.own_pages import from_our_pages
 from api.work.desk import Desk
 from api.work.jobs import Runner
 from api.work.watch import PRELOAD, Workplace

@@ -13,8 +13,8 @@ from api.routes.crafts import show_model
 from api.store.owned import missing
 from api.store.records import CraftRecord
 from api.web.dependencies import After, Owner, Parts, PartsOf
-from api.web.form_tokens import from_our_forms
 from api.web.middleware import REPORT_POLICY
+from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, part_of, render
 
 router = APIRouter(include_in_schema=False)

@@ -13,7 +13,7 @@ from api.problems import ProblemError
 from api.routes.analyses import check, in_words
 from api.store.resources import Analysis, AnalysisOrder, Configuration
 from api.web.dependencies import Owner, Parts, PartsOf
-from api.web.form_tokens import from_our_forms
+from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, render
 from api.web.results import answer
 from core.serialization import restored

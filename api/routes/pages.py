@@ -20,8 +20,8 @@ from api.routes.shares import find_shared
 from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
 from api.web.dependencies import After, Owner, Parts, PartsOf
-from api.web.form_tokens import from_our_forms
 from api.web.middleware import PLOT_POLICY, REPORT_POLICY
+from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, part_of, render
 from api.web.results import answer, downloads, file_of, flight_pages, tables
 

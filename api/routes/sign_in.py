@@ -9,7 +9,7 @@ from fastapi.responses import RedirectResponse
 from api.access import COOKIE
 from api.settings import Access
 from api.web.dependencies import PartsOf
-from api.web.form_tokens import from_our_forms
+from api.web.own_pages import from_our_forms
 from api.web.page_templates import local_path, render
 
 router = APIRouter(include_in_schema=False)

@@ -1,14 +1,12 @@
-"""What the routes are given: the parts of the application, who asks, and the check that it is one of our own pages."""
+"""What the routes are given: the parts of the application, and who asks."""
 
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
-from urllib.parse import urlsplit
 
 from fastapi import Depends, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
-from starlette.datastructures import URL
 
 from api.access import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
@@ -19,7 +17,6 @@ from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog
 from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
-from api.problems import ProblemError
 from api.settings import Access, Settings
 from api.store.database import Database
 from api.store.objects import Objects
@@ -89,37 +86,6 @@ async def _owner(request: Request, parts: PartsOf) -> str:
 
 
 Owner = Annotated[str, Depends(_owner)]
-
-
-async def _refuse_other_sites(request: Request) -> None:
-    """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach.
-
-    Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
-    any name. Programs send neither.
-    """
-    if request.method in ("GET", "HEAD"):  # which change nothing
-        return
-    origins = request.headers.getlist("origin")
-    foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
-    if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-        detail = "This request comes from a page of another site."
-        raise ProblemError.of("other-site", detail)
-
-
-def _is_origin_of(origin: str, url: URL) -> bool:
-    """Return whether an Origin header names scheme, host and port of an address; `null` names nothing."""
-    try:
-        theirs = urlsplit(origin)
-        port = theirs.port or _PORTS.get(theirs.scheme)
-    except ValueError:
-        return False
-    ours = (url.scheme, url.hostname, url.port or _PORTS.get(url.scheme))
-    return theirs.hostname is not None and (theirs.scheme, theirs.hostname, port) == ours
-
-
-_PORTS = {"http": 80, "https": 443}
-
-from_our_pages = Depends(_refuse_other_sites)
 
 
 LogId = Annotated[str, Path(description="Id of a log.")]

@@ -17,7 +17,7 @@ from api.access import COOKIE
 from api.settings import in_words
 from api.store.resources import Analysis, State
 from api.web.dependencies import Item
-from api.web.form_tokens import fill_in
+from api.web.own_pages import fill_in
 
 _FOLDER = Path(__file__).parents[1]
 

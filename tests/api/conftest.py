@@ -11,7 +11,7 @@ from fastapi import FastAPI
 
 from api import Settings, create_app
 from api.server import Server
-from api.web import form_tokens
+from api.web import own_pages
 from api.work.worker import Analyze
 from tests.api import standins
 from tests.api.programs import PATIENCE
@@ -43,8 +43,8 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
     with listener, httpx.Client(base_url=address, timeout=PATIENCE) as client:
         # A browser has these from the page whose form it posts.
-        client.cookies.set(form_tokens.COOKIE, "t" * 43)
-        client.headers[form_tokens.HEADER] = "t" * 43
+        client.cookies.set(own_pages.COOKIE, "t" * 43)
+        client.headers[own_pages.HEADER] = "t" * 43
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

@@ -15,7 +15,7 @@ from fastapi.routing import APIRoute
 from api import Settings, create_app
 from api.routes import craft_pages, page_forms, pages, sign_in
 from api.settings import Access
-from api.web.form_tokens import COOKIE, FIELD, HEADER
+from api.web.own_pages import COOKIE, FIELD, HEADER
 from tests.api import standins
 from tests.api.conftest import running, served
 

@@ -1,20 +1,54 @@
-"""A token in every form: a page of another site cannot know it, whatever its browser says or leaves out.
+"""What changes something comes from our own pages, or from a program: two tests, one beside the other.
 
-A cookie holds a secret, each form of our pages carries it, and what a form posts must bring both (double submit). That
-is beside the test of where a request comes from (`api.web.dependencies.from_our_pages`); programs that send a bearer
-token in a header need no form, for no browser sends that by itself.
+Browsers tell from where a request comes. And a page of another site cannot know the token of our forms, whatever its
+browser says or leaves out: a cookie holds a secret, each form of our pages carries it, and what a form posts must bring
+both (double submit). Programs that send a bearer token in a header need no form, for no browser sends that by itself.
 """
 
 import re
 import secrets
+from urllib.parse import urlsplit
 
 from fastapi import Depends, Request
 from fastapi.responses import Response
 from markupsafe import escape
+from starlette.datastructures import URL
 
 from api.problems import ProblemError
 from api.store.ids import new_secret
-from api.web.dependencies import from_our_pages
+
+
+async def _refuse_other_sites(request: Request) -> None:
+    """Keep pages of other sites from using a visitor's browser to send logs to a service that only it can reach.
+
+    Browsers send Sec-Fetch-Site only to https and to loopback; Origin they send with whatever changes something, under
+    any name. Programs send neither.
+    """
+    if request.method in ("GET", "HEAD"):  # which change nothing
+        return
+    origins = request.headers.getlist("origin")
+    foreign = len(origins) > 1 or (len(origins) == 1 and not _is_origin_of(origins[0], request.url))
+    if foreign or request.headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+        detail = "This request comes from a page of another site."
+        raise ProblemError.of("other-site", detail)
+
+
+def _is_origin_of(origin: str, url: URL) -> bool:
+    """Return whether an Origin header names scheme, host and port of an address; `null` names nothing."""
+    try:
+        theirs = urlsplit(origin)
+        port = theirs.port or _PORTS.get(theirs.scheme)
+    except ValueError:
+        return False
+    ours = (url.scheme, url.hostname, url.port or _PORTS.get(url.scheme))
+    return theirs.hostname is not None and (theirs.scheme, theirs.hostname, port) == ours
+
+
+_PORTS = {"http": 80, "https": 443}
+
+#: For routes of the interface for programs.
+from_our_pages = Depends(_refuse_other_sites)
+
 
 #: Cookie and field, and the header in which scripts of ours may send it instead.
 COOKIE, FIELD, HEADER = "rotorid_form", "form_token", "rotorid-form"
