@@ -126,7 +126,7 @@ def response(
         )
     findings += limits_of(records, logs)
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
-    ordinary = any(record.band == ORDINARY_BAND for record in records)
+    ordinary = any(record.band[0] == ORDINARY_BAND[0] for record in records)
     rounded = _ROUNDED_BY_STICKS if ordinary else _ROUNDED
     rounded = rounded if any(log.tables.has("motors") for log in logs) else 0.0
     common = _TRIMMED if frf.trim is not None or source else rounded

@@ -50,6 +50,10 @@ _STILL = 1e-4
 #: Standard deviation of an attitude target [rad] below which nothing was asked of an axis.
 _ASKED = 0.004
 
+#: Standard deviation of ln |G| of what AutoTune's twitches show, and up to which part of the rate of the rows: beyond,
+#: their corners fold (on quad15 they were 5 to 10 % below its chirps up to there, and 25 % at 0.4 of that rate).
+_OF_TWITCHES, _TWITCHES_TO = 0.08, 0.15
+
 #: Shortest flight [s] in which the outputs of the other axes can be told apart from that of the axis.
 _CONDITIONED = 40.0
 
@@ -84,7 +88,8 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
 def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: Within | None = None) -> AxisRecord:
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
-    Without it the rate target is, of which a part comes from the angle loop.
+    Without it the rate target is, of which a part comes from the angle loop; and in AutoTune, which turns the craft by
+    it past the attitude target.
     """
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
     rows = signals.within(start, stop)
@@ -94,7 +99,8 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
     if missing:
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
-    target = _outside_target(log, axis, float(t[0]), float(t[-1]))
+    twitched = _twitched(log, axis, start, stop)
+    target = None if twitched else _outside_target(log, axis, float(t[0]), float(t[-1]))
     beside: list[str] = []
     name = ""
     if target is not None:
@@ -125,11 +131,20 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         output=values[:, 1].copy(),
         instruments=np.column_stack([asked, conditions]),
         usable=usable,
-        band=ORDINARY_BAND,
+        band=(ORDINARY_BAND[0], _TWITCHES_TO / float(clock[1] - clock[0])) if twitched else ORDINARY_BAND,
         instrument=name,
         source=signals.source,
-        common=_of_lost_rows(lost, command),
+        common=float(np.hypot(_of_lost_rows(lost, command), _OF_TWITCHES if twitched else 0.0)),
     )
+
+
+def _twitched(log: FlightLog, axis: Axis, start: float, stop: float) -> bool:
+    """Return whether AutoTune turned a craft in a stretch of time [s]."""
+    modes = log.tables.modes
+    if modes is None or not axis.attitude:
+        return False
+    first, last = np.searchsorted(modes.index.to_numpy(np.float64), [start, stop])
+    return bool((modes["mode"].iloc[max(int(first) - 1, 0) : int(last)] == "AUTOTUNE").any())
 
 
 def _of_lost_rows(lost: float, command: Logged) -> float:

@@ -91,11 +91,19 @@ def unfit_log(log: FlightLog) -> str | None:
 
 def no_one_loop(log: FlightLog) -> str | None:
     """Return why a log has no one loop per axis: nothing flown, AutoTune, parameters changed in flight."""
+    if log.flight is not None and autotuned(log):
+        return (
+            f"{log.path.name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it "
+            "saved"
+        )
+    return no_one_setting(log)
+
+
+def no_one_setting(log: FlightLog) -> str | None:
+    """Return why a log has no one setting to go back to: nothing flown, parameters changed in flight."""
     name = log.path.name
     if log.flight is None:
         return f"{name}: the craft did not fly"
-    if _autotuned(log):
-        return f"{name}: AutoTune ran in this log, so that gains changed within it; fly again with the gains it saved"
     changed = _changed_in_flight(log)
     if changed:
         advice = (
@@ -110,7 +118,8 @@ def no_one_loop(log: FlightLog) -> str | None:
     return None
 
 
-def _autotuned(log: FlightLog) -> bool:
+def autotuned(log: FlightLog) -> bool:
+    """Return whether AutoTune ran in a log."""
     modes = log.tables.modes
     named = modes is not None and bool(modes["mode"].astype(str).str.upper().str.contains("AUTOTUNE").any())
     if "autotune_attitude_control_status" in log.messages:  # PX4 logs it whether it runs or not
@@ -286,6 +295,8 @@ def sagged(log: FlightLog, axis: str) -> str | None:
 
 def unsupported(loop: RateLoop) -> str | None:
     """Return why no gains are proposed for an identified loop."""
+    if loop.ordinary:
+        return at_their_limits(loop)
     return at_their_limits(loop) or weak_band(loop) or two_ways_apart(loop) or unseen_mode(loop)
 
 

@@ -47,6 +47,11 @@ class RateLoop(Summarised):
         return self.settings.axis
 
     @property
+    def ordinary(self) -> bool:
+        """Return whether it is of flights without a chirp at the mixer: of a model, nothing of it measured directly."""
+        return not self.records
+
+    @property
     def hz(self) -> Floats:
         """Return the frequencies of the responses, Hz."""
         return self.plant.hz

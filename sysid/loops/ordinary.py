@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from logparse import FlightLog
+from sysid.frequency.estimate import response
+from sysid.frequency.fit import fit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.structures import low_pass
@@ -11,6 +16,7 @@ from sysid.loops.beyond import OF_STICKS, drawn_models
 from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import DENSITY, Plant
+from sysid.loops.settings import read_settings
 
 #: Factor of the highest coherent frequency up to which the model is followed.
 _FARTHEST = 2.5
@@ -68,15 +74,30 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
         )
     hz = np.exp(np.arange(np.log(coherent[0]), np.log(_FARTHEST * top), 1.0 / DENSITY))
     gyro = settings.gyro.response(hz) / low_pass(hz, frf.gyro_filter_hz)
-    response = np.asarray(found.response(hz) * gyro)
+    model = np.asarray(found.response(hz) * gyro)
     draws = drawn_models(found, hz, top, OF_STICKS) * gyro
-    draws[0] = response
+    draws[0] = model
     sigma = np.std(np.log(np.abs(draws)), axis=0)
     coherence = np.interp(hz, frf.hz, frf.coherence, right=0.0)
-    plant = Plant(hz, response, sigma, coherence, draws, draws, seen=top)
+    plant = Plant(hz, model, sigma, coherence, draws, draws, seen=top)
     loop = RateLoop(name, frf, plant, settings, settings, None)
     _useful(loop, top)
     return loop
+
+
+def loop_of_flights(logs: Sequence[FlightLog], axis: str) -> RateLoop:
+    """Identify an axis' loop from what sticks, AutoTune or chirps on targets (SID_AXIS 1 to 9) showed of the craft.
+
+    Raises
+    ------
+    LoopError, FrequencyError
+        Where that is too little, or the flights differ in their settings.
+    """
+    settings = [read_settings(log, axis) for log in logs]
+    if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
+        raise LoopError(f"{axis}: the flights differ in their settings: give those of one setting")
+    frf = response(logs, axis)
+    return ordinary_loop(", ".join(log.path.name for log in logs), frf, fit(frf), settings[0])
 
 
 def _useful(loop: RateLoop, top: float) -> None:

@@ -18,9 +18,10 @@ from sysid.loops.parameter_file import typed
 from sysid.loops.safety import LEAST, ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
-#: Factors of P and D, of I over P's factor, and of the derivative's filter that are tried.
-_P = np.geomspace(0.501, 1.996, 13)
-_D = np.geomspace(0.501, 1.996, 11)
+#: Largest factors by which P and D are changed, and by which ordinary flights may raise them; what typing them may add,
+#: and steps of P and of D; factors of I over P's, and of the derivative's filter.
+LARGEST, LARGEST_OF_STICKS = 2.0, 1.3
+_ROUNDING, _STEPS_P, _STEPS_D = 0.004, 13, 11
 _I = (0.7, 1.0, 1.4)
 _FLTD = (1.0, 1.5, 2.0)
 
@@ -49,6 +50,9 @@ _ROUNDED = 1.01
 
 #: Candidates whose worst case is computed, best first.
 _CHECKED = 150
+
+#: Part of an aim by which flown gains may miss it without rejection being given up for it: 43 of 45 deg are kept.
+_TRIFLE = 0.05
 
 #: Part of that loss which the next candidate must have in hand to be looked at.
 _SAME_SPARE = 0.8
@@ -109,7 +113,7 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float 
         flown = loop.flown.changed(I=typed(part * loop.flown.controller.P))
         loop = replace(loop, flown=flown, settings=flown)
     best = _searched(loop, aim, gyro_factor, part)
-    if best.tuned is None or best.gains or not keeps(flown_margins(loop), aim)[0]:
+    if best.tuned is None or best.gains or lacks(loop, aim):
         return best
     return AxisTuning(
         loop.axis,
@@ -117,6 +121,13 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float 
         f"reject more; {would_tell(loop)}",
         loop,
     )
+
+
+def lacks(loop: RateLoop, aim: Aim) -> bool:
+    """Return whether the flown gains miss an aim, by the best estimate and by more than a trifle."""
+    flown = flown_margins(loop).row(0)
+    gain = flown["gain_db"] if np.isfinite(flown["gain_db"]) else np.inf
+    return not flown["stable"] or aim.missed_by(flown | {"gain_db": gain}) > _TRIFLE
 
 
 def flown_margins(loop: RateLoop) -> MarginSet:
@@ -136,9 +147,9 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) 
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
             best, allowed = found, most
-    if best.tuned is None and not keeps(flown_margins(loop), aim)[0]:
+    if best.tuned is None and lacks(loop, aim):
         best = _first_step(loop, aim, candidates, best)
-    others = _others(loop)
+    others = [] if loop.ordinary else _others(loop)
     if best.tuned is None or best.short or not others:
         return best
     found = _best(loop, aim, _field(loop, best.tuned.settings, others), allowed)
@@ -168,11 +179,18 @@ def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
     flown = loop.flown.controller
     ranges = RANGES[loop.axis]
     candidates = []
-    searched = (_P, _D if flown.D > 0.0 else (1.0,), _I if part is None else (1.0,), _filters(flown.FLTD, _FLTD))
+    least, most = 1.0 / (LARGEST - _ROUNDING), (LARGEST_OF_STICKS if loop.ordinary else LARGEST) - _ROUNDING
+    factors_p, factors_d = (np.geomspace(least, most, steps) for steps in (_STEPS_P, _STEPS_D))
+    searched = (
+        factors_p,
+        factors_d if flown.D > 0.0 else (1.0,),
+        _I if part is None else (1.0,),
+        (1.0,) if loop.ordinary else _filters(flown.FLTD, _FLTD),
+    )
     for p, d, i, fltd in itertools.product(*searched):
         values = {
             "P": typed(flown.P * p),
-            "I": typed(flown.I * min(max(p * i, _P[0]), _P[-1])) if part is None else typed(part * typed(flown.P * p)),
+            "I": typed(flown.I * min(max(p * i, least), most)) if part is None else typed(part * typed(flown.P * p)),
             "D": typed(flown.D * d),
             "FLTD": typed(flown.FLTD * fltd),
         }
@@ -255,7 +273,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
                 spare[name] = max(spare[name], _SAME_SPARE * short)
     return AxisTuning(
         loop.axis,
-        f"{loop.axis}: no gains within a factor of two keep {aim.words} for everything that the data leave possible; "
+        f"{loop.axis}: no gains within reach keep {aim.words} for everything that the data leave possible; "
         f"{would_tell(loop)}",
         loop,
     )
@@ -295,6 +313,8 @@ def _tuning(
 
 def would_tell(loop: RateLoop) -> str:
     """Return which chirp would leave less open."""
+    if loop.ordinary:
+        return "a chirp of mode SYSTEMID to 30 Hz or more would leave less open"
     other = "a longer chirp, or one in calmer air," if saw_modes(loop) else f"a chirp to {FIRST_MODES:.0f} Hz or more"
     return f"{other} would leave less open"
 

@@ -16,15 +16,26 @@ import numpy as np
 
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from sysid.loops.as_flown import contradiction, gyro_seen
+from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.controller import AXES, LoopError
-from sysid.loops.evidence import motors_limited, oscillation, sagged, saturation, unfit_log, unsupported, weak_band
+from sysid.loops.evidence import (
+    autotuned,
+    motors_limited,
+    no_one_setting,
+    oscillation,
+    sagged,
+    saturation,
+    unfit_log,
+    unsupported,
+    weak_band,
+)
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.margins import margins_of
+from sysid.loops.ordinary import loop_of_flights
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
-from sysid.loops.search import AxisTuning, flown_margins, integral_part, tune_axis, would_tell
+from sysid.loops.search import LARGEST_OF_STICKS, AxisTuning, flown_margins, integral_part, tune_axis, would_tell
 from sysid.loops.settings import read_settings
 from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
@@ -126,7 +137,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     for log in flights:
         try:
             read_settings(log, "roll")
-            reason = unfit_log(log) or next((r for a in AXES if (r := oscillation(log, a))), None) or contradiction(log)
+            reason = _unfit(log)
         except RotoridError as error:
             reason = str(error)
         reason = reason or other_craft(flights[0], log)
@@ -161,9 +172,15 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         for item in axes
         if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
     ]
+    remarks += [
+        f"{item.axis}: from ordinary flying, which shows the craft up to {item.loop.plant.seen:.0f} Hz: gains are "
+        f"raised by a factor of {LARGEST_OF_STICKS:g} at most; fly a chirp of mode SYSTEMID to win more"
+        for item in axes
+        if item.tuned is not None and item.loop is not None and item.loop.ordinary
+    ]
     remarks += [remark for item in axes if (remark := rejects_less(item, aim))]
     remarks += [
-        f"{item.axis}: a first step: no gains within a factor of two are sure to keep {aim.words}; fly these and tune "
+        f"{item.axis}: a first step: no gains within reach are sure to keep {aim.words}; fly these and tune "
         f"again, or {would_tell(item.loop)}"
         for item in axes
         if item.short and item.loop is not None
@@ -179,6 +196,19 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
         return refuse("; ".join(dict.fromkeys(reasons)), axes)
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _unfit(log: FlightLog) -> str | None:
+    """Return why nothing can be tuned from a log: no one loop per axis, an oscillation, parameters that did not fly.
+
+    Without chirps at the mixer AutoTune may have run: what it did shows the craft, not the loop.
+    """
+    chirped = any(mixer_chirps(log, axis) for axis in AXES)
+    alone = not chirped and log.vehicle.firmware != "PX4"
+    reason = no_one_setting(log) if alone else unfit_log(log)
+    if reason is not None or (alone and autotuned(log)):
+        return reason
+    return next((r for axis in AXES if (r := oscillation(log, axis))), None) or contradiction(log)
 
 
 def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
@@ -217,8 +247,12 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
 
 def _examined(flights: Sequence[FlightLog], axis: str) -> AxisTuning:
     """Identify an axis and look at the evidence of the flights with a chirp on it."""
-    logs = [log for log in flights if mixer_chirps(log, axis)] or list(flights)
+    logs = [log for log in flights if mixer_chirps(log, axis)]
     try:
+        if not logs:
+            loop = loop_of_flights(flights, axis)
+            borne_out = (None if autotuned(log) else contradiction_of(log, axis) for log in flights)
+            return AxisTuning(axis, next(filter(None, borne_out), None) or unsupported(loop), loop)
         loop = rate_loop(logs, axis)
         alone = [rate_loop(log, axis) for log in logs] if len(logs) > 1 else [loop]
     except RotoridError as error:

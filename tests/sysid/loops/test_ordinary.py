@@ -5,13 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, random_axis, run_axis, settings_of, true_loop
-from sysid.frequency import fit
+from logparse import read_log
+from simulation.axis_loop import (
+    AxisPlant,
+    Excitation,
+    LoopGains,
+    gains_of,
+    random_axis,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
+from sysid.frequency import fit, response
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
-from sysid.loops import LoopError, ordinary_loop
+from sysid.loops import LoopError, ordinary_loop, tune
 from sysid.loops.margins import margins_of
 
 HZ = np.geomspace(0.1, 120.0, 3000)
@@ -44,6 +55,52 @@ def test_sticks_tell_the_margins_of_a_known_craft():
     truth = margins_of(HZ, true_loop(CRAFT, GAINS, HZ)).row(0)
     assert margins.crossover_hz.value == pytest.approx(truth["crossover_hz"], rel=0.1)
     assert abs(margins.phase_deg.value - truth["phase_deg"]) < 3.0 * margins.phase_deg.sigma
+
+
+def test_sticks_win_smaller_steps_than_chirps(tmp_path):
+    """Flights without chirps at the mixer: proposals raise by 1.3 at most, keep their promise in truth, and say so."""
+    plant, gains = AxisPlant(gain=300.0, lag=0.015, delay=0.001, filter_hz=40.0), LoopGains(P=0.03, I=0.03, D=0.0006)
+    ways = {
+        "sticks": (Excitation(duration=60.0, stick=0.15, gust=0.2, gyro_noise=0.015), 50.0),
+        "rate targets": (
+            Excitation(
+                duration=60.0, chirp=(0.2, 15.0, 0.5), chirp_seconds=45.0, sid_axis=7, gust=0.2, gyro_noise=0.015
+            ),
+            100.0,
+        ),
+    }
+    for way, (shaken, rate) in ways.items():
+        path = tmp_path / f"{way}.bin"
+        write_rate_log(
+            path, {"roll": run_axis(plant, gains, shaken, 1)}, rate=rate, filter_hz=40.0, gains={"roll": gains}
+        )
+        result = tune(read_log(path))
+        assert result.refused is None, (way, result.refused)
+        assert any("fly a chirp" in remark for remark in result.remarks)
+        roll = result.axes[0]
+        assert all(value <= 1.3 * result.rollback[name] for name, value in result.proposed.items())
+        truth = margins_of(HZ, true_loop(plant, gains_of(roll.tuned.settings), HZ)).row(0)
+        assert truth["rejection_hz"] > margins_of(HZ, true_loop(plant, gains, HZ)).rejection_hz[0]
+        assert truth["gain_db"] >= roll.worst["gain_db"]
+        assert truth["phase_deg"] >= roll.worst["phase_deg"]
+        assert truth["peak_db"] <= roll.worst["peak_db"]
+
+
+def test_thin_gains_of_an_ordinary_flight_are_lowered(flown):
+    """Default gains of a firmware craft whose edge is at 1.874 times: what sticks show is enough to lower them."""
+    result = tune(flown("octa8_sticks"))
+    assert set(result.proposed) >= {f"ATC_RAT_{letters}_{term}" for letters in ("RLL", "PIT") for term in "PID"}
+    for name, value in result.proposed.items():
+        assert 0.5 * result.rollback[name] <= value < result.rollback[name]
+
+
+def test_autotune_shows_the_craft(unpacked):
+    """Its twitches turn the craft past the attitude target, which hardly moves: the gain of the chirps flown later."""
+    log = read_log(unpacked("autopilot/autotune_quad15"))
+    for axis in ("roll", "pitch"):
+        gain = fit(response(log, axis)).parameters["gain"]
+        assert abs(gain.value - 785.0) < 2.5 * gain.sigma < 250.0
+    assert "AutoTune" not in (tune(log).refused or "")
 
 
 @pytest.mark.slow
