@@ -80,8 +80,8 @@ def saw_modes(loop: RateLoop) -> bool:
 def amplified_at_end(loop: RateLoop, hz: Floats, broken: Complexes) -> Floats:
     """Return by how much broken loops, shape (K, n), amplify disturbances where a chirp ended, shape (K,).
 
-    0 where the chirp saw the first modes of frames, and without one. Where it did not, a mode just beyond adds to what is left there of
-    the loop: the peak of a craft that its chirp saw only half was 7.1 dB for 6.0 promised.
+    0 where the chirp saw the first modes of frames, and without one. Where it did not, a mode just beyond adds to what
+    is left there of the loop: the peak of a craft that its chirp saw only half was 7.1 dB for 6.0 promised.
     """
     if saw_modes(loop) or loop.ordinary:
         return np.zeros(len(broken))
