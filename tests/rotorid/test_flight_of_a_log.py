@@ -39,7 +39,7 @@ def test_commands_take_the_flight(tmp_path):
     assert isinstance(done.exception, LogError)
     done = CliRunner().invoke(app, ["tune", f"{TWO}#1"])
     assert done.exit_code == 3
-    assert "no chirp" in done.output
+    assert "SYSTEMID" in done.output
 
 
 def test_a_file_that_is_not_there_is_wrong_usage():
