@@ -10,6 +10,7 @@ import numpy as np
 
 from core.serialization import cleaned
 from pipeline.results.rotation import Numbers
+from sysid.loops.criteria import Criterion
 from sysid.loops.known_margins import Margins
 from sysid.loops.loop import RateLoop
 from sysid.loops.responses import attitude_bandwidth
@@ -68,6 +69,9 @@ class AxisReport:
     measured_margins: Margins | None
     tuned: TunedLoop | None
     worst_of_95: Mapping[str, float | None]
+    #: One sheet of criteria, as flown and as proposed: value, limit, source of the limit; `kept` tells pass or fail.
+    criteria: tuple[Criterion, ...]
+    promises: tuple[Criterion, ...]
     actuator_noise_factor: float | None
 
 
@@ -113,6 +117,8 @@ def _axis(axis: AxisTuning) -> AxisReport:
         measured_margins=flown.measured_margins if flown is not None and measured else None,
         tuned=None if tuned is None else TunedLoop(parameters=tuned.settings.parameters(), margins=tuned.margins),
         worst_of_95=axis.worst,
+        criteria=axis.criteria,
+        promises=axis.promises,
         actuator_noise_factor=axis.noise,
     )
 

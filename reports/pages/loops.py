@@ -27,6 +27,8 @@ class ShownLoop:
     name: str
     heads: Sequence[str]
     rows: Sequence[tuple[str, Sequence[str]]]
+    #: Criteria: name, as flown, as proposed (empty without a proposal), limit, its source, pass or fail of the last.
+    criteria: Sequence[Sequence[str]]
     refused: str | None
 
 
@@ -62,7 +64,24 @@ def _axis(axis: AxisTuning, loop: RateLoop) -> ShownLoop:
     rows = []
     for name, (unit, _) in MARGINS.items():
         rows.append((f"{TITLES[name]} ({unit})", [_cell(margins, name) for _, margins in columns]))
-    return ShownLoop(name=axis.axis, heads=[head for head, _ in columns], rows=rows, refused=axis.refused)
+    return ShownLoop(
+        name=axis.axis, heads=[head for head, _ in columns], rows=rows, criteria=_criteria(axis), refused=axis.refused
+    )
+
+
+def _criteria(axis: AxisTuning) -> list[tuple[str, ...]]:
+    """Return the sheet of criteria as rows of cells."""
+    promised = {one.name: one for one in axis.promises}
+    rows: list[tuple[str, ...]] = []
+    for flown in axis.criteria:
+        proposed = promised.get(flown.name)
+        sign = "≥" if flown.least else "≤"
+        limit = "" if flown.limit is None else f"{sign} {flown.limit:g} {flown.value.unit}".removesuffix(" 1")
+        kept = (flown if proposed is None else proposed).kept
+        verdict = {True: "pass", False: "FAIL", None: ""}[kept]
+        after = "" if proposed is None else str(proposed.value)
+        rows.append((flown.name, str(flown.value), after, limit, flown.source, verdict))
+    return rows
 
 
 def _cell(margins: Margins, name: str) -> str:

@@ -120,10 +120,11 @@ def tune(
                 typer.echo(f"{axis.axis}: unchanged: {axis.refused}")
                 continue
             bounds = axis.worst
+            missed = [f"{one.name} {one.value}" for one in axis.promises if one.kept is False]
             typer.echo(
                 f"{axis.axis}: at the worst gain margin {bounds['gain_db']:.1f} dB, phase margin "
                 f"{bounds['phase_deg']:.0f} deg, peak {bounds['peak_db']:.1f} dB; rejects up to "
-                f"{bounds['rejection_hz']:.1f} Hz"
+                f"{bounds['rejection_hz']:.1f} Hz; misses {', '.join(missed) or 'no criterion of the sheet'}"
             )
         for remark in result.remarks:
             typer.echo(remark)

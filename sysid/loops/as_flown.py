@@ -133,7 +133,8 @@ def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:
     """Return whether a log bears the gyro's filters out on an axis: SIDD has the rates before them, and they agree."""
-    seen = [block for block in _blocks(log, read_settings(log, axis)) if block.of_gyro]
+    settings = read_settings(log, axis)
+    seen = [block for chirp in mixer_chirps(log, axis) for block in _gyro_block(log, chirp, settings)]
     return bool(seen) and all(block.apart <= block.tolerated for block in seen)
 
 
@@ -152,7 +153,6 @@ class _Block:
     gain: float
     phase_deg: float
     instead: str = ""
-    of_gyro: bool = False
 
     @property
     def told(self) -> str:
@@ -236,7 +236,6 @@ def _gyro_block(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterato
             block.gain,
             block.phase_deg,
             instead,
-            of_gyro=True,
         )
 
 

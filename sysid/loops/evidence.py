@@ -18,7 +18,6 @@ from sysid.frequency.limits import share_at_limits
 from sysid.loops.controller import AXES
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.plant import plant_of
 from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import unseen_mode
 from sysid.records.filtering import welch
@@ -353,16 +352,13 @@ def two_ways_apart(loop: RateLoop) -> str | None:
     crossover = loop.margins.crossover_hz.value
     if crossover is None:
         return f"{loop.axis}: no crossover within the measured band"
-    direct = plant_of(loop.measured)
-    crossover = min(crossover, float(direct.hz[-1]) / 1.5)
-    near = (loop.hz > 0.6 * crossover) & (loop.hz < 1.5 * crossover)
-    near &= (loop.hz >= direct.hz[0]) & (loop.hz <= direct.hz[-1])
-    own = loop.with_settings(loop.flown).response[near]
-    x, x_direct = np.log(loop.hz[near]), np.log(direct.hz)
-    gain = np.interp(x, x_direct, np.log(np.abs(direct.response))) - np.log(np.abs(own))
-    phase = np.interp(x, x_direct, np.unwrap(np.angle(direct.response))) - np.unwrap(np.angle(own))
-    phase = (phase + np.pi) % (2.0 * np.pi) - np.pi
-    gain_apart, phase_apart = float(np.median(np.abs(gain))), float(np.degrees(np.median(np.abs(phase))))
+    known = np.isfinite(loop.measured.sigma) & (np.abs(loop.measured.response) > 0.0)
+    hz, direct = loop.measured.hz[known], loop.measured.response[known]
+    crossover = min(crossover, float(hz[-1]) / 1.5)
+    near = (hz > 0.6 * crossover) & (hz < 1.5 * crossover) & (hz >= loop.hz[0]) & (hz <= loop.hz[-1])
+    own = np.interp(np.log(hz[near]), np.log(loop.hz), loop.with_settings(loop.flown).response)
+    apart = np.log(direct[near] / own)
+    gain_apart, phase_apart = float(np.median(np.abs(apart.real))), float(np.degrees(np.median(np.abs(apart.imag))))
     if gain_apart > GAIN_APART or phase_apart > PHASE_APART:
         return (
             f"{loop.axis}: the loop as computed from the parameters and as measured are {100.0 * gain_apart:.0f} % and "

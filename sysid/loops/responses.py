@@ -14,25 +14,28 @@ from sysid.loops.loop import RateLoop
 _WINDOW, _MOVING = 4.0, 0.08
 
 
-def rate_transfer(loop: RateLoop) -> Complexes:
-    """Compute measured rate per rate target with the rate loop closed and the angle loop open."""
-    plant = loop.plant.response * loop.gyro_change
+def rate_transfer(loop: RateLoop, craft: Complexes | None = None) -> Complexes:
+    """Compute measured rate per rate target with the rate loop closed and the angle loop open.
+
+    `craft` (K, n): other responses of the craft through the flown filters, as those that the data leave possible.
+    """
+    plant = (loop.plant.response if craft is None else craft) * loop.gyro_change
     controller = loop.settings.controller
     forward = plant * controller.target_response(loop.hz)
     return np.asarray(forward / (1.0 + plant * controller.error_response(loop.hz)))
 
 
-def attitude_transfer(loop: RateLoop) -> Complexes:
-    """Compute attitude per attitude target, all loops closed."""
-    true_plant = loop.plant.response / loop.flown.gyro.response(loop.hz)
-    angle, controller = loop.settings.angle, loop.settings.controller
-    forward = true_plant / (2j * np.pi * loop.hz) * controller.target_response(loop.hz)
-    return np.asarray(forward * angle.P * angle.delay_response(loop.hz) / (1.0 + loop.response))
+def attitude_loop(loop: RateLoop, craft: Complexes | None = None) -> Complexes:
+    """Compute the attitude loop broken at the attitude, with the rate loop closed; `craft` as in `rate_transfer`."""
+    angle = loop.settings.angle
+    turned = rate_transfer(loop, craft) / loop.settings.gyro.response(loop.hz) / (2j * np.pi * loop.hz)
+    return np.asarray(turned * angle.P * angle.delay_response(loop.hz))
 
 
 def attitude_bandwidth(loop: RateLoop) -> float:
     """Return the frequency, Hz, at which the attitude lags its target by 135 deg; NaN beyond the band."""
-    phase = np.unwrap(np.angle(attitude_transfer(loop)))
+    broken = attitude_loop(loop)
+    phase = np.unwrap(np.angle(broken / (1.0 + broken)))
     late = np.flatnonzero(phase <= np.radians(-135.0))
     if not len(late) or late[0] == 0:
         return float("nan")

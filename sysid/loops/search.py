@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.loops.controller import LoopSettings
+from sysid.loops.criteria import Criterion
 from sysid.loops.evidence import RANGES
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
@@ -72,6 +73,8 @@ class AxisTuning:
     #: Factor by which the gain of the loop rises beyond the measured band where it may count.
     unseen: float = 1.0
     short: bool = False  #: Whether it is a first step: surely better than as flown, not yet sure to keep the aim.
+    criteria: tuple[Criterion, ...] = ()  #: The sheet of the loop as flown, and as proposed; empty without a loop.
+    promises: tuple[Criterion, ...] = ()
     wider: bool = False  #: Whether disturbances are rejected up to a higher frequency than as flown.
 
     @property

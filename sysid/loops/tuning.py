@@ -9,7 +9,7 @@ is a reason and no number.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -18,6 +18,7 @@ from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.controller import AXES, LoopError
+from sysid.loops.criteria import identified, sheet
 from sysid.loops.evidence import (
     autotuned,
     motors_limited,
@@ -156,7 +157,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
         if all(item.tuned is not None for item in tuned.values()) and worth_of(tuned) > worth_of(best):
             best = tuned
-    axes = tuple(best.get(item.axis, item) for item in found)
+    axes = tuple(with_sheets(best.get(item.axis, item)) for item in found)
     proposed = _proposed(axes)
     before, flown = ({name: each[name] for name in proposed} for each in (_before(flights), _during(loops)))
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
@@ -209,6 +210,14 @@ def _unfit(log: FlightLog) -> str | None:
     if reason is not None or (alone and autotuned(log)):
         return reason
     return next((r for axis in AXES if (r := oscillation(log, axis))), None) or contradiction(log)
+
+
+def with_sheets(item: AxisTuning) -> AxisTuning:
+    """Return an axis with its criteria, as flown and as proposed."""
+    if item.loop is None:
+        return item
+    criteria = (*sheet(item.loop), *identified(item.loop))
+    return replace(item, criteria=criteria, promises=() if item.tuned is None else sheet(item.tuned))
 
 
 def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:

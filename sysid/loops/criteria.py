@@ -1,0 +1,186 @@
+"""One sheet of criteria for a loop: each with its value, its limit, where the limit is from, and whether it is kept.
+
+Limits of helicopters are those of their size: smaller craft are asked for more, by the square root of the scale
+(Froude), which is not done here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.parameter import Parameter
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.fit import fit
+from sysid.loops.filters import Complexes, Floats
+from sysid.loops.known_margins import MARGINS
+from sysid.loops.loop import RateLoop
+from sysid.loops.margins import margins_of
+from sysid.loops.responses import attitude_loop, rate_transfer
+
+#: Draws of the response from which the errors of a sheet are taken.
+_DRAWS = 60
+
+#: Rejection of disturbances at the attitude that is asked for, rad/s.
+_REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
+
+#: Frequencies of a step's spectrum, Hz: resolution and end; band about its end within which a step has settled.
+_FINE, _HIGHEST, _SETTLED = 0.05, 200.0, 0.05
+
+_MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "MIL-DTL-32742 (attitude hold)"
+_TISCHLER = "Tischler and Remple 2012"
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """A number of a loop beside its limit."""
+
+    name: str
+    value: Parameter
+    limit: float | None = None  #: In the unit of the value; None where none is customary.
+    least: bool = True  #: Whether the limit is the least, else the most.
+    source: str = ""  #: Of the limit.
+    kept: bool | None = None  #: Whether the value keeps it; None without a limit or a value.
+
+
+def _criterion(
+    name: str, value: Parameter, limit: float | None = None, least: bool = True, source: str = ""
+) -> Criterion:
+    kept = None
+    if limit is not None and value.value is not None:
+        kept = value.value >= limit if least else value.value <= limit
+    return Criterion(name, value, limit, least, source, kept)
+
+
+def sheet(loop: RateLoop) -> tuple[Criterion, ...]:
+    """Return the criteria of a loop as its settings have it: at the mixer, at the attitude, and steps."""
+    return (*_at_mixer(loop), *_at_attitude(loop), *_steps(loop))
+
+
+def _at_mixer(loop: RateLoop) -> Iterator[Criterion]:
+    margins = loop.margins
+    limits = {"gain_db": (6.0, True, _MIL), "phase_deg": (45.0, True, _MIL), "peak_db": (6.0, False, "Ms of 2")}
+    names = {"gain_db": "gain margin", "phase_deg": "phase margin", "peak_db": "disturbance rejection peak"}
+    names |= {"crossover_hz": "crossover", "rejection_hz": "disturbance rejection bandwidth"}
+    for name in MARGINS:
+        limit, least, source = limits.get(name, (None, True, ""))
+        yield _criterion(f"{names[name]} at the mixer", getattr(margins, name), limit, least, source)
+
+
+def _at_attitude(loop: RateLoop) -> Iterator[Criterion]:
+    """Yield those of the attitude loop broken at the attitude, and of how the attitude follows its target."""
+    broken = attitude_loop(loop, _drawn(loop))
+    found = margins_of(loop.hz, broken)
+    turn = 2.0 * np.pi
+    yield _criterion("phase margin of the attitude", _known(found.phase_deg, "deg"), 45.0, True, _MIL)
+    bandwidth = _known(turn * found.rejection_hz, "rad/s")
+    yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, _REJECTION[loop.axis], True, _HOLD)
+    yield _criterion("disturbance rejection peak at the attitude", _known(found.peak_db, "dB"), 5.0, False, _HOLD)
+    closed = broken / (1.0 + broken)
+    at_135, at_180 = (_passing(loop.hz, closed, level) for level in (-135.0, -180.0))
+    yield _criterion("attitude bandwidth", _known(turn * at_135, "rad/s"), 2.0, True, _ADS)
+    twice = np.array(
+        [np.interp(2.0 * f, loop.hz, row, right=np.nan) for f, row in zip(at_180, _phase(closed), strict=True)]
+    )
+    late = -(twice + np.pi) / (2.0 * turn * at_180)
+    yield _criterion("bandwidth of the attitude, 3 dB", _known(turn * _falling(loop.hz, closed), "rad/s"))
+    yield _criterion("phase delay of the attitude", _known(late, "s"))
+
+
+def _steps(loop: RateLoop) -> Iterator[Criterion]:
+    drawn = _drawn(loop)
+    broken = attitude_loop(loop, drawn)
+    for what, transfer in (("rate", rate_transfer(loop, drawn)), ("attitude", broken / (1.0 + broken))):
+        rise, over, settling = step_numbers(loop.hz, transfer)
+        yield _criterion(f"rise time of a step of {what}", _known(rise, "s"))
+        yield _criterion(f"overshoot of a step of {what}", _known(over, "%"))
+        yield _criterion(f"settling time of a step of {what}", _known(settling, "s"))
+
+
+def identified(loop: RateLoop) -> Iterator[Criterion]:
+    """Yield what the identification is worth: coherence, cost, bounds and insensitivities of the fitted parameters."""
+    crossover = loop.with_settings(loop.flown).margins.crossover_hz.value
+    if crossover is not None:
+        near = (loop.hz > 0.4 * crossover) & (loop.hz < 1.6 * crossover) & (loop.hz <= loop.plant.seen)
+        least = float(loop.plant.coherence[near].min()) if near.any() else None
+        value = Parameter(least, None, "1", "" if near.any() else "the crossover lies beyond what was measured")
+        yield _criterion("coherence around the crossover", value, 0.6, True, _TISCHLER)
+    try:
+        found = fit(loop.frf)
+    except FrequencyError as error:
+        yield _criterion("cost J", Parameter(None, None, "1", str(error)), 100.0, False, _TISCHLER)
+        return
+    yield _criterion("cost J", Parameter(found.cost, None, "1"), 100.0, False, _TISCHLER)
+    gain = found.parameters["gain"]
+    if gain.value and gain.sigma:
+        forward = Parameter(1.0 / gain.value, gain.sigma / gain.value**2, "s^2/rad")
+        yield _criterion("D_FF that turns what is asked for (1 / gain)", forward)
+    stated = {name: one for name in found.names if (one := found.parameters[name]).value and one.sigma}
+    bounds = [100.0 * one.sigma / abs(one.value) for one in stated.values() if one.value and one.sigma]
+    blind = [100.0 * float(each) for name, each in zip(found.names, found.insensitivity, strict=True) if name in stated]
+    reason = "" if stated else "no parameter is determined"
+    for name, values, limit in (("Cramer-Rao bound", bounds, 20.0), ("insensitivity", blind, 10.0)):
+        worst = Parameter(max(values, default=None), None, "%", reason)
+        yield _criterion(f"largest {name} of {', '.join(stated) or 'parameters'}", worst, limit, False, _TISCHLER)
+
+
+def _drawn(loop: RateLoop) -> Complexes:
+    """Return the craft's response, and some that the data leave possible, shape (draws, n)."""
+    return np.vstack([loop.plant.response, loop.plant.draws[1:_DRAWS]])
+
+
+def _known(drawn: Floats, unit: str) -> Parameter:
+    """Return a number from its values of the best estimate and of draws, the best estimate first."""
+    value, finite = float(drawn[0]), drawn[np.isfinite(drawn)]
+    if not np.isfinite(value) or len(finite) < 0.5 * len(drawn):
+        return Parameter(None, None, unit, "the measured band does not show it")
+    return Parameter(value, float(np.std(finite)), unit)
+
+
+def _falling(hz: Floats, closed: Complexes) -> Floats:
+    """Return the frequency from which on each response stays 3 dB below one, shape (K,); NaN where none does."""
+    above = np.abs(closed) >= np.sqrt(0.5)
+    last = closed.shape[1] - 1 - np.argmax(above[:, ::-1], axis=1)
+    return np.where(above.any(axis=1) & ~above[:, -1], hz[last], np.nan)
+
+
+def _phase(closed: Complexes) -> Floats:
+    return np.unwrap(np.angle(closed), axis=1)
+
+
+def _passing(hz: Floats, closed: Complexes, level: float) -> Floats:
+    """Return the frequency at which each response first lags by a level [deg], shape (K,); NaN where none does."""
+    phase = _phase(closed)
+    late = phase <= np.radians(level)
+    first = np.argmax(late, axis=1)
+    rows = np.arange(len(phase))
+    before = np.maximum(first - 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (np.radians(level) - phase[rows, before]) / (phase[rows, first] - phase[rows, before])
+    return np.where(first > 0, hz[before] * (hz[first] / hz[before]) ** share, np.nan)
+
+
+def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Floats]:
+    """Return rise from 10 to 90 % [s], overshoot [%] and settling within 5 % [s] of unit steps, shape (K,) each.
+
+    `transfer` (K, n) at `hz` (n,): one at rest, dying out beyond the band.
+    """
+    grid = np.arange(0.0, _HIGHEST, _FINE)
+    spectrum = np.empty((len(transfer), len(grid)), np.complex128)
+    low, high = grid < hz[0], grid > hz[-1]
+    share = grid[low] / hz[0]
+    for row, known in zip(spectrum, transfer, strict=True):
+        row[:] = np.interp(grid, hz, known.real) + 1j * np.interp(grid, hz, known.imag)
+        row[low] = 1.0 + share * 1j * known[0].imag + share**2 * (known[0].real - 1.0)
+        row[high] = known[-1] * (hz[-1] / grid[high]) ** 2
+    steps = np.cumsum(np.fft.irfft(spectrum, axis=1), axis=1)[:, : len(grid)]
+    dt = 0.5 / grid[-1]
+    rise, settling = np.empty(len(steps)), np.empty(len(steps))
+    for k, step in enumerate(steps):
+        reached = step.max() >= 0.9
+        rise[k] = dt * float(np.argmax(step >= 0.9) - np.argmax(step >= 0.1)) if reached else np.nan
+        outside = np.flatnonzero(np.abs(step - 1.0) > _SETTLED)
+        settling[k] = dt * float(outside[-1] + 1) if len(outside) < len(step) else np.nan
+    return rise, 100.0 * np.maximum(steps.max(axis=1) - 1.0, 0.0), settling
