@@ -1,6 +1,7 @@
 """Save the tutorial's pictures from the reports that its commands write.
 
-Run the tutorial's commands first, then ``python docs/pictures.py out``. It opens the reports in the distribution's
+Run the tutorial's commands and ``rotorid analyze sample_logs/quad03_motor_stops.bin`` first, then ``python
+docs/pictures.py out``. It opens the reports in the distribution's
 Chromium and writes ``docs/pictures/*.png``.
 """
 
@@ -41,6 +42,8 @@ def main(out: Path) -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": WIDTH, "height": 1000}, color_scheme="light")
+        page.goto((out / "quad03_motor_stops" / "report.html").resolve().as_uri())
+        picture(page, "first-screen", page.locator("h1"), page.locator("figure").nth(1))
         page.goto((out / "flight" / "report.html").resolve().as_uri())
         picture(page, "answer", page.locator("h1"), page.locator("nav.contents"))
         picture(page, "horizons", page.locator("figure:has(#plot-horizons)"))

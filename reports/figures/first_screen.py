@@ -108,11 +108,12 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
     for event, t in sorted(_notable(result), key=lambda each: each[0] not in story):
         text = event.id.replace("-", " ")
         width = _LETTER * len(text) * around.duration
-        ends = t + width > around.stop
-        low, high = (t - width, t) if ends else (t, t + width)
-        if around.start <= t <= around.stop and all(high <= other[0] or low >= other[1] for other in taken):
-            taken.append((low, high))
-            names.append(band_label(Span(t, t), text) | {"xanchor": "right" if ends else "left"})
+        for side, low, high in (("left", t, t + width), ("right", t - width, t)):
+            free = all(high <= other[0] or low >= other[1] for other in taken)
+            if free and around.start <= low and high <= around.stop:
+                taken.append((low, high))
+                names.append(band_label(Span(t, t), text) | {"xanchor": side})
+                break
     return names
 
 
