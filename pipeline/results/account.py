@@ -10,6 +10,34 @@ from core.findings import Finding, Severity
 from core.parameter import Parameter
 from pipeline.results.span import Span
 
+#: Kinds of happenings by gravity: what broke the craft, what took control of it, what took its senses, what wears it.
+GRAVITY = (
+    "crash",
+    "motor-fault",
+    "disarmed-in-air",
+    "fall",
+    "throttle-runaway",
+    "lift-lost",
+    "control-lost",
+    "failsafe",
+    "yaw-lost",
+    "gps-lost",
+    "oscillation",
+    "hard-landing",
+    "vibration",
+    "battery-low",
+    "height-estimate-wrong",
+    "shock-in-flight",
+    "gps-glitch",
+    "autopilot-error",
+    "estimator-doubt",
+)
+
+
+def gravity(happening: Finding) -> int:
+    """Return the place of a happening among all, 0 for the gravest."""
+    return GRAVITY.index(happening.id) if happening.id in GRAVITY else len(GRAVITY)
+
 
 class PhaseKind(StrEnum):
     """What the craft did in a phase."""

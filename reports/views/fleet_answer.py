@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from core.quantity import counted, duration, number, uncertain
+from pipeline.results.account import GRAVITY, gravity
 from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.drift import History, Step
 from pipeline.results.model_report import ModelReport
@@ -108,11 +109,18 @@ def _health(flights: Sequence[FlightReport]) -> ShownAnswer:
         worst = [flight for flight, its in tones if its is tone]
         if worst:
             many = f"{len(worst)} of {counted(len(flights), 'flight')} {what}"
-            return _line("Happened", "", tone, "", f"{many}, such as {worst[0].name}: {worst[0].happened}.")
+            gravest = min(worst, key=_gravity)
+            return _line("Happened", "", tone, "", f"{many}, such as {gravest.name}: {gravest.happened}.")
     known = [flight for flight, its in tones if its is Tone.GOOD]
     if not known:
         return _line("Happened", "", Tone.UNKNOWN, "", "What happened is not known of any flight.")
     return _line("Happened", "", Tone.GOOD, "", f"Nothing happened in {counted(len(known), 'flight')}.")
+
+
+def _gravity(flight: FlightReport) -> int:
+    """Return how grave what happened in a flight was; the last of a story is what it came to."""
+    story = () if flight.account is None else flight.account.story
+    return min((gravity(each) for each in story), default=len(GRAVITY))
 
 
 def _loops(flights: Sequence[FlightReport]) -> ShownAnswer | None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from core.findings import Severity
+from core.findings import Finding, Severity
 from core.parameter import Parameter
 from logparse import Vehicle
 from pipeline.flight.answer import compose_answer
@@ -342,3 +342,12 @@ def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
                 assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= height
         assert not faults
         page.close()
+
+
+def test_a_folder_names_the_gravest_of_what_happened(kinds):
+    flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
+    (worst,) = [each for each in flights if each.happened == "motor fault, crash"]
+    lost = Finding(id="gps-lost", severity=Severity.ERROR, reason="No fix.", advice="", t=5.0)
+    blind = dataclasses.replace(worst, name="blind", account=dataclasses.replace(worst.account, story=(lost,)))
+    text = fleet_answer(made(FleetReport, flights=[blind, worst]))[0].line.text
+    assert text == "2 of 2 flights ended badly or were in danger, such as lost motor: motor fault, crash."

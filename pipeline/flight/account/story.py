@@ -6,31 +6,9 @@ from collections.abc import Sequence
 
 from core.findings import WORST_FIRST, Finding, Severity
 from core.quantity import duration, number
-from pipeline.results.account import Reading
+from pipeline.results.account import GRAVITY, Reading, gravity
 from pipeline.results.span import Span
 
-#: Kinds of happenings by gravity: what broke the craft, what took control of it, what took its senses, what wears it.
-GRAVITY = (
-    "crash",
-    "motor-fault",
-    "disarmed-in-air",
-    "fall",
-    "throttle-runaway",
-    "lift-lost",
-    "control-lost",
-    "failsafe",
-    "yaw-lost",
-    "gps-lost",
-    "oscillation",
-    "hard-landing",
-    "vibration",
-    "battery-low",
-    "height-estimate-wrong",
-    "shock-in-flight",
-    "gps-glitch",
-    "autopilot-error",
-    "estimator-doubt",
-)
 #: What comes of something else: of these a cause is looked for.
 _CONSEQUENCES = frozenset(("crash", "hard-landing", "fall", "throttle-runaway", "control-lost", "lift-lost"))
 #: What leads to something else.
@@ -45,11 +23,7 @@ _LED_TO = 3.0
 
 def gravest_first(happenings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Order what happened by severity, then by gravity of its kind, then by time."""
-    return tuple(sorted(happenings, key=lambda each: (WORST_FIRST.index(each.severity), _gravity(each), each.t or 0.0)))
-
-
-def _gravity(happening: Finding) -> int:
-    return GRAVITY.index(happening.id) if happening.id in GRAVITY else len(GRAVITY)
+    return tuple(sorted(happenings, key=lambda each: (WORST_FIRST.index(each.severity), gravity(each), each.t or 0.0)))
 
 
 def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -67,7 +41,7 @@ def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
         if not before:
             break
         # The first of the severest, for it began what followed; of the same moment the graver.
-        chain.insert(0, min(before, key=lambda each: (WORST_FIRST.index(each.severity), each.t, _gravity(each))))
+        chain.insert(0, min(before, key=lambda each: (WORST_FIRST.index(each.severity), each.t, gravity(each))))
     return tuple(chain)
 
 
