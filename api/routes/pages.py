@@ -179,9 +179,9 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
         "analysis": analysis,
         "address": address,
         "frame": frame,
-        "downloads": downloads(analysis, address),
-        "tables": tables(analysis, address),
-        "flights": flight_pages(analysis, frame),
+        "downloads": downloads(analysis),
+        "tables": tables(analysis),
+        "flights": flight_pages(analysis),
     }
 
 

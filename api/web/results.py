@@ -4,13 +4,11 @@ import json
 import mimetypes
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
-from urllib.parse import quote
+from typing import Annotated, Any
 
 from fastapi import Query
 from fastapi.responses import FileResponse
 
-from api.settings import in_words
 from api.store.ids import new_id
 from api.store.resources import Analysis, AnalysisAnswer, Extra
 from api.web.dependencies import Parts
@@ -149,58 +147,25 @@ _KNOWN = {
     "craft.mat": "The same for MATLAB",
 }
 
-_FLIGHTS, _TABLES = "flights/", "tables/"
+_FLIGHTS, _TABLES, _REPORT = "flights/", "tables/", "/report.html"
 
 
-class Download(NamedTuple):
-    """A file to download."""
-
-    name: str
-    what: str
-    size: str
-    address: str
-    #: What it is called on the visitor's computer.
-    saved_as: str
-
-
-class FlightPage(NamedTuple):
-    """The report on one flight of several."""
-
-    name: str
-    address: str
-
-
-def downloads(analysis: Analysis, address: str) -> list[Download]:
-    """List the files of an analysis whose resource has this address, those we know by name first.
+def downloads(analysis: Analysis) -> list[tuple[str, str]]:
+    """List the files of an analysis that are offered, each with what it is, those we know by name first.
 
     Without tables, and without what belongs to single flights and crafts of several.
     """
-    order = list(_KNOWN)
     offered = [name for name in analysis.files if "/" not in name and name != FILE]
-    offered.sort(key=lambda name: (order.index(name) if name in _KNOWN else len(order), name))
-    return _files(analysis, address, offered)
+    known = [name for name in _KNOWN if name in offered]
+    return [(name, _KNOWN.get(name, "")) for name in (*known, *sorted(set(offered) - set(known)))]
 
 
-def tables(analysis: Analysis, address: str) -> list[Download]:
+def tables(analysis: Analysis) -> list[str]:
     """List the tables of the logs of an analysis."""
-    return _files(analysis, address, sorted(name for name in analysis.files if name.startswith(_TABLES)))
+    return sorted(name for name in analysis.files if name.startswith(_TABLES))
 
 
-def _files(analysis: Analysis, address: str, names: list[str]) -> list[Download]:
-    return [
-        Download(
-            name,
-            _KNOWN.get(name, ""),
-            in_words(analysis.files[name]),
-            f"{address}/{quote(name)}",
-            f"{analysis.log.name}.{name.replace('/', '.')}",
-        )
-        for name in names
-    ]
-
-
-def flight_pages(analysis: Analysis, address: str) -> list[FlightPage]:
-    """List the pages of the flights that were analysed together; none for a single flight."""
-    ending = "/report.html"
-    names = [name for name in analysis.files if name.startswith(_FLIGHTS) and name.endswith(ending)]
-    return [FlightPage(name.removeprefix(_FLIGHTS).removesuffix(ending), f"{address}/{quote(name)}") for name in names]
+def flight_pages(analysis: Analysis) -> dict[str, str]:
+    """Return the reports on flights that were analysed together by the flights' names; none for a single flight."""
+    pages = [name for name in analysis.files if name.startswith(_FLIGHTS) and name.endswith(_REPORT)]
+    return {name.removeprefix(_FLIGHTS).removesuffix(_REPORT): name for name in pages}
