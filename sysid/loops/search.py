@@ -16,6 +16,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
+from sysid.loops.responses import attitude_loop
 from sysid.loops.safety import LEAST, ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
 from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
@@ -31,6 +32,10 @@ DEFAULT_I: Mapping[str, float] = {"roll": 1.0, "pitch": 1.0, "yaw": 0.1}
 
 #: The same of the filters of target and error and of the feed-forward; highest filter that ArduCopter documents, Hz.
 _OTHER_FILTERS, _FF, _HIGHEST_FILTER = (0.7, 1.0, 1.5, 2.0), (0.7, 1.0, 1.4), 100.0
+
+#: Factors of the attitude controller's gain, the highest that ArduCopter documents [1/s], and the phase margin [deg]
+#: that the attitude loop keeps: a step of attitude then overshoots by less than 10 %.
+_ANGLE, _HIGHEST_ANGLE, _ATTITUDE_PHASE = (1.2, 1.5), 12.0, 60.0
 
 #: Score that another filter of the target or error must gain to be proposed.
 _WORTH_A_FILTER = 0.02
@@ -152,11 +157,14 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) 
             best, allowed = found, most
     if best.tuned is None and lacks(loop, aim):
         best = _first_step(loop, aim, candidates, best)
-    others = [] if loop.ordinary else _others(loop)
-    if best.tuned is None or best.short or not others:
+    others = _others(loop)
+    if best.tuned is None or best.short or loop.ordinary:
         return best
-    found = _best(loop, aim, _field(loop, best.tuned.settings, others), allowed)
-    return found if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER else best
+    for more in (others, _angles(loop)):
+        found = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
+        if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER and _attitude_keeps(found.tuned):
+            best = found
+    return best
 
 
 def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTuning) -> AxisTuning:
@@ -215,6 +223,20 @@ def _others(loop: RateLoop) -> list[dict[str, float]]:
         for chosen in itertools.product(*factors.values())
         if set(chosen) != {1.0}
     ]
+
+
+def _angles(loop: RateLoop) -> list[dict[str, float]]:
+    """Lay out the gain of the attitude controller."""
+    flown = loop.flown.angle.P
+    return [{"angle_P": typed(flown * k)} for k in _ANGLE if flown * k <= _HIGHEST_ANGLE]
+
+
+def _attitude_keeps(tuned: RateLoop) -> bool:
+    """Return whether the attitude loop keeps its phase margin for everything that the data leave possible."""
+    if tuned.settings.angle.P <= tuned.flown.angle.P:
+        return True
+    phase = margins_of(tuned.hz, attitude_loop(tuned, tuned.plant.draws)).phase_deg
+    return bool((phase[np.isfinite(phase)] >= _ATTITUDE_PHASE).all())
 
 
 def _filters(flown: float, factors: Sequence[float]) -> tuple[float, ...]:

@@ -25,6 +25,7 @@ from sysid.loops import LoopError, tune, tuning
 from sysid.loops.evidence import oscillation, sagged, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
+from sysid.loops.responses import attitude_loop
 from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
@@ -95,7 +96,7 @@ def test_a_mode_beyond_the_chirp_is_left_its_margin():
     tuning = tune_axis(flown_loop(axis, timid, 1, magnitude=0.1, band=(0.5, 20.0)), Aim())
     assert tuning.tuned is not None
     after = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
-    assert after["rejection_hz"] > 1.2 * before["rejection_hz"]
+    assert after["rejection_hz"] > 1.1 * before["rejection_hz"]
     assert after["gain_db"] > before["gain_db"] > 11.0
 
 
@@ -146,6 +147,18 @@ def test_rejection_is_given_up_only_for_margins_that_the_flown_gains_lack():
     assert item.tuned is not None
     assert not item.wider
     assert "instead of 0.83: the flown gains leave 40 deg of phase margin" in tuning.rejects_less(item, Aim())
+
+
+def test_attitude_gain_is_raised_within_its_own_phase_margin():
+    """A craft whose rate loop could follow faster targets: gusts turn it less, and the promise holds in truth."""
+    axis = AxisPlant(gain=300.0, damping=0.5, lag=0.012, delay=0.001, filter_hz=60.0)
+    gains = LoopGains(P=0.09, I=0.045, D=0.0015, angle_P=3.0)
+    item = tune_axis(flown_loop(axis, gains, 1, magnitude=0.1), Aim())
+    assert 3.0 < item.tuned.settings.angle.P <= 4.5
+    truth = margins_of(HZ, true_loop(axis, gains_of(item.tuned.settings), HZ)).row(0)
+    assert truth["gain_db"] >= item.worst["gain_db"]
+    assert truth["phase_deg"] >= item.worst["phase_deg"]
+    assert margins_of(item.tuned.hz, attitude_loop(item.tuned)).phase_deg[0] >= 60.0
 
 
 def test_values_come_back_as_typed():
