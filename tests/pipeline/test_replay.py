@@ -90,6 +90,17 @@ def test_the_trim_can_be_chosen_and_is_told(flight, models, table, tmp_path):
     assert f"on average up to {far:.3g} away" in " ".join(runs[Trim.TRAINING].notes)
 
 
+def test_files_without_a_trim_are_run_about_the_inputs_own_mean(models, table, tmp_path):
+    content = json.loads(models.read_text())
+    del content["flights"][0]["models"]["motors"]["input_trim"]
+    (tmp_path / "models.json").write_text(json.dumps(content))
+    pd.read_csv(table)[["t", "m1", "m2"]].to_csv(tmp_path / "new.csv", index=False)
+    result = replay(tmp_path / "models.json", tmp_path / "new.csv")
+    assert "the file does not tell the inputs" in " ".join(result.notes)
+    record = result.results[0].predictions[0].experiment
+    assert record.input_trim == pytest.approx(record.u.mean(axis=0))
+
+
 def test_a_closed_loop_takes_targets(tmp_path):
     t = np.arange(0.0, 60.0, 0.1)
     target = np.column_stack([np.clip(t - 5.0, 0.0, 10.0), 0.1 * np.sin(t), np.zeros(len(t))])
