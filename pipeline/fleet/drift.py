@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from logparse import Finding, Severity
 from pipeline.fleet.history import ALPHA, history, sentence_of
 from pipeline.fleet.meta_analysis import holm
-from pipeline.fleet.motor_drift import Together, motor_drift, together, trims
+from pipeline.fleet.motor_drift import STEADY, Together, motor_drift, together, trims
 from pipeline.flight.craft import in_order, took_off
-from pipeline.flight.flight_parameters import BATTERY, SHARES
+from pipeline.flight.flight_parameters import BATTERY
 from pipeline.results.drift import Drift, History, Point
 from sysid.rotors.motor_faults.trims import weak_from_start
 
@@ -48,7 +48,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
     units: dict[str, str] = {}
     for flight in flights:
-        rows = [row for row in flight.parameters if row.method not in (SHARES, BATTERY)]
+        rows = [row for row in flight.parameters if row.method != BATTERY]
         for row in (*rows, *trims(flight)):
             series[row.parameter][row.method].append(_point(flight, number[flight.name], row))
             units[row.parameter] = row.unit
@@ -112,7 +112,7 @@ def _findings(histories: Sequence[History]) -> list[Finding]:
     findings = []
     for each in histories:
         change = each.change
-        if change is None or each.method == SHARES:  # what the motors' shares say is for `motor_drift` to put in words
+        if change is None or each.method == STEADY:  # for `motor_drift` to put in words
             continue
         findings.append(
             Finding(

@@ -1,15 +1,15 @@
-"""Is a motor weakening? What the hover command of each flight says, and which motor it points to.
+"""Is a motor weakening? What the controller steadily asks for in each flight, and which motor that points to.
 
 A motor that gives less than its command is asked for more, but not by itself: the controller knows three ways to
-restore the moments (roll, pitch, yaw), and the mixer spreads each over all motors. With the mixer's factors as
-orthonormal columns Q (motors, 3) and the motors' shares s of the hover command, the trims ``z = Q^T s`` hold all that
-the controller did. A motor k that lost the part d of its thrust leads to ``z = d q_k`` with q_k the k-th row of Q; a
-shift of the centre of gravity leads to roll and pitch only; a twist of motors about their arms to yaw.
+restore the moments (roll, pitch, yaw), and the mixer spreads each over all motors. A motor k that lost the part d of
+its thrust leads to the trims ``z = d q_k``, with q_k those that it would take if it gave nothing
+(`sysid.rotors.steady_trims`); a shift of the centre of gravity leads to roll and pitch only; a twist of motors about
+their arms to yaw.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,8 +21,7 @@ from scipy.special import ndtri as normal_quantile
 from logparse import Finding, Severity
 from pipeline.fleet.history import FEWEST_ASIDE, design_of
 from pipeline.fleet.meta_analysis import meta_regression
-from pipeline.flight.flight_parameters import SHARES
-from pipeline.results.drift import History, MotorDrift, MotorShares, Point, Step, Trend
+from pipeline.results.drift import History, MotorDrift, MotorWork, Point, Step, Trend
 from pipeline.results.entry import FlightParameter
 
 if TYPE_CHECKING:
@@ -32,36 +31,21 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: Trims in the order of the columns of Q.
-TRIMS = ("roll trim", "pitch trim", "yaw trim")
+#: Trims in the order of `SteadyTrims`, and what stands for their method.
+TRIMS, STEADY = ("roll trim", "pitch trim", "yaw trim"), "steady trims"
 
 #: An explanation stands if the change that it leaves would be larger by chance with this probability.
 STANDS = 0.01
 
-#: Column of the mixer below this part of the largest is none.
-_NONE = 1e-6
-
 
 def trims(flight: FlightEntry) -> list[FlightParameter]:
-    """Return roll, pitch and yaw trim of a flight's hover command as rows like those of `flight_parameters`.
-
-    They have no unit: root of the sum of squares over the motors of the change in their shares.
-    """
-    shares = _shares(flight)
-    found = _basis(flight.mixer, tuple(shares))
-    if found is None:
+    """Return roll, pitch and yaw trim of a flight as rows like those of `flight_parameters`."""
+    if flight.trims is None:
         return []
-    names, basis = found
-    values, sigmas = np.array(list(shares.values())).T
+    rows = zip(TRIMS, flight.trims.trims, flight.trims.variance, strict=True)
     return [
-        FlightParameter(
-            parameter=name,
-            method=SHARES,
-            value=float(column @ values),
-            sigma=float(np.sqrt(np.sum((column * sigmas) ** 2))),
-            unit="",
-        )
-        for name, column in zip(names, basis.T, strict=True)
+        FlightParameter(parameter=name, method=STEADY, value=value, sigma=variance**0.5, unit="")
+        for name, value, variance in rows
     ]
 
 
@@ -81,7 +65,7 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
     with the motor's parts as weights (Stouffer's method, Lipták 1958): that is exact whatever the scatter of each trim
     is. Motors, the two kinds of change and the places of a step are paid for by Bonferroni's factor.
     """
-    followed = [each for each in histories if each.method == SHARES and each.trend is not None]
+    followed = [each for each in histories if each.method == STEADY and each.trend is not None]
     found = _rows(flights, followed)
     if found is None or len({tuple(point.number for point in each.flights) for each in followed}) != 1:
         return None
@@ -136,19 +120,19 @@ def _fit(points: Sequence[Point], at: int | None) -> tuple[float, float, float]:
 def motor_drift(
     flights: Sequence[FlightEntry], histories: Sequence[History], joint: Together | None = None
 ) -> MotorDrift | None:
-    """Interpret changes of the trims; None where no flight tells the motors' shares."""
-    told = [flight for flight in flights if _shares(flight)]
+    """Interpret changes of the trims; None where no flight tells its trims."""
+    told = [flight for flight in flights if flight.trims is not None]
     if not told:
         return None
     points = tuple(
-        MotorShares(
+        MotorWork(
             flight=flight.name,
             start_utc=None if flight.start_utc is None else flight.start_utc.isoformat(),
-            shares=_shares(flight),
+            work=_work(flight),
         )
         for flight in told
     )
-    followed = [each for each in histories if each.method == SHARES]
+    followed = [each for each in histories if each.method == STEADY]
     changed = [(each.change.p, each) for each in followed if each.change is not None]
     p = None if joint is None else joint.p
     if joint is not None and joint.change.significant:
@@ -159,16 +143,23 @@ def motor_drift(
         return replace(_explained(told, points, followed, leading.change, leading.sentence), p=p)
     asked = any(each.trend is not None for each in followed)
     sentence = (
-        "no motor is seen to weaken: the motors' shares of the hover command do not change over flights"
+        "no motor is seen to weaken: what is steadily asked of the motors does not change over flights"
         if asked
         else "whether a motor weakens cannot be told: that takes four flights of a frame whose geometry is known"
     )
     return MotorDrift(points=points, weakening=None, loss=None, loss_sigma=None, sentence=sentence, p=p)
 
 
+def _work(flight: FlightEntry) -> dict[str, float]:
+    """Return how hard each motor worked, over the mean of all; nothing where its outputs do not tell."""
+    motors = None if flight.account is None else flight.account.motors
+    mean = 0.0 if motors is None else sum(motors.mean.values()) / len(motors.mean)
+    return {name: work / mean for name, work in motors.mean.items()} if motors is not None and mean > 0.0 else {}
+
+
 def _explained(
     flights: Sequence[FlightEntry],
-    points: tuple[MotorShares, ...],
+    points: tuple[MotorWork, ...],
     followed: Sequence[History],
     change: Trend | Step,
     seen: str,
@@ -215,7 +206,7 @@ def _explained(
     ]
     when = f"between {change.before} and {change.after}" if isinstance(change, Step) else "from flight to flight"
     if not standing:
-        sentence = f"the motors' shares of the hover command change {when} ({seen}); " + (
+        sentence = f"what is steadily asked of the motors changes {when} ({seen}); " + (
             f"{' or '.join(others)} explains it" if others else "no single motor explains it by losing thrust"
         )
         return MotorDrift(
@@ -235,7 +226,7 @@ def _explained(
         )
     _, motor, loss, sigma = standing[0]
     sentence = (
-        f"motor {motor} is weakening: the motors' shares of the hover command change {when} as if it lost "
+        f"motor {motor} is weakening: what is steadily asked of the motors changes {when} as if it lost "
         f"{100.0 * loss:.2g} ± {100.0 * sigma:.1g} % of its thrust{' per flight' if steady else ''}"
     )
     rivals = [*(f"motor {name}" for _, name, *_ in standing[1:]), *others]
@@ -258,35 +249,9 @@ def _explained(
     )
 
 
-def _shares(flight: FlightEntry) -> dict[str, tuple[float, float]]:
-    return {row.parameter: (row.value, row.sigma) for row in flight.parameters if row.method == SHARES}
-
-
 def _rows(flights: Sequence[FlightEntry], followed: Sequence[History]) -> tuple[tuple[str, ...], Floats] | None:
     """Return the motors, and what a loss of each does to the trims that are followed, (motors, trims)."""
-    told = next((flight for flight in flights if _shares(flight)), None)
+    told = next((flight.trims for flight in flights if flight.trims is not None), None)
     if told is None or not followed:
         return None
-    motors = tuple(_shares(told))
-    found = _basis(told.mixer, motors)
-    if found is None:
-        return None
-    names, basis = found
-    if not {each.parameter for each in followed} <= set(names):
-        return None
-    return motors, basis[:, [names.index(each.parameter) for each in followed]]
-
-
-def _basis(mixer: Mapping[str, Sequence[float]], motors: Sequence[str]) -> tuple[list[str], Floats] | None:
-    """Orthonormal columns of the mixer for these motors, (motors, trims); None where the geometry is not known."""
-    if not motors or not set(motors) <= mixer.keys() or len(motors) != len(mixer):
-        return None
-    factors = np.array([mixer[motor] for motor in motors], dtype=np.float64)
-    factors = factors - factors.mean(axis=0)
-    size = np.linalg.norm(factors, axis=0)
-    made = [k for k in range(factors.shape[1]) if size[k] > _NONE * max(float(size.max()), 1e-300)]
-    if not made:
-        return None
-    basis, _ = np.linalg.qr(factors[:, made])
-    basis = basis * np.sign(np.sum(basis * factors[:, made], axis=0))
-    return [TRIMS[k] for k in made], basis
+    return told.motors, np.array(told.rows)[:, [TRIMS.index(each.parameter) for each in followed]]

@@ -24,8 +24,8 @@ from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import FEWEST
 from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
-from pipeline.flight.flight_parameters import SHARES
 from pipeline.results.craft_review import Alert, CraftReview, Note
 from pipeline.results.drift import Drift, History, Point
 from pipeline.results.entry import FlightEntry
@@ -148,7 +148,7 @@ def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> tuple
             [(point.value, point.sigma) for point in each.flights if (point.flight in later) is side]
             for side in (False, True)
         ]
-        if min(map(len, sides)) >= _FEWEST_ASIDE and each.method != SHARES:
+        if min(map(len, sides)) >= _FEWEST_ASIDE and each.method != STEADY:
             found.append(difference(each.parameter, each.method, each.unit, *sides))
     return corrected(found)
 
@@ -163,11 +163,11 @@ def _alerts(drift: Drift | None) -> list[Alert]:
 
 
 def _lasting(drift: Drift, allowed: float) -> list[Alert]:
-    """List slopes and steps; of the motors' shares the motor that explains them."""
+    """List slopes and steps; of trims the motor that explains them."""
     alerts = []
     first, newest = drift.flights[0], drift.flights[-1]
     motors = drift.motors
-    shifted = [each.change for each in drift.parameters if each.method == SHARES and each.change is not None]
+    shifted = [each.change for each in drift.parameters if each.method == STEADY and each.change is not None]
     if motors is not None and (
         any(change.p_adjusted < allowed for change in shifted) or (motors.p is not None and motors.p < allowed)
     ):
@@ -178,7 +178,7 @@ def _lasting(drift: Drift, allowed: float) -> list[Alert]:
             )
     for each in drift.parameters:
         change = each.change
-        if change is None or change.p_adjusted >= allowed or each.method == SHARES:
+        if change is None or change.p_adjusted >= allowed or each.method == STEADY:
             continue
         alerts.append(
             Alert(
@@ -197,7 +197,7 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
     newest = drift.flights[-1]
     asked: list[tuple[History, float, float]] = []
     for each in drift.parameters:
-        if each.method == SHARES or each.flights[-1].flight != newest or len(each.flights) < FEWEST:
+        if each.method == STEADY or each.flights[-1].flight != newest or len(each.flights) < FEWEST:
             continue
         values, sigmas = _numbers(each.flights)
         design = np.column_stack([np.ones(len(values)), np.arange(len(values)) == len(values) - 1])

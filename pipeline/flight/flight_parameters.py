@@ -1,4 +1,4 @@
-"""What one flight by itself says about its craft: every physical parameter with its error, and each motor's share.
+"""What one flight by itself says about its craft: every physical parameter with its error.
 
 These rows are light; they are kept of every flight so that parameters can be followed over flights
 (`pipeline.fleet.drift`).
@@ -16,27 +16,14 @@ from pipeline.flight.rotation import curve_of
 from pipeline.results.entry import FlightParameter, ResponseCurve
 from pipeline.results.failure import Failure, present
 from pipeline.results.rotation import FittedResponse
-from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
-from sysid.rotors.thrust_regression import BLOCK_SECONDS, regress, vehicle_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from pipeline.results.flight import FlightResult
-    from sysid import Experiment
-
-    Floats = NDArray[np.float64]
-
-#: Rows of `flight_parameters` that are motors' shares of the hover command carry this method.
-SHARES = "motor shares"
 
 #: The row with a flight's battery voltage carries this method.
 BATTERY = "battery monitor"
-
-#: Ground speed and climb rate below which a craft hovers, m/s; hovering this long is enough to look at that alone, s.
-HOVER_SPEED, HOVER_CLIMB, HOVER_SECONDS = 1.5, 0.5, 15.0
 
 #: A method whose column "sigma" is the spread over instants, not the standard error of the value.
 _SPREAD = METHODS[3]
@@ -83,11 +70,6 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     record = result.experiments.get(THRUST_KEY)
     if record is not None and (volts := reference_voltage([record])) is not None:
         rows.append(FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.01 * volts, unit="V"))
-    if record is not None:
-        rows += [
-            FlightParameter(parameter=motor, method=SHARES, value=share, sigma=sigma, unit="mean of all motors")
-            for motor, (share, sigma) in motor_shares(record).items()
-        ]
     return rows
 
 
@@ -120,31 +102,3 @@ def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:
     for axis in () if rotation is None else rotation.every:
         if axis.rate is not None and axis.rate_determined:
             yield axis.axis, axis.rate
-
-
-def motor_shares(record: Experiment) -> dict[str, tuple[float, float]]:
-    """Return each motor's part in the hover command, over the mean of all, with its standard error.
-
-    Hovering is looked at alone where there is enough of it: flying forward takes steady moments of its own.
-    """
-    vehicle, _ = vehicle_of(record)
-    thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
-    mean = thrust.mean(axis=1)
-    usable = mean > 0.0
-    if record.context is not None and {"v_n", "v_e", "v_d"} <= set(record.context.columns):
-        north, east, down = (record.context[name].to_numpy(np.float64) for name in ("v_n", "v_e", "v_d"))
-        hovers = usable & (np.hypot(north, east) < HOVER_SPEED) & (np.abs(down) < HOVER_CLIMB)
-        if hovers.sum() * record.dt >= HOVER_SECONDS:
-            usable = hovers
-    size = max(round(BLOCK_SECONDS / record.dt), 1)
-    count = len(record.t) // size
-    whole = usable[: count * size].reshape(count, size).all(axis=1)
-    if whole.sum() < 5:
-        return {}
-    shares = thrust[: count * size] / np.where(mean > 0.0, mean, 1.0)[: count * size, None]
-    means = shares.reshape(count, size, -1).mean(axis=1)[whole]
-    found = {}
-    for motor, values in zip(record.input_names, means.T, strict=True):
-        fit = regress([np.ones((len(values), 1))], [values])
-        found[motor] = (float(fit.values[0]), max(float(fit.sigma[0]), 1e-5))
-    return found

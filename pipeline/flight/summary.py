@@ -46,7 +46,6 @@ def flight_entry(
         board=log.board,
         build=build_of(log.vehicle),
         tune=dict(log.tune),
-        mixer={f"m{motor.number}": [motor.roll, motor.pitch, motor.yaw] for motor in log.vehicle.motors},
         parameters=tuple(flight_parameters(result)),
         responses=tuple(response_curves(result)),
         trims=result.trims,

@@ -81,19 +81,19 @@ class History:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MotorShares:
-    """The motors' shares in one flight, by motor: value and standard error, mean of all motors 1."""
+class MotorWork:
+    """How hard each motor worked in one flight, by motor, mean of all motors 1; empty where that is not known."""
 
     flight: str
     start_utc: str | None
-    shares: Mapping[str, tuple[float, float]]
+    work: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorDrift:
-    """The motors' shares over flights."""
+    """What is steadily asked of the motors, over flights."""
 
-    points: tuple[MotorShares, ...]
+    points: tuple[MotorWork, ...]
     weakening: str | None  #: The motor that alone explains a change of the trims by losing thrust.
     #: Part of its thrust that it lost: per flight, or at once.
     loss: float | None
@@ -110,6 +110,6 @@ class Drift:
     order: str  #: ``"date"``, or ``"name"`` where a log does not tell its date.
     flights: tuple[str, ...]  #: In that order.
     parameters: tuple[History, ...]
-    motors: MotorDrift | None  #: None where no flight tells the motors' shares.
+    motors: MotorDrift | None  #: None where no flight tells what is steadily asked.
     findings: tuple[Finding, ...]
     responses: tuple[ResponseCurve, ...] = ()  #: Of the newest flights, how each axis answers its command.

@@ -78,8 +78,6 @@ class FlightEntry:
     #: How the craft is built, and its gains and filters, as `pipeline.flight.craft.build_of` and `tune_of` list them.
     build: Mapping[str, str | float | None] = field(default_factory=dict)
     tune: Mapping[str, str | float] = field(default_factory=dict)
-    #: Roll, pitch and yaw factor of each motor by its name, as in `logparse.Motor`.
-    mixer: Mapping[str, list[float]] = field(default_factory=dict)
     #: What the flight alone says about its craft, as `pipeline.flight.flight_parameters` lists it.
     parameters: tuple[FlightParameter, ...] = ()
     responses: tuple[ResponseCurve, ...] = ()  #: Of the axes whose gain the flight tells.

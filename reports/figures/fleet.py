@@ -11,7 +11,7 @@ from core.quantity import per_degree, with_unit
 from pipeline.results.answer import Tone
 from pipeline.results.coverage import MAP, QUANTITIES
 from pipeline.results.craft_review import Note
-from pipeline.results.drift import Drift, History, MotorShares, Point
+from pipeline.results.drift import Drift, History, MotorWork, Point
 from pipeline.results.envelope import Envelope, RangeFlown
 from pipeline.results.report import FlightReport
 from reports.figures.figure import (
@@ -226,7 +226,7 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     return shown, folded
 
 
-def _place(drift: Drift, point: Point | MotorShares) -> str:
+def _place(drift: Drift, point: Point | MotorWork) -> str:
     """Return the place of a flight on the axis: its start where all are known, else its name."""
     return _utc(point.start_utc) if point.start_utc and _dated(drift) else point.flight
 
@@ -299,24 +299,25 @@ def _course(parameter: History) -> list[float]:
 
 
 def motors_over_flights(drift: Drift, name: str, lines: Sequence[Drawn]) -> Figure | None:
-    """Draw what each motor is commanded in hover, flight by flight; None where no flight tells."""
+    """Draw how hard each motor works, flight by flight; None where no flight tells."""
     motors = drift.motors
-    if motors is None or not motors.points:
+    names = dict.fromkeys(motor for point in motors.points for motor in point.work) if motors is not None else {}
+    if motors is None or not names:
         return None
-    plot = Plot("command over mean of all", x=_axis(drift))
+    plot = Plot("output over mean of all", x=_axis(drift))
     plot.shapes += lines
-    for place, motor in enumerate(dict.fromkeys(motor for point in motors.points for motor in point.shares)):
-        points = [point for point in motors.points if motor in point.shares]
+    for place, motor in enumerate(names):
+        points = [point for point in motors.points if motor in point.work]
         color, weak = COLORS[place % len(COLORS)], motor == motors.weakening
-        values, sigma = ([point.shares[motor][k] for point in points] for k in (0, 1))
         at, text = [_place(drift, point) for point in points], [point.flight for point in points]
-        hover = f"%{{text}}: %{{y:.4f}}<extra>{plotly_text(motor)}</extra>"
-        drawn = marks(at, values, motor, color, size=8 if weak else 5, sigma=sigma, text=text, hover=hover)
+        hover = f"%{{text}}: %{{y:.3f}}<extra>{plotly_text(motor)}</extra>"
+        values = [point.work[motor] for point in points]
+        drawn = marks(at, values, motor, color, size=8 if weak else 5, text=text, hover=hover)
         style = {"color": color, "width": 3 if weak else 1.2, "dash": "solid" if place < 4 else "dash"}
         plot.add(drawn, group=motor, mode="lines+markers", line=style)
     caption = (
-        "What each motor is commanded in hover, over the mean of all motors, flight by flight: a motor that weakens is "
-        "told more from flight to flight, while its opposite is told the same."
+        "How hard each motor works, over the mean of all motors, flight by flight: of a motor that weakens more is "
+        "asked from flight to flight, of all others a little less."
     )
     return plot.figure(name, caption, 330, margin={"l": 78})
 

@@ -11,13 +11,13 @@ from logparse import Vehicle
 from logparse.craft.frames import motor_table
 from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
-from pipeline.flight.flight_parameters import SHARES
 from pipeline.flight.rotation import fitted_response
-from pipeline.results.entry import FlightEntry, FlightParameter
+from pipeline.results.entry import FlightEntry
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.known_margins import Margins
+from sysid.rotors.steady_trims import SteadyTrims
 from tests.pipeline.coverages import coverage_of
 
 OCTA = Vehicle(autopilot="ArduPilot", frame_class="octa", frame_type="plus")
@@ -102,7 +102,7 @@ FRAMES = {"quad": "x", "hexa": "x", "octa": "plus"}
 
 
 def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.004, sigma=0.001):
-    """Fly a craft whose controller restores moments by roll, pitch and yaw alone, and log the motors' shares.
+    """Fly a craft whose controller restores moments by roll, pitch and yaw alone.
 
     `weak` loses `loss` of its thrust from flight to flight; the centre of gravity moves ahead by `shift`; wind and load
     change the trims by `scatter` between flights.
@@ -116,18 +116,13 @@ def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.
         if weak is not None:
             trim = trim + basis[weak - 1] * loss * k
         trim[1] += np.sign(basis[:, 1] @ factors[:, 1]) * shift * k
-        shares = 1.0 + basis @ trim + sigma * random.standard_normal(len(motors))
-        rows = [
-            FlightParameter(parameter=f"m{m.number}", method=SHARES, value=float(s), sigma=sigma, unit="mean")
-            for m, s in zip(motors, shares, strict=True)
-        ]
-        flights.append(
-            dataclasses.replace(
-                flown(f"f{k:02d}", start=START + timedelta(days=k)),
-                parameters=tuple(rows),
-                mixer={f"m{m.number}": [m.roll, m.pitch, m.yaw] for m in motors},
-            )
+        steady = SteadyTrims(
+            tuple(f"m{motor.number}" for motor in motors),
+            tuple(trim + sigma * random.standard_normal(3)),
+            (sigma**2,) * 3,
+            tuple(map(tuple, basis.tolist())),
         )
+        flights.append(dataclasses.replace(flown(f"f{k:02d}", start=START + timedelta(days=k)), trims=steady))
     return flights
 
 

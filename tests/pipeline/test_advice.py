@@ -201,10 +201,7 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
 
 def test_a_weakening_motor_comes_first():
     flights = hovering(np.random.default_rng(3), "octa", 10, weak=5, loss=0.02)
-    flights = [
-        dataclasses.replace(good(f.name, findings=("mass-unknown",)), parameters=f.parameters, mixer=f.mixer)
-        for f in flights
-    ]
+    flights = [dataclasses.replace(good(f.name, findings=("mass-unknown",)), trims=f.trims) for f in flights]
     advice = for_craft(flights, None, follow(flights))
     assert advice[0].id == "look-at-motor-weakening"
     assert advice[0].do.startswith("Check motor 5")

@@ -8,6 +8,7 @@ import pytest
 from logparse.craft.frames import motor_table
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import ALPHA
+from pipeline.results.account import Account, MotorsReading
 from pipeline.results.drift import Step, Trend
 from pipeline.results.entry import FlightParameter
 from tests.pipeline.builders import FRAMES, hovering
@@ -138,7 +139,12 @@ def test_a_moving_centre_of_gravity_is_no_weak_motor():
     assert "centre of gravity" in told.reason
 
 
-def test_two_flights_do_not_tell_of_motors_but_show_their_shares():
-    motors = follow(hovering(np.random.default_rng(14), "quad", 2)).motors
+def test_two_flights_do_not_tell_of_motors_but_show_how_hard_they_worked():
+    flights = hovering(np.random.default_rng(14), "quad", 2)
+    work = MotorsReading(mean={"m1": 0.3, "m2": 0.5, "m3": 0.4, "m4": 0.4}, hardest="m2", at_limit=0.0)
+    flights[0] = dataclasses.replace(flights[0], account=Account(flight=None, motors=work))
+    motors = follow(flights).motors
     assert "cannot be told" in motors.sentence
-    assert set(motors.points[0].shares) == {"m1", "m2", "m3", "m4"}
+    first, second = (point.work for point in motors.points)
+    assert first == pytest.approx({"m1": 0.75, "m2": 1.25, "m3": 1.0, "m4": 1.0})
+    assert second == {}

@@ -6,12 +6,9 @@ import datetime as dt
 import numpy as np
 import pytest
 
-import estimation
 import logparse
-import sysid
 from pipeline.fleet.drift import follow
-from pipeline.flight.flight_parameters import SHARES, motor_shares
-from pipeline.results.entry import FlightEntry, FlightParameter
+from pipeline.results.entry import FlightEntry
 from pipeline.results.span import Span
 from simulation import elhesasy2024
 from simulation.drive import QuadraticRotor
@@ -19,6 +16,7 @@ from simulation.fly import Setup
 from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place, Wind
 from simulation.sample_logs import SampleFlight, write_flight
+from sysid.rotors.motor_faults.trims import steady_trims
 
 FLIGHTS = 6
 
@@ -56,8 +54,6 @@ def fly(folder, number, weak, loss, random):
         start_utc=dt.datetime(2025, 3, 1, 9, tzinfo=dt.UTC) + dt.timedelta(days=number),
     )
     log = logparse.read_log(write_flight(sample, folder)[0])
-    trajectory = estimation.estimate(log.tables)
-    record = sysid.Experiment.from_flight(log, trajectory, rate=10.0, inputs="motors", outputs="position")
     return FlightEntry(
         name=name,
         folder=name,
@@ -73,11 +69,7 @@ def fly(folder, number, weak, loss, random):
         frame_class="octa",
         vehicle="octa",
         flight=Span(log.flight.start, log.flight.stop),
-        mixer={f"m{m.number}": [m.roll, m.pitch, m.yaw] for m in log.vehicle.motors},
-        parameters=tuple(
-            FlightParameter(parameter=motor, method=SHARES, value=share, sigma=sigma, unit="")
-            for motor, (share, sigma) in motor_shares(record).items()
-        ),
+        trims=steady_trims(log.tables, log.vehicle, log.flight.start, log.flight.stop),
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.flight_parameters import SHARES
+from pipeline.results.account import Account, MotorsReading
 from pipeline.results.coverage import QUANTITIES
 from pipeline.results.drift import Drift
 from pipeline.results.entry import FlightEntry, FlightParameter
@@ -17,10 +17,12 @@ from pipeline.results.envelope import Envelope
 from reports.figures.fleet import coverage_figures, drift_figures
 from reports.views.coverage import coverage_table, outside
 from reports.views.drift import drift_sentences, drift_table
+from sysid.rotors.steady_trims import SteadyTrims
 from tests.pipeline.coverages import coverage_of
 from tests.reports.builders import themed
 
 FLIGHTS = 8
+MOTORS = ("m1", "m2", "m3", "m4")
 
 
 def entry(number: int, speed: float, thrust: float) -> FlightEntry:
@@ -48,7 +50,6 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
     rows = [
         ("thrust over mass", "rotor", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command"),
         ("motor lag", "rotor", 0.05 + rng.normal(0.0, 0.002), 0.002, "s"),
-        *((f"m{k}", SHARES, 1.0 + rng.normal(0.0, 0.002), 0.002, "mean of all motors") for k in range(1, 5)),
     ]
     return FlightEntry(
         name=f"flight{number:02d}",
@@ -65,6 +66,8 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         frame_class="quad",
         vehicle="quad-1",
         coverage=coverage,
+        trims=SteadyTrims(MOTORS, (0.0, 0.0, 0.0), (1e-6,) * 3, ((0.5, 0.5, 0.5),) * 4),
+        account=Account(flight=None, motors=MotorsReading(mean=dict.fromkeys(MOTORS, 0.4), hardest="m1", at_limit=0.0)),
         parameters=tuple(
             FlightParameter(**dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)))
             for row in rows
