@@ -6,7 +6,6 @@ the truth beside them. A row has the root mean square and the largest of z = (va
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +14,10 @@ from estimation import estimate
 from logparse import MissingDataError, read_log
 from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
-from simulation.mission import Wait
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.rigid_body.six_dof.body_record import Quantity
-from tests.sysid.flown_craft import EXCITING, flown, record
+from tests.sysid.flown_craft import flown, record
 from tests.sysid.honesty import (
     Stated,
     firmware_truth,
@@ -36,9 +34,6 @@ TARGET = "1.3, 4"
 #: Mean wind, m/s, and factor on Dryden's intensity.
 WINDS = ((3.0, 1.0), (6.0, 1.5), (9.0, 1.0))
 SEEDS = 3
-
-#: Chirps are flown level, and the wind carries the craft off: it needs time to come back before it lands.
-MISSION = replace(EXCITING, steps=(*EXCITING.steps, Wait(60.0)))
 
 #: Flights of each craft and kind of input for the body with six degrees of freedom.
 PAPER_FLIGHTS = 10
@@ -70,7 +65,7 @@ def simulated() -> Iterator[Stated]:
         for speed, gusts in WINDS:
             for seed in range(SEEDS):
                 wind = Wind(speed=speed, from_deg=120.0 * seed, gusts=gusts)
-                flight = flown(craft, MISSION, wind, altitude=300.0 * seed, seed=seed)
+                flight = flown(craft, wind=wind, altitude=300.0 * seed, seed=seed)
                 seen = record(flight, np.random.default_rng(seed), 0.05, f"{craft.name} {speed:g} {gusts:g} {seed}")
                 blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean()
                 model = fit_rigid_body([seen], mass=craft.mass)
