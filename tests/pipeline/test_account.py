@@ -163,6 +163,8 @@ def test_swings_again_and_again_are_loss_of_control_and_one_of_them_is_not():
     assert "swung" in event.reason
     once = lambda t: np.where((t > 30.0) & (t < 30.7), swing(t), 0.0)  # noqa: E731
     assert told(attitude=leaning(0.0, once)) == []
+    # Of two rows a second nobody knows what was asked for between them.
+    assert told(attitude=leaning(0.0, swing).iloc[::5], setpoints=flown().setpoints.iloc[::5]) == []
 
 
 def thrown(t):
