@@ -4,7 +4,9 @@ Against peers that tests need anyway where they do the same work, else against a
 (SciPy's filter and eigenvalues, many small calls); a ratio says more than a time on a machine that others use too.
 """
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
@@ -15,6 +17,7 @@ from benchmarks.logparse import pymavlink, read_tlog
 from benchmarks.sysid import _rao_garnier_record
 from estimation.filter import run as filter_forward
 from logparse import read_log
+from pipeline import AnalysisConfig, analyze
 from sysid import fit_transfer_functions
 from tests.estimation.simulated_flight import fly
 
@@ -22,7 +25,18 @@ LOG, TELEMETRY = str(SAMPLES / "octa01_zurich_calm.bin"), str(SAMPLES / "octa02_
 LARGE = str(SAMPLES / "quad02_delft_systemid.bin")
 
 
+#: Power-ups in the file of which the one with the longest flight is looked for.
+POWER_UPS = 15
+
+
 def run() -> list[Row]:
+    with tempfile.TemporaryDirectory() as folder:
+        several = Path(folder) / "several.bin"
+        several.write_bytes(Path(LOG).read_bytes() * POWER_UPS)
+        return _rows(str(several))
+
+
+def _rows(several: str) -> list[Row]:
     tables = fly(0, duration=15.0).tables
     problem = problem_of(tables, 50.0)()
     forward = filter_forward(problem)
@@ -31,6 +45,8 @@ def run() -> list[Row]:
         _ratio("all messages of a .bin, pymavlink", every_message, lambda: pymavlink(LOG), 1),
         _ratio("all messages of a .bin one by one, all at once", one_by_one, lambda: every_message(LARGE), 3),
         _ratio("tables and flights of a .bin, yardstick", lambda: read_log(LARGE).flights, yardstick, 3),
+        _ratio(f"{POWER_UPS} power-ups of a .bin, pymavlink one", lambda: read_log(several), lambda: pymavlink(LOG), 1),
+        _ratio("whole analysis of a .bin, pymavlink", analysed, lambda: pymavlink(LOG), 1, repeated=1),
         _ratio("all messages of a .tlog, pymavlink", lambda: read_tlog(TELEMETRY), lambda: pymavlink(TELEMETRY), 1),
         _ratio(
             "filter and smoother at 50 Hz, filterpy",
@@ -42,10 +58,10 @@ def run() -> list[Row]:
     ]
 
 
-def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], passes: int) -> Row:
+def _ratio(what: str, ours: Callable[[], object], theirs: Callable[[], object], passes: int, repeated: int = 3) -> Row:
     """Time the two in turn, after one of ours that loads compiled code; least times of each."""
     ours()
-    pairs = [(cpu(ours, 3), cpu(theirs)) for _ in range(passes)]
+    pairs = [(cpu(ours, repeated), cpu(theirs)) for _ in range(passes)]
     mine, other = (min(times) for times in zip(*pairs, strict=True))
     return row(what, f"{1e3 * mine:.1f} ms", peer=f"{1e3 * other:.1f} ms", ratio=f"{other / mine:.3g}")
 
@@ -54,6 +70,11 @@ def every_message(path: str = LOG) -> None:
     """Decode every message in one pass."""
     messages = read_log(path).messages
     messages.load(messages)
+
+
+def analysed() -> None:
+    """Analyse a flight: what happened, trajectory, models and their validation, without pages."""
+    analyze(Path(LOG), AnalysisConfig())
 
 
 def one_by_one() -> None:
