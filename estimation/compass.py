@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from core.findings import warning
 from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
 from estimation.attitude import euler_from_quat, matrix_from_quat
@@ -23,7 +24,7 @@ from estimation.states import FIELD, HARD_IRON, SensorNoise
 from estimation.timing import InertialSignal
 from estimation.trust import inconsistent
 from estimation.tuning import Tuned, relinearised, settled, window
-from logparse import Finding, Severity
+from logparse import Finding
 
 #: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...
 TURNED, CERTAIN = np.radians(8.0), 4.0
@@ -215,21 +216,19 @@ def turned_compass(turn: Turn) -> Finding:
     if turn.exchanged:
         return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
     if turn.doubtful:
-        return Finding(
+        return warning(
             "sensor-doubtful",
-            Severity.WARNING,
             f"The compass shows {shown}: too little to turn it or the IMU by, and headings are no better known than "
             "that.",
             "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and "
             "iron near the compass; a flight that accelerates along both axes for a minute tells more.",
-            evidence,
+            **evidence,
         )
-    return Finding(
+    return warning(
         "sensor-doubtful",
-        Severity.WARNING,
         f"The compass shows {shown}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
         "compass is turned back by so much: if it is the IMU, headings are still off by that.",
         "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and iron "
         "near the compass; calibrate it again.",
-        evidence,
+        **evidence,
     )

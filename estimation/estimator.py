@@ -7,6 +7,7 @@ from importlib import import_module
 import numpy as np
 import pandas as pd
 
+from core.findings import warning
 from estimation.alignment import RUNNING_PWM
 from estimation.observations import usable_fixes
 from estimation.place import LocalFrame
@@ -15,7 +16,7 @@ from estimation.states import SensorNoise
 from estimation.strapdown import estimate_strapdown
 from estimation.timing import ACCEL, GYRO, GYRO_MOVING, sample_rate, usable
 from estimation.trajectory import Trajectory
-from logparse import Finding, Geodetic, MissingDataError, Severity, Tables
+from logparse import Finding, Geodetic, MissingDataError, Tables
 
 #: A fix that stays the same to the last digit for longer than this while the craft turns is old, s. Hover is never so
 #: still: places are written to a centimetre.
@@ -68,13 +69,16 @@ def _during(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> np.ndarray:
 
 def _frozen(what: str, while_: str, spans: list[tuple[float, float]], left_out: str, look: str, **more: int) -> Finding:
     seconds = sum(last - first for first, last in spans)
-    return Finding(
+    return warning(
         "sensor-refused",
-        Severity.WARNING,
         f"The GPS repeats one {what} to the last digit while the craft {while_}, {seconds:.0f} s in all from "
         f"t = {spans[0][0]:.1f} s: {left_out} not used.",
         f"Look at the receiver's {look}.",
-        {"sensor": "gps", "start": spans[0][0], "stop": spans[-1][1], "seconds": seconds, **more},
+        sensor="gps",
+        start=spans[0][0],
+        stop=spans[-1][1],
+        seconds=seconds,
+        **more,
     )
 
 

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from core.findings import warning
 from core.units import STANDARD_GRAVITY
 from estimation.observations import find_origin, observe_gps, reported, usable_fixes
 from estimation.place import LocalFrame, is_simulated
 from estimation.states import SensorNoise
 from estimation.timing import usable
-from logparse import Finding, Geodetic, Severity, Tables
+from logparse import Finding, Geodetic, Tables
 
 #: Readings further than this from the running median are spikes, m.
 SPIKE = 10.0
@@ -243,13 +244,12 @@ def reversed_climb(tables: Tables) -> tuple[Finding, ...]:
         return ()
     used = "is used with its sign reversed" if sign < 0.0 else "is not used"
     return (
-        Finding(
+        warning(
             "sensor-refused",
-            Severity.WARNING,
             f"The autopilot's height changes against its vertical speed, which therefore {used}; firmware of 2013 "
             "sends it with the wrong sign.",
             "Analyse the .bin log of the same flight, or update the firmware.",
-            {"sensor": "autopilot"},
+            sensor="autopilot",
         ),
     )
 

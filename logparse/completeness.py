@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from core.findings import Finding, Severity
+from core.findings import Finding, Severity, info, warning
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import LONGEST_GAP
@@ -124,11 +124,11 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
     if tables.motors is not None and (rate := rate_of(tables.motors)) < _MOTORS_RATE:
         yield (
             Need.FAST_MOTORS,
-            Finding(
+            warning(
                 "not-logged",
-                Severity.WARNING,
                 f"Motor outputs come at {rate:.1f} Hz: what the motors do between samples is lost.",
-                evidence={"what": "fast motors", "rate": rate},
+                what="fast motors",
+                rate=rate,
             ),
         )
     rotation = next(tables.columns("rates", ("out_roll",)), None)
@@ -136,26 +136,25 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
     if (t := tables.times("imu")) is not None and (rate := _rate(t)) < _IMU_RATE:
         yield (
             Need.FAST_IMU,
-            Finding(
+            warning(
                 "not-logged",
-                Severity.WARNING,
                 f"The IMU comes at {rate:.1f} Hz, "
                 + (
                     "which is coarse to integrate."
                     if rate > 9.0
                     else "too slow to integrate; the autopilot's attitude counts."
                 ),
-                evidence={"what": "fast imu", "rate": rate},
+                what="fast imu",
+                rate=rate,
             ),
         )
     if slow_rotation:
         yield (
             Need.FAST_RATES,
-            Finding(
+            info(
                 "not-logged",
-                Severity.INFO,
                 "Rate controller outputs are missing or slower than 40 Hz: no fit of fast rotational dynamics.",
-                evidence={"what": "fast rates"},
+                what="fast rates",
             ),
         )
 
@@ -173,9 +172,8 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
         count = int(np.count_nonzero(gaps > limit))
         if count:
             where = float(t[int(np.argmax(gaps))])
-            yield Finding(
+            yield warning(
                 "gap-in-table",
-                Severity.WARNING,
                 f"The table {name} has {count} gap{'s' if count > 1 else ''} in flight, the longest of "
                 f"{gaps.max():.1f} s at t = {where:.1f} s.",
                 "The telemetry link lost frames; use the autopilot's own log."
@@ -183,5 +181,7 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
                 else "Use a faster card or log fewer topics."
                 if log.format == "ulog"
                 else "Use a faster card or log fewer messages (DSF.Dp counts what the autopilot dropped).",
-                {"count": count, "longest": float(gaps.max()), "t": where},
+                count=count,
+                longest=float(gaps.max()),
+                t=where,
             )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, cast
 
 from core.errors import LogError
-from core.findings import Finding, Severity
+from core.findings import Finding, warning
 
 #: An archive that holds more than this is refused: a few kB can unpack to terabytes.
 MAX_UNPACKED_BYTES = 4 << 30
@@ -200,13 +200,12 @@ def _unpacked(packed: io.BufferedIOBase, archive: Path) -> tuple[Buffer, tuple[F
             if size == 0:
                 raise LogError(f"{name} is an archive that cannot be unpacked: {_said(damage)}") from damage
             findings = (
-                Finding(
+                warning(
                     "file-damaged",
-                    Severity.WARNING,
                     f"The archive is damaged or cut short ({_said(damage)}); the first {size} bytes of the log were "
                     "read.",
                     "Copy or download the file again.",
-                    {"bytes": size},
+                    bytes=size,
                 ),
             )
         if size == 0:

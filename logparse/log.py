@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from core.errors import LogError, RotoridError
-from core.findings import Finding, Severity
+from core.findings import Finding, warning
 from core.lazy import lazy
 from core.summary import Summarised, listed
 from core.units import numbers
@@ -104,13 +104,12 @@ class FlightLog(Summarised):
         odd = sorted(name for name, value in found.items() if not _possible(value))
         if odd:
             self._own_findings.append(
-                Finding(
+                warning(
                     "impossible-values",
-                    Severity.WARNING,
                     f"Parameters with a value that none can have are left out: {', '.join(odd[:8])}"
                     + (f" and {len(odd) - 8} more." if len(odd) > 8 else "."),
                     "Set them again on the autopilot.",
-                    {"count": len(odd)},
+                    count=len(odd),
                 )
             )
         return {name: value for name, value in found.items() if _possible(value)}

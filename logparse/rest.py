@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from core.findings import Finding, Severity
+from core.findings import Finding, warning
 from core.units import STANDARD_GRAVITY
 from logparse.tables import Tables
 
@@ -86,12 +86,12 @@ def calibration(rest: Rest | None, parameters: Mapping[str, float]) -> tuple[Fin
     offsets = [parameters.get(f"INS_ACCOFFS_{axis}") for axis in "XYZ"]
     why = "it was never calibrated" if all(each == 0.0 for each in offsets) else "its calibration is not of this sensor"
     return (
-        Finding(
+        warning(
             "sensor-doubtful",
-            Severity.WARNING,
             f"At rest the accelerometer reads {rest.specific_force:.2f} m/s^2 instead of {STANDARD_GRAVITY:.2f}: "
             f"{why}. Thrust is off by up to {abs(rest.specific_force / STANDARD_GRAVITY - 1.0):.0%}.",
             "Calibrate the accelerometers of this board in all six positions, and fly again.",
-            {"specific_force": rest.specific_force, "seconds": rest.seconds},
+            specific_force=rest.specific_force,
+            seconds=rest.seconds,
         ),
     )

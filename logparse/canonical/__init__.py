@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from core.findings import Finding, Severity
+from core.findings import Finding, Severity, warning
 from logparse.canonical import actuators, control, events, sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
@@ -139,21 +139,19 @@ def _remark_frame(messages: Messages, vehicle: Vehicle, remarks: Remarks) -> Non
     """Remark what is not known of the frame, and so of the motors."""
     if vehicle.frame_source == "outputs":
         remarks.add(
-            Finding(
-                id="frame-unknown",
-                severity=Severity.WARNING,
-                reason="The log does not name the frame's class; outputs 1 to 4 alone drive motors, so that it is "
+            warning(
+                "frame-unknown",
+                "The log does not name the frame's class; outputs 1 to 4 alone drive motors, so that it is "
                 f"taken as a {vehicle.frame_class}.",
-                advice="Check the number of motors: firmware before 3.2 does not log its frame class.",
+                "Check the number of motors: firmware before 3.2 does not log its frame class.",
             )
         )
     elif vehicle.frame_source == "MAV_TYPE" and vehicle.frame_type is None and vehicle.motors:
         remarks.add(
-            Finding(
-                id="frame-unknown",
-                severity=Severity.WARNING,
-                reason=f"The log says {vehicle.frame_class}, but not which type; motors are taken to sit as in an x.",
-                advice="Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
+            warning(
+                "frame-unknown",
+                f"The log says {vehicle.frame_class}, but not which type; motors are taken to sit as in an x.",
+                "Check the frame: of another type what is said about roll, pitch and single motors is wrong.",
             )
         )
     other_craft = vehicle.other_craft

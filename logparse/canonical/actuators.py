@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from core.findings import Finding, Severity
+from core.findings import Finding, warning
 from core.units import numbers
 from logparse.canonical.fields import Kind, Messages, first, has, instances, table, value, values
 from logparse.canonical.remarks import Remarks
@@ -71,12 +71,11 @@ def _before_3_1(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) 
 
 def _unmapped(number: int, message: str) -> Finding:
     """Report that a motor's output is not in the log."""
-    return Finding(
-        id="not-logged",
-        severity=Severity.WARNING,
-        reason=f"Motor {number} of the frame has no logged servo output.",
-        advice=f"Check SERVOn_FUNCTION on the autopilot; {message} must hold the output that drives this motor.",
-        evidence={"motor": number},
+    return warning(
+        "not-logged",
+        f"Motor {number} of the frame has no logged servo output.",
+        f"Check SERVOn_FUNCTION on the autopilot; {message} must hold the output that drives this motor.",
+        motor=number,
     )
 
 
@@ -86,13 +85,12 @@ def _remark_assumed(table: tuple[Motor, ...], parameters: Mapping[str, float], r
     if assumed:
         listed = ", ".join(map(str, assumed))
         remarks.add(
-            Finding(
-                id="frame-unknown",
-                severity=Severity.WARNING,
-                reason=f"The log lacks SERVOn_FUNCTION of outputs {listed}; "
+            warning(
+                "frame-unknown",
+                f"The log lacks SERVOn_FUNCTION of outputs {listed}; "
                 "the motors of these numbers are taken to be on them.",
-                advice="Let the ground station download all parameters before take-off.",
-                evidence={"motors": listed},
+                "Let the ground station download all parameters before take-off.",
+                motors=listed,
             )
         )
 
