@@ -305,8 +305,12 @@ def test_rows_slightly_back_long_pauses_and_odd_stamps_are_one_boot() -> None:
     assert [(f.id, f.evidence["rows"]) for f in source.findings] == [("clock-doubtful", 2)]
 
 
-@pytest.mark.parametrize("bit", range(64))
-def test_no_flipped_bit_of_a_clock_makes_another_boot(bit: int) -> None:
+def test_no_flipped_bit_of_a_clock_makes_another_boot() -> None:
+    for bit in range(64):
+        check_one_boot_with_flipped(bit)
+
+
+def check_one_boot_with_flipped(bit: int) -> None:
     times = [100_000_000 + 10_000 * k for k in range(2000)]
     data = bytearray(FMT.pack() + fmt(1, 12, "X", "QB", "TimeUS,A"))
     begin = len(data)

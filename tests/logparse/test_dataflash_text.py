@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from logparse import RotoridError, read_log
+from logparse import read_log
 from logparse.dataflash.text import DataflashTextSource
 
 LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
@@ -148,27 +146,6 @@ def test_damaged_lines_cost_themselves_only() -> None:
         "file-damaged": {"lines": 2},
         "message-layout": {"messages": 2},
     }
-
-
-@given(data=st.data())
-@settings(max_examples=150, deadline=None, derandomize=True)
-def test_damage_anywhere_gives_a_log_or_a_refusal(data: st.DataObject) -> None:
-    rows = "".join(f"GPS, 3, {200 * k}, 1765, {5000 + 200 * k}\nATT, 0.00, 1, 0.00, 5\nMODE, 3, 4\n" for k in range(6))
-    text = bytearray((HEAD + rows).encode())
-    for _ in range(data.draw(st.integers(1, 8))):
-        where = data.draw(st.integers(0, len(text) - 1))
-        if data.draw(st.booleans()):
-            text[where] ^= 1 << data.draw(st.integers(0, 7))
-        else:
-            text[where : where + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=10))
-    try:
-        source = DataflashTextSource(bytes(text))
-    except RotoridError:
-        return
-    for boot in source.boots:
-        for name in source.counts(boot):
-            source.decode(name, boot)
-    assert source.findings is not None
 
 
 def test_firmware_of_2013_has_only_the_receivers_clock(tmp_path):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from logparse.craft.pwm_range import pwm_range
-from logparse.flights import Flight, find_flights
+from logparse.flights import find_flights
 from logparse.tables import Tables
 
 #: ArduCopter 4: idle at 1150 us, as SITL flies.
@@ -219,11 +219,6 @@ def test_nothing_to_go_by_is_no_flight():
     assert find_flights(Tables(motors=table([], m1=[]))) == ()
     assert find_flights(Tables(motors=table([1.0, 2.0], m1=[np.nan, np.nan]))) == ()
     assert find_flights(Tables(motors=table(T, m1=PWM))) == ()
-
-
-def test_flights_are_values():
-    assert Flight(1.0, 3.0) == Flight(1.0, 3.0)
-    assert Flight(1.0, 3.0).duration == 2.0
 
 
 @pytest.mark.parametrize("step", [61.0, 4000.0, 1e7])

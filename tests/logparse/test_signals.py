@@ -76,8 +76,3 @@ def test_instances_stay_apart(sample):
     np.testing.assert_array_equal(second.y, frame.loc[frame[column] == 1, "RPM"])
     with pytest.raises(SignalError, match="no instance 9"):
         evaluate(sample, "ESC[9].RPM")
-
-
-def test_an_unknown_field_is_answered_with_those_that_there_are(sample):
-    with pytest.raises(SignalError, match="GyrX"):
-        evaluate(sample, "IMU.Acz")

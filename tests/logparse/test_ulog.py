@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from pyulog import ULog
 
 from logparse import LogError
@@ -193,34 +191,6 @@ def test_a_long_message_that_holds_messages_is_one():
 def test_a_log_without_data_is_an_error(size):
     with pytest.raises(LogError, match=r"damaged|no data"):
         UlogSource(small_log()[:size])
-
-
-@settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-@given(st.data())
-def test_any_damage_gives_a_log_or_an_error(damage):
-    log = bytearray(small_log(rows=5))
-    for _ in range(damage.draw(st.integers(1, 6))):
-        at = damage.draw(st.integers(0, max(len(log) - 1, 0)))
-        what = damage.draw(st.sampled_from(["flip", "insert", "delete", "cut"]))
-        if what == "flip" and log:
-            log[at] ^= 1 << damage.draw(st.integers(0, 7))
-        elif what == "insert":
-            log[at:at] = damage.draw(st.binary(min_size=1, max_size=20))
-        elif what == "delete":
-            del log[at : at + damage.draw(st.integers(1, 20))]
-        elif what == "cut" and damage.draw(st.integers(0, 9)) == 0:
-            del log[at:]
-    try:
-        source = UlogSource(bytes(log))
-    except LogError:
-        return
-    (boot,) = source.boots
-    for name, count in source.counts(boot).items():
-        frame = source.decode(name, boot)
-        assert len(frame) == count
-        assert np.isfinite(frame.index).all()
-    source.parameters(boot)
-    assert isinstance(source.findings, tuple)
 
 
 @pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
