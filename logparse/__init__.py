@@ -12,8 +12,7 @@ from core.lazy import exports
 if TYPE_CHECKING:
     from logparse.craft.frames import Motor, Vehicle
     from logparse.flights import Flight
-    from logparse.given import GivenLogs, logs_of
-    from logparse.log import FlightLog, check_is_log, read_flights, read_log, read_power_ups
+    from logparse.log import FlightLog, GivenLogs, check_is_log, logs_of, read_flights, read_log, read_power_ups
     from logparse.messages import Messages
     from logparse.source import Boot, MessageSource
     from logparse.tables import COLUMNS, Geodetic, Tables

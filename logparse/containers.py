@@ -75,42 +75,37 @@ def limit_unpacked(size: int) -> None:
 
 def open_buffer(path: Path, is_log: Callable[[bytes], bool]) -> tuple[Buffer, tuple[Finding, ...]]:
     """Map a file; what a gzip or zip archive holds is unpacked into a temporary file and mapped."""
-    with _opened(path) as (file, magic):
-        if magic[:3] == b"\x1f\x8b\x08":
-            with gzip.open(path) as packed:
-                return _unpacked(packed, path)
-        if magic == b"PK\x03\x04":
-            with _zip_member(path, is_log) as member:
-                return _unpacked(member, path)
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), ()
+    with _opened(path, is_log) as (file, packed):
+        return (_map(file), ()) if packed is None else _unpacked(packed, path)
 
 
 def read_head(path: Path, is_log: Callable[[bytes], bool]) -> bytes:
     """Read the first 64 kB of a log, unpacked no further than that; parameters and errors as of `open_buffer`."""
-    with _opened(path) as (file, magic):
-        if magic[:3] == b"\x1f\x8b\x08":
-            with gzip.open(path) as packed:
-                return _first(packed, path.name)
-        if magic == b"PK\x03\x04":
-            with _zip_member(path, is_log) as member:
-                return _first(member, path.name)
-        file.seek(0)
-        return file.read(_HEAD)
+    with _opened(path, is_log) as (file, packed):
+        return file.read(_HEAD) if packed is None else _first(packed, path.name)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[IO[bytes], bytes]]:
-    """Open a file, with its first four bytes."""
+def _opened(
+    path: Path, is_log: Callable[[bytes], bool]
+) -> Iterator[tuple[IO[bytes], gzip.GzipFile | zipfile.ZipExtFile | None]]:
+    """Open a file, and the log in it where it is an archive."""
     try:
         if path.is_dir():
             raise LogError(f"{path} is a folder, not a log")
         if path.exists() and not path.is_file():
             raise LogError(f"{path} is a pipe or a device, not a file; save the log to a file first")
-        with path.open("rb") as file:
+        with path.open("rb") as file, ExitStack() as stack:
             magic = file.read(4)
             if not magic:
                 raise LogError(f"{path.name} is empty (0 bytes): the autopilot or the download wrote nothing")
-            yield file, magic
+            packed: gzip.GzipFile | zipfile.ZipExtFile | None = None
+            if magic[:3] == b"\x1f\x8b\x08":
+                packed = stack.enter_context(gzip.open(path))
+            elif magic == b"PK\x03\x04":
+                packed = stack.enter_context(_zip_member(path, is_log))
+            file.seek(0)
+            yield file, packed
     except OSError as error:
         raise LogError(f"{path} cannot be read: {error.strerror or error}") from error
 

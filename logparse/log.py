@@ -1,6 +1,6 @@
 """`read_log`: any flight log in, a `FlightLog` out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from datetime import UTC, datetime
@@ -344,6 +344,36 @@ def check_is_log(path: Path) -> None:
     head = read_head(path, lambda head: _reader(head) is not None)
     if _reader(head) is None:
         raise LogError(f"{path.name} is not a flight log: {_what_it_is(head)}")
+
+
+#: What every function that asks for logs takes.
+GivenLogs = FlightLog | str | Path | Sequence[FlightLog | str | Path]
+
+
+def logs_of(given: GivenLogs) -> list[FlightLog]:
+    """Return the logs, read where only their paths were given.
+
+    Parameters
+    ----------
+    given : FlightLog, path-like, or a sequence of either
+
+    Raises
+    ------
+    LogError
+        Where something is neither a log nor the path of one.
+    """
+    several = [given] if isinstance(given, FlightLog | str | Path) else given
+    if not isinstance(several, Sequence):
+        raise LogError(f"a flight log, its path or a list of them is needed, not {type(given).__name__}")
+    return [_log_of(each) for each in several]
+
+
+def _log_of(given: object) -> FlightLog:
+    if isinstance(given, FlightLog):
+        return given
+    if isinstance(given, str | Path):
+        return read_log(given)
+    raise LogError(f"a flight log or its path is needed, not {type(given).__name__}")
 
 
 def _driven(log: FlightLog) -> float:
