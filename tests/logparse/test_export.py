@@ -14,14 +14,9 @@ from core.errors import RotoridError
 from logparse import read_log
 from logparse.export import export
 from logparse.tables import Tables
+from tests.logparse.builders import message as frame
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
-
-
-def frame(times, units=None, **columns):
-    table = pd.DataFrame(columns, index=pd.Index(np.asarray(times, dtype=float), name="t"))
-    table.attrs["units"] = units or {}
-    return table
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from logparse.expressions import evaluate
 from logparse.signals import SignalError
-from tests.logparse.decoded import Decoded
+from tests.logparse.builders import Decoded
 
 
 def frame(rate, seconds, units, **columns):

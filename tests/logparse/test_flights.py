@@ -3,12 +3,12 @@
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import find_flights
 from logparse.tables import Tables
+from tests.logparse.builders import message as table
 
 #: ArduCopter 4: idle at 1150 us, as SITL flies.
 PARAMETERS = {"MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000, "MOT_SPIN_ARM": 0.1, "MOT_SPIN_MIN": 0.15}
@@ -19,10 +19,6 @@ def profile(t, *points):
     """Piecewise linear course through (time, value) points."""
     times, values = zip(*points, strict=True)
     return np.interp(t, times, values)
-
-
-def table(t, **columns):
-    return pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
 
 
 def still(t, force):

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from core.serialization import plain
@@ -15,29 +14,17 @@ from logparse.craft.vehicle import describe
 from logparse.flights import find_flights
 from logparse.inspection import inspect
 from logparse.source import Boot
-from tests.logparse.builders import tables_of
+from tests.logparse.builders import Decoded, message, tables_of
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
 T = np.arange(0.0, 60.0, 0.1)
-
-
-class Messages(dict):
-    """Messages with their counts, as FlightLog has them."""
-
-    @property
-    def counts(self):
-        return {name: len(frame) for name, frame in self.items()}
-
-
-def message(t, **columns):
-    return pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
 
 
 def flight_messages():
     height = np.interp(T, [0, 5, 10, 50, 55], [0, 0, 10, 10, 0])
     pwm = np.interp(T, [0, 3, 4, 55, 56], [1000, 1000, 1500, 1500, 1000])
     zeros = np.zeros(len(T))
-    return Messages(
+    return Decoded(
         RCOU=message(T, **{f"C{k}": pwm for k in range(1, 5)}),
         IMU=message(T[::1], **{f"Gyr{a}": zeros + 0.01 for a in "XYZ"}, AccX=zeros, AccY=zeros, AccZ=zeros - 9.8),
         GPS=message(
@@ -129,19 +116,19 @@ def test_a_bit_that_is_set_points_to_the_sensor():
 
 def test_telemetry_is_told_its_stream_rates():
     beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
-    findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
+    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
     assert "SRn_RC_CHAN" in findings["motors"].advice
 
 
 def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
     beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
-    findings = by_id(inspect(log_of(Messages(HEARTBEAT=beat), kind="tlog")))
+    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
     assert "MAV_n_RATE" in findings["motors"].advice
     assert not any("SRn_" in each.advice or "LOG_BITMASK" in each.advice for each in findings.values())
 
 
 def test_errors_come_first():
-    severities = [finding.severity.value for finding in inspect(log_of(Messages())).findings]
+    severities = [finding.severity.value for finding in inspect(log_of(Decoded())).findings]
     assert severities == sorted(severities, key=["error", "warning", "info"].index)
 
 
@@ -155,7 +142,7 @@ def test_a_bench_log_says_why_it_is_no_flight():
 
 def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
     slow = {name: rows.set_index(rows.index * 100_000.0) for name, rows in flight_messages().items()}
-    messages = Messages(slow)
+    messages = Decoded(slow)
     finding = by_id(inspect(log_of(messages)))["no-flight"]
     assert "motor outputs are" in finding.reason
     assert "the clock of this log is wrong" in finding.reason

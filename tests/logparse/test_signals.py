@@ -10,7 +10,7 @@ from logparse import read_log
 from logparse.expressions import evaluate
 from logparse.signals import SignalError, logged_signal
 from logparse.tables import Tables
-from tests.logparse.decoded import Decoded
+from tests.logparse.builders import Decoded
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 

@@ -7,15 +7,9 @@ import pandas as pd
 import pytest
 
 from logparse.tables import COLUMNS
-from tests.logparse.builders import tables_of
+from tests.logparse.builders import message, tables_of
 
 QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
-
-
-def message(t, units=None, **columns):
-    frame = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
-    frame.attrs["units"] = units or {}
-    return frame
 
 
 def build(messages, parameters=QUAD, kind="dataflash"):
@@ -128,7 +122,7 @@ def test_times_are_made_strictly_increasing():
 
 
 def test_an_unhealthy_or_wild_imu_sample_is_missing():
-    frame = imu(np.arange(6) * 0.1, GH=[1, 1, 0, 1, 1, 1], AH=[1] * 6)
+    frame = imu(np.arange(6) * 0.1, GH=[1, 1, 0, 1, 1, 1], AH=1)
     frame.loc[frame.index[4], "AccX"] = np.inf
     frame.loc[frame.index[5], "GyrZ"] = 1e6
     tables, findings = build({"IMU": frame})
@@ -250,12 +244,10 @@ def test_barometer_of_firmware_before_3_2_is_in_ctun():
 def test_attitude_without_att():
     t = np.arange(4) * 0.1
     yaw = np.radians([0.0, 90.0, 180.0, 270.0])
-    quaternion = message(t, Q1=np.cos(yaw / 2), Q2=np.zeros(4), Q3=np.zeros(4), Q4=np.sin(yaw / 2), C=np.zeros(4, int))
+    quaternion = message(t, Q1=np.cos(yaw / 2), Q2=0.0, Q3=0.0, Q4=np.sin(yaw / 2), C=np.zeros(4, int))
     tables, _ = build({"XKQ": quaternion})
     assert np.degrees(tables.attitude["yaw"]).tolist() == pytest.approx([0.0, 90.0, 180.0, -90.0])
-    fast = message(
-        t, Roll=[1.0] * 4, Pitch=[2.0] * 4, Yaw=[350.0] * 4, DesRoll=[3.0] * 4, DesPitch=[0.0] * 4, DesYaw=[0.0] * 4
-    )
+    fast = message(t, Roll=1.0, Pitch=2.0, Yaw=350.0, DesRoll=3.0, DesPitch=0.0, DesYaw=[0.0] * 4)
     tables, _ = build({"XKQ": quaternion, "ANG": fast})
     assert np.degrees(tables.attitude.iloc[0]).tolist() == pytest.approx([1.0, 2.0, -10.0])
     assert np.degrees(tables.setpoints["roll"]).tolist() == pytest.approx([3.0] * 4)
@@ -269,7 +261,7 @@ def xkf1(t, core, north):
 def test_own_estimate_is_that_of_the_core_in_use():
     t = np.arange(5) * 0.1
     cores = pd.concat([xkf1(t, 0, 1.0), xkf1(t, 1, 2.0)]).sort_index(kind="stable")
-    tables, _ = build({"XKF1": cores, "XKF4": message(t, C=[0] * 5, PI=[0, 1, 1, 1, 1])})
+    tables, _ = build({"XKF1": cores, "XKF4": message(t, C=0, PI=[0, 1, 1, 1, 1])})
     assert tables.ekf["p_n"].tolist() == [2.0] * 5
 
 
@@ -287,13 +279,10 @@ def test_position_targets_of_every_age_in_metres_and_down():
         f"PSC{axis}": message(t, **{f"TP{axis}": np.full(3, value), f"TV{axis}": np.full(3, 0.1)})
         for axis, value in (("N", 1.0), ("E", 2.0), ("D", -3.0))
     }
-    middle = {
-        "PSC": message(t, TPX=[1.0] * 3, TPY=[2.0] * 3, TVX=[0.1] * 3, TVY=[0.1] * 3),
-        "PSCZ": message(t, TPZ=[3.0] * 3, TVZ=[-0.1] * 3),
-    }
+    middle = {"PSC": message(t, TPX=1.0, TPY=2.0, TVX=0.1, TVY=0.1), "PSCZ": message(t, TPZ=3.0, TVZ=-0.1)}
     old = {
-        "NTUN": message(t, DPosX=[100.0] * 3, DPosY=[200.0] * 3, DVelX=[10.0] * 3, DVelY=[10.0] * 3),
-        "CTUN": message(t, DAlt=[3.0] * 3, DCRt=[-10.0] * 3, ThO=[0.4] * 3),
+        "NTUN": message(t, DPosX=100.0, DPosY=200.0, DVelX=10.0, DVelY=10.0),
+        "CTUN": message(t, DAlt=3.0, DCRt=-10.0, ThO=0.4),
     }
     for messages in (new, middle, old):
         tables, _ = build(messages)
@@ -303,7 +292,7 @@ def test_position_targets_of_every_age_in_metres_and_down():
 
 def test_velocity_asked_for_is_apart_from_the_corrected_target():
     t = np.arange(3) * 0.1
-    north = message(t, TPN=[1.0] * 3, DVN=[0.5] * 3, TVN=[0.7] * 3)
+    north = message(t, TPN=1.0, DVN=0.5, TVN=0.7)
     tables, _ = build({"PSCN": north})
     assert tables.setpoints[["v_n", "v_n_ref"]].iloc[1].tolist() == pytest.approx([0.7, 0.5])
     tables, _ = build({"PSCN": north.drop(columns="DVN")})
@@ -313,32 +302,21 @@ def test_velocity_asked_for_is_apart_from_the_corrected_target():
 def test_firmware_of_2013_has_fewer_columns():
     t = np.arange(4) * 0.1
     messages = {
-        "ATT": message(
-            t,
-            RollIn=[10.0] * 4,
-            Roll=[9.0] * 4,
-            PitchIn=[0.0] * 4,
-            Pitch=[1.0] * 4,
-            YawIn=[0.0] * 4,
-            Yaw=[182.0] * 4,
-            NavYaw=[180.0] * 4,
-        ),
+        "ATT": message(t, RollIn=10.0, Roll=9.0, PitchIn=0.0, Pitch=1.0, YawIn=0.0, Yaw=182.0, NavYaw=180.0),
         "GPS": message(
             t,
             Status=[0, 1, 2, 2],
             Time=[1, 2, 3, 4],
-            NSats=[9] * 4,
-            HDop=[1.5] * 4,
-            Lat=[14.1] * 4,
-            Lng=[100.6] * 4,
-            RelAlt=[0.0] * 4,
-            Alt=[2.0] * 4,
-            Spd=[1.0] * 4,
-            GCrs=[90.0] * 4,
+            NSats=9,
+            HDop=1.5,
+            Lat=14.1,
+            Lng=100.6,
+            RelAlt=0.0,
+            Alt=2.0,
+            Spd=1.0,
+            GCrs=90.0,
         ),
-        "CURR": message(
-            t, Thr=[0] * 4, ThrInt=[0] * 4, Volt=[1529] * 4, Curr=[125] * 4, Vcc=[5283] * 4, CurrTot=[16.6] * 4
-        ),
+        "CURR": message(t, Thr=0, ThrInt=0, Volt=1529, Curr=125, Vcc=5283, CurrTot=[16.6] * 4),
     }
     tables, _ = build(messages, {"FRAME": 1}, "dataflash-text")
     assert np.degrees(tables.attitude.iloc[0]).tolist() == pytest.approx([9.0, 1.0, -178.0])
@@ -349,18 +327,8 @@ def test_firmware_of_2013_has_fewer_columns():
 
 
 def test_targets_are_not_interpolated_over_pauses():
-    manual = message(
-        np.arange(100) * 0.1,
-        DesRoll=np.zeros(100),
-        DesPitch=np.zeros(100),
-        DesYaw=np.zeros(100),
-        Roll=np.zeros(100),
-        Pitch=np.zeros(100),
-        Yaw=np.zeros(100),
-    )
-    guided = message(
-        np.concatenate((np.arange(10) * 0.1, 8.0 + np.arange(10) * 0.1)), TPN=np.ones(20), TVN=np.zeros(20)
-    )
+    manual = message(np.arange(100) * 0.1, DesRoll=0.0, DesPitch=0.0, DesYaw=0.0, Roll=0.0, Pitch=0.0, Yaw=0.0)
+    guided = message(np.concatenate((np.arange(10) * 0.1, 8.0 + np.arange(10) * 0.1)), TPN=np.ones(20), TVN=0.0)
     tables, _ = build({"ATT": manual, "PSCN": guided})
     assert tables.setpoints.loc[0.1:0.8, "p_n"].notna().all()
     assert tables.setpoints.loc[2.0:7.0, "p_n"].isna().all()
@@ -369,13 +337,13 @@ def test_targets_are_not_interpolated_over_pauses():
 def test_yaw_targets_are_interpolated_across_north():
     fast = message(
         np.arange(21) * 0.05,
-        RDes=np.zeros(21),
+        RDes=0.0,
         **{n: np.zeros(21) for n in ("R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "AOut")},
     )
     slow = message(
         [0.0, 0.1], DesRoll=[0, 0], DesPitch=[0, 0], DesYaw=[359.0, 1.0], Roll=[0, 0], Pitch=[0, 0], Yaw=[0, 0]
     )
-    position = message([0.0, 0.05, 0.1], TPN=np.ones(3), TVN=np.zeros(3))
+    position = message([0.0, 0.05, 0.1], TPN=np.ones(3), TVN=0.0)
     tables, _ = build({"ATT": slow, "PSCN": position, "RATE": fast})
     assert tables.setpoints["yaw"].iloc[1] == pytest.approx(0.0, abs=1e-12)
 
@@ -401,10 +369,8 @@ def test_rates_are_in_rad_per_second():
 
 
 def test_rates_of_the_pid_messages_where_rate_is_missing():
-    roll = message(
-        [1.0, 1.1, 1.2], Tar=[0.2] * 3, Act=[0.1] * 3, P=[0.01] * 3, I=[0.02] * 3, D=[0.03] * 3, FF=[0.04] * 3
-    )
-    pitch = message([1.02, 1.12], Tar=[-0.2] * 2, Act=[-0.1] * 2, P=[0.0] * 2, I=[0.0] * 2, D=[-0.03] * 2, FF=[0.0] * 2)
+    roll = message([1.0, 1.1, 1.2], Tar=0.2, Act=0.1, P=0.01, I=0.02, D=0.03, FF=[0.04] * 3)
+    pitch = message([1.02, 1.12], Tar=-0.2, Act=-0.1, P=0.0, I=0.0, D=-0.03, FF=0.0)
     rates = build({"PIDR": roll, "PIDP": pitch})[0].rates
     row = rates.loc[1.1]
     assert row[["w_x_ref", "w_x", "out_roll"]].tolist() == pytest.approx([0.2, 0.1, 0.1])
@@ -432,7 +398,7 @@ def test_chirps_of_systemid_mode_know_their_axis():
 
 def test_esc_telemetry_is_by_motor_and_not_by_output():
     parameters = QUAD | {f"SERVO{k + 4}_FUNCTION": 32 + k for k in range(1, 5)}
-    rows = [message([1.0, 1.1], Instance=[k, k], RPM=[600 * k] * 2, Volt=[16.0] * 2, Curr=[1.0] * 2) for k in range(8)]
+    rows = [message([1.0, 1.1], Instance=[k, k], RPM=[600 * k] * 2, Volt=16.0, Curr=1.0) for k in range(8)]
     tables, _ = build({"ESC": pd.concat(rows).sort_index(kind="stable")}, parameters)
     # Motor 1 is on output 5, which is ESC instance 4.
     assert tables.esc["w1"].iloc[0] == pytest.approx(2400 * 2 * math.pi / 60)
@@ -440,7 +406,7 @@ def test_esc_telemetry_is_by_motor_and_not_by_output():
 
 
 def test_rangefinder_is_the_one_that_looks_down():
-    frame = message([1, 2, 3, 4], Instance=[0, 1, 0, 1], Dist=[5.0, 1.0, 5.0, 1.1], Stat=[4] * 4, Orient=[0, 25, 0, 25])
+    frame = message([1, 2, 3, 4], Instance=[0, 1, 0, 1], Dist=[5.0, 1.0, 5.0, 1.1], Stat=4, Orient=[0, 25, 0, 25])
     tables, _ = build({"RFND": frame})
     assert tables.rangefinder["distance"].tolist() == [1.0, 1.1]
 
@@ -449,9 +415,7 @@ def test_truth_of_the_simulator():
     t = np.arange(11) * 0.02
     place = message(t, **{name: np.full(11, k + 1.0) for k, name in enumerate(("PN", "PE", "PD", "VN", "VE", "VD"))})
     # The log may write either of the two quaternions of an attitude.
-    turned = message(
-        [0.0, 0.1, 0.2], Roll=[0] * 3, Pitch=[0] * 3, Yaw=[0] * 3, Q1=[1, -1, 1], Q2=[0] * 3, Q3=[0] * 3, Q4=[0] * 3
-    )
+    turned = message([0.0, 0.1, 0.2], Roll=0, Pitch=0, Yaw=0, Q1=[1, -1, 1], Q2=0, Q3=0, Q4=[0] * 3)
     tables, _ = build({"SIM2": place, "SIM": turned})
     assert list(tables.truth) == list(COLUMNS["truth"])
     assert tables.truth["q_w"].abs().tolist() == pytest.approx([1.0] * 11)
@@ -479,10 +443,9 @@ def test_origin_is_logged_or_found_from_fixes():
     t = np.arange(20) * 0.2
     north = 2.0 * t
     filter_state = {name: np.zeros(20) for name in ("PE", "VN", "VE", "VD", "Roll", "Pitch", "Yaw")}
-    fixes = gps(t + 0.1, Lat=47.0 + north / 111_180.0, Alt=np.full(20, 500.0))
+    fixes = gps(t + 0.1, Lat=47.0 + north / 111_180.0, Alt=500.0)
     tables, _ = build(
-        {"EKF1": message(t, PN=north + 10.0, PD=np.full(20, -2.0), **filter_state), "GPS": fixes},
-        QUAD | {"GPS_DELAY_MS": 100},
+        {"EKF1": message(t, PN=north + 10.0, PD=-2.0, **filter_state), "GPS": fixes}, QUAD | {"GPS_DELAY_MS": 100}
     )
     # The filter was 10 m north of its origin at the first fix, 2 m above it.
     assert math.degrees(tables.origin.lat) == pytest.approx(47.0 - 10.0 / 111_180.0, abs=2e-7)
@@ -518,9 +481,9 @@ def test_batches_are_timed_by_their_samples(scale):
         type=[1, 0, 1],
         instance=[0, 0, 0],
         mul=[100, 10, 100],
-        smp_cnt=[64] * 3,
+        smp_cnt=64,
         SampleUS=[scale * each for each in (500_000, 600_000, 8_500_000)],
-        smp_rate=[1000.0] * 3,
+        smp_rate=1000.0,
     )
     ramp = np.arange(32)
     blocks = [(1.1, 7, 0), (1.12, 8, 0), (1.14, 7, 1), (1.16, 8, 1), (9.1, 7, 1), (9.2, 99, 0)]

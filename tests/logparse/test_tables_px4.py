@@ -51,20 +51,12 @@ def test_fixes_before_and_after_1_14():
     common = {
         name: [0.1, 0.1] for name in ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "eph", "epv", "s_variance_m_s", "hdop")
     }
-    old = topic(
-        [1, 2],
-        lat=[470000000] * 2,
-        lon=[80000000] * 2,
-        alt=[488000] * 2,
-        fix_type=[3, 3],
-        satellites_used=[12, 12],
-        **common,
-    )
+    old = topic([1, 2], lat=470000000, lon=80000000, alt=488000, fix_type=[3, 3], satellites_used=[12, 12], **common)
     new = topic(
         [1, 2],
-        latitude_deg=[47.0] * 2,
-        longitude_deg=[8.0] * 2,
-        altitude_msl_m=[488.0] * 2,
+        latitude_deg=47.0,
+        longitude_deg=8.0,
+        altitude_msl_m=488.0,
         fix_type=[3, 3],
         satellites_used=[12, 12],
         **common,
@@ -86,12 +78,7 @@ def test_what_no_sensor_gives_is_not_known():
 
 def test_no_fix_leaves_no_position():
     frame = topic(
-        [1, 2],
-        latitude_deg=[0.0, 0.0],
-        longitude_deg=[0.0, 0.0],
-        altitude_msl_m=[-17.0] * 2,
-        fix_type=[0, 0],
-        eph=[4294967.5] * 2,
+        [1, 2], latitude_deg=[0.0, 0.0], longitude_deg=[0.0, 0.0], altitude_msl_m=-17.0, fix_type=[0, 0], eph=4294967.5
     )
     tables, findings = build({"sensor_gps": frame})
     assert tables.gps is None or tables.gps[["lat", "alt", "h_acc"]].isna().all().all()
@@ -105,8 +92,8 @@ def test_sensors_of_2017_are_all_in_one_topic():
         **{f"gyro_rad__{k}": np.full(n, 0.1) for k in range(3)},
         **{f"accelerometer_m_s2__{k}": np.full(n, -9.8) for k in range(3)},
         **{f"magnetometer_ga__{k}": np.repeat([0.2, 0.3], 10) for k in range(3)},
-        baro_alt_meter=np.full(n, 328.0),
-        baro_temp_celcius=np.full(n, 27.0),
+        baro_alt_meter=328.0,
+        baro_temp_celcius=27.0,
     )
     tables, _ = build({"sensor_combined": frame})
     assert len(tables.imu) == n
@@ -118,22 +105,22 @@ def test_sensors_of_2017_are_all_in_one_topic():
 def test_estimate_counts_where_it_is_valid():
     t = np.arange(4) * 0.1
     half = math.sqrt(0.5)
-    turned = topic(t, q__0=[half] * 4, q__1=[0.0] * 4, q__2=[0.0] * 4, q__3=[half] * 4)
+    turned = topic(t, q__0=[half] * 4, q__1=0.0, q__2=0.0, q__3=[half] * 4)
     place = topic(
         t,
-        x=[1.0] * 4,
-        y=[2.0] * 4,
-        z=[-3.0] * 4,
-        vx=[0.1] * 4,
-        vy=[0.2] * 4,
-        vz=[0.3] * 4,
+        x=1.0,
+        y=2.0,
+        z=-3.0,
+        vx=0.1,
+        vy=0.2,
+        vz=0.3,
         xy_valid=[0, 1, 1, 1],
-        z_valid=[1] * 4,
+        z_valid=1,
         v_xy_valid=[0, 1, 1, 1],
-        v_z_valid=[1] * 4,
-        ref_lat=[47.0] * 4,
-        ref_lon=[8.0] * 4,
-        ref_alt=[488.0] * 4,
+        v_z_valid=1,
+        ref_lat=47.0,
+        ref_lon=8.0,
+        ref_alt=488.0,
     )
     tables, _ = build({"vehicle_attitude": turned, "vehicle_local_position": place})
     assert tables.ekf["p_n"].isna().tolist() == [True, False, False, False]
@@ -146,7 +133,7 @@ def test_thrust_is_positive_up_to_the_mixer():
     n = len(t)
     messages = {
         "vehicle_angular_velocity": topic(t, **{f"xyz__{k}": np.full(n, 0.1 * k) for k in range(3)}),
-        "vehicle_rates_setpoint": topic(t, roll=np.zeros(n), pitch=np.full(n, 0.2), yaw=np.zeros(n)),
+        "vehicle_rates_setpoint": topic(t, roll=0.0, pitch=0.2, yaw=0.0),
         "vehicle_torque_setpoint": topic(t, **{f"xyz__{k}": np.full(n, 0.01 * k) for k in range(3)}),
         "vehicle_thrust_setpoint": topic(t, **{f"xyz__{k}": np.full(n, -0.2 * k) for k in range(3)}),
     }

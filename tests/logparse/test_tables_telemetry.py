@@ -9,6 +9,7 @@ import pytest
 from logparse.canonical.events import ardupilot_mode
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
+from tests.logparse import builders
 from tests.logparse.builders import tables_of
 
 QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
@@ -16,10 +17,7 @@ HOME = (47.0, 8.0, 488.0)
 
 
 def message(t, sender=(1, 1), **columns):
-    frame = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
-    frame.attrs["units"] = {}
-    frame["system"], frame["component"] = sender
-    return frame
+    return builders.message(t, **columns, system=sender[0], component=sender[1])
 
 
 def heartbeats(t, armed=True, mode=4, sender=(1, 1), kind=2, autopilot=3):
@@ -37,9 +35,7 @@ def build(messages, parameters=QUAD):
 def test_only_the_vehicle_speaks_for_the_vehicle():
     # A gimbal and the ground station send attitudes and heartbeats too.
     t = np.arange(5) * 0.25
-    own = message(
-        t, roll=[0.1] * 5, pitch=[0.0] * 5, yaw=[3.0] * 5, rollspeed=[0.0] * 5, pitchspeed=[0.0] * 5, yawspeed=[0.0] * 5
-    )
+    own = message(t, roll=0.1, pitch=0.0, yaw=3.0, rollspeed=0.0, pitchspeed=0.0, yawspeed=[0.0] * 5)
     gimbal = own.assign(roll=0.9, component=154)
     beats = pd.concat([heartbeats(t), heartbeats(t, sender=(255, 190), kind=6, autopilot=8, mode=9)])
     tables, _ = build({"ATTITUDE": pd.concat([own, gimbal]), "HEARTBEAT": beats})
@@ -54,21 +50,15 @@ def test_position_and_velocity_are_put_in_metres_from_the_origin():
         t,
         lat=np.round((HOME[0] + north / 111_172.0) * 1e7).astype(int),
         lon=np.full(20, round(HOME[1] * 1e7)),
-        alt=np.full(20, 498_000),
-        vx=np.full(20, 200),
-        vy=np.full(20, -50),
-        vz=np.full(20, 10),
+        alt=498_000,
+        vx=200,
+        vy=-50,
+        vz=10,
     )
     position.iloc[0, :2] = 0
     home = message([0.0], latitude=[470000000], longitude=[80000000], altitude=[488000])
     attitude = message(
-        t,
-        roll=[0.0] * 20,
-        pitch=[0.1] * 20,
-        yaw=np.linspace(3.0, 3.3, 20),
-        rollspeed=[0.0] * 20,
-        pitchspeed=[0.0] * 20,
-        yawspeed=[0.0] * 20,
+        t, roll=0.0, pitch=0.1, yaw=np.linspace(3.0, 3.3, 20), rollspeed=0.0, pitchspeed=0.0, yawspeed=0.0
     )
     tables, _ = build({"GLOBAL_POSITION_INT": position, "GPS_GLOBAL_ORIGIN": home, "ATTITUDE": attitude})
     assert list(tables.ekf) == list(COLUMNS["ekf"])
@@ -81,7 +71,7 @@ def test_position_and_velocity_are_put_in_metres_from_the_origin():
 
 def test_the_local_position_is_preferred_where_it_is_sent():
     t = np.arange(4) * 0.1
-    local = message(t, x=[1.0] * 4, y=[2.0] * 4, z=[-3.0] * 4, vx=[0.1] * 4, vy=[0.2] * 4, vz=[0.3] * 4)
+    local = message(t, x=1.0, y=2.0, z=-3.0, vx=0.1, vy=0.2, vz=0.3)
     tables, _ = build({"LOCAL_POSITION_NED": local})
     assert tables.ekf.iloc[0, :6].tolist() == [1.0, 2.0, -3.0, 0.1, 0.2, 0.3]
 
@@ -103,11 +93,11 @@ def test_sensors_in_their_integer_units():
     gps = message(
         t,
         fix_type=[3, 3],
-        lat=[470000000] * 2,
-        lon=[80000000] * 2,
-        alt=[488000] * 2,
+        lat=470000000,
+        lon=80000000,
+        alt=488000,
         eph=[65535, 121],
-        epv=[200] * 2,
+        epv=200,
         vel=[150, 65535],
         cog=[9000, 9000],
         satellites_visible=[255, 12],
@@ -116,9 +106,7 @@ def test_sensors_in_their_integer_units():
         vel_acc=[0, 150],
     )
     status = message(t, voltage_battery=[12600, 65535], current_battery=[1234, -1])
-    pulses = message(
-        t, port=[0, 0], servo1_raw=[1500, 65535], servo2_raw=[1501] * 2, servo3_raw=[1502] * 2, servo4_raw=[0, 1503]
-    )
+    pulses = message(t, port=[0, 0], servo1_raw=[1500, 65535], servo2_raw=1501, servo3_raw=1502, servo4_raw=[0, 1503])
     tables, findings = build({"RAW_IMU": raw, "GPS_RAW_INT": gps, "SYS_STATUS": status, "SERVO_OUTPUT_RAW": pulses})
     assert tables.imu.iloc[0].isna().all()
     assert tables.imu.iloc[1].tolist() == pytest.approx([0.5, 0.0, 0.0, 9.80665, 0.0, -9.80665])
@@ -161,16 +149,10 @@ def test_targets_that_the_mask_ignores_are_missing():
     t = np.arange(3.0)
     zeros = {name: np.zeros(3) for name in ("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")}
     target = message(
-        t,
-        coordinate_frame=[5] * 3,
-        type_mask=[0b111_000] * 3,
-        lat_int=[470000900] * 3,
-        lon_int=[80000000] * 3,
-        alt=[498.0] * 3,
-        **zeros,
+        t, coordinate_frame=5, type_mask=[0b111_000] * 3, lat_int=470000900, lon_int=80000000, alt=498.0, **zeros
     )
     home = message([0.0], latitude=[470000000], longitude=[80000000], altitude=[488000])
-    hud = message(t, airspeed=[0.0] * 3, throttle=[37] * 3)
+    hud = message(t, airspeed=0.0, throttle=37)
     tables, _ = build({"POSITION_TARGET_GLOBAL_INT": target, "GPS_GLOBAL_ORIGIN": home, "VFR_HUD": hud})
     row = tables.setpoints.iloc[0]
     assert (row["p_n"], row["p_d"], row["throttle"]) == pytest.approx((10.0, -10.0, 0.37), abs=0.05)
@@ -238,6 +220,6 @@ def test_targets_that_stand_still_while_a_pilot_flies_are_none(leaning, kept):
     asked = np.where(manual, 0.0, np.degrees(0.2 * np.sin(t)))
     rates = {name: np.zeros(240) for name in ("rollspeed", "pitchspeed", "yawspeed")}
     pitch = np.where(manual, leaning + 0.05 * np.sin(2.0 * t), np.radians(asked))
-    own = message(t, roll=np.zeros(240), pitch=pitch, yaw=np.zeros(240), **rates)
+    own = message(t, roll=0.0, pitch=pitch, yaw=0.0, **rates)
     tables, _ = build({"ATTITUDE": own, "NAV_CONTROLLER_OUTPUT": message(t, nav_roll=0.0 * t, nav_pitch=asked)})
     assert len(tables.setpoints.dropna(subset=["pitch"])) == kept
