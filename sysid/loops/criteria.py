@@ -21,13 +21,13 @@ from sysid.loops.margins import margins_of
 from sysid.loops.responses import attitude_loop, rate_transfer
 
 #: Draws of the response from which the errors of a sheet are taken.
-_DRAWS = 60
+_DRAWS = 30
 
 #: Rejection of disturbances at the attitude that is asked for, rad/s.
 _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
 
 #: Frequencies of a step's spectrum, Hz: resolution and end; band about its end within which a step has settled.
-_FINE, _HIGHEST, _SETTLED = 0.05, 200.0, 0.05
+_FINE, _HIGHEST, _SETTLED = 0.05, 120.0, 0.05
 
 _MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "MIL-DTL-32742 (attitude hold)"
 _TISCHLER = "Tischler and Remple 2012"
