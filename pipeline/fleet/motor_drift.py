@@ -151,10 +151,12 @@ def motor_drift(
 
 
 def _work(flight: FlightEntry) -> dict[str, float]:
-    """Return how hard each motor worked, over the mean of all; nothing where its outputs do not tell."""
+    """Return how hard each motor worked, over the mean of all, named as in trims; nothing where outputs do not tell."""
     motors = None if flight.account is None else flight.account.motors
     mean = 0.0 if motors is None else sum(motors.mean.values()) / len(motors.mean)
-    return {name: work / mean for name, work in motors.mean.items()} if motors is not None and mean > 0.0 else {}
+    if motors is None or not mean > 0.0:
+        return {}
+    return {f"m{number}": work / mean for number, work in motors.mean.items()}
 
 
 def _explained(

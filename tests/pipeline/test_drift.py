@@ -141,7 +141,7 @@ def test_a_moving_centre_of_gravity_is_no_weak_motor():
 
 def test_two_flights_do_not_tell_of_motors_but_show_how_hard_they_worked():
     flights = hovering(np.random.default_rng(14), "quad", 2)
-    work = MotorsReading(mean={"m1": 0.3, "m2": 0.5, "m3": 0.4, "m4": 0.4}, hardest="m2", at_limit=0.0)
+    work = MotorsReading(mean={"1": 0.3, "2": 0.5, "3": 0.4, "4": 0.4}, hardest="2", at_limit=0.0)
     flights[0] = dataclasses.replace(flights[0], account=Account(flight=None, motors=work))
     motors = follow(flights).motors
     assert "cannot be told" in motors.sentence

@@ -67,7 +67,7 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         vehicle="quad-1",
         coverage=coverage,
         trims=SteadyTrims(MOTORS, (0.0, 0.0, 0.0), (1e-6,) * 3, ((0.5, 0.5, 0.5),) * 4),
-        account=Account(flight=None, motors=MotorsReading(mean=dict.fromkeys(MOTORS, 0.4), hardest="m1", at_limit=0.0)),
+        account=Account(flight=None, motors=MotorsReading(mean=dict.fromkeys("1234", 0.4), hardest="1", at_limit=0.0)),
         parameters=tuple(
             FlightParameter(**dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)))
             for row in rows
