@@ -18,7 +18,7 @@ from pipeline.execution.memory import collect_seldom
 from rotorid.cli.analyze import analyze
 from rotorid.cli.craft import bench, bifilar, craft
 from rotorid.cli.look import export, inspect, plot
-from rotorid.cli.output import INTERRUPTED, OK, SOME_FAILED, WRONG_USAGE, fail, guard_terminal
+from rotorid.cli.output import INTERRUPTED, NOT_POSSIBLE, OK, SOME_FAILED, WRONG_USAGE, fail, guard_terminal
 from rotorid.cli.reporting import compare, report, schema
 from rotorid.cli.serve import backup, mcp, restore, serve, tokens, worker
 from rotorid.cli.simulate import simulate
@@ -146,11 +146,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except KeyboardInterrupt:
         fail("interrupted", INTERRUPTED)
     except Exception as error:
-        from logparse import RotoridError
+        from logparse import MissingDataError, RotoridError
         from pipeline.errors import ConfigError
 
-        if isinstance(error, RotoridError):
-            fail(str(error), WRONG_USAGE if isinstance(error, ConfigError) else SOME_FAILED)
+        # A log that was read and lacks what is asked of it is no failure.
+        statuses = {ConfigError: WRONG_USAGE, MissingDataError: NOT_POSSIBLE, RotoridError: SOME_FAILED}
+        for kind, status in statuses.items():
+            if isinstance(error, kind):
+                fail(str(error), status)
         if debug:
             raise
         fail(
