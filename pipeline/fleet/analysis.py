@@ -22,8 +22,7 @@ from pipeline.errors import ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
-from pipeline.fleet.result import Crafts, FleetResult
-from pipeline.flight.craft import once
+from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.inventory import READERS, index_sources
@@ -150,7 +149,7 @@ def analyze_fleet(
         ),
         duplicates=_in_state(records, "duplicate"),
         removed=tuple(record.as_failure() for record in manifest.removed),
-        again=tuple(sorted({flight.name for flight in flights} - {flight.name for flight in once(flights)})),
+        again=tuple(flight.name for flight in flights if (flight.source, ANOTHER_RECORDING) in crafts.left_out),
         reused=len(known),
         manifest=manifest,
         timings={"logs": analyzed - began, "crafts": perf_counter() - analyzed},

@@ -10,7 +10,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet import joint
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
-from pipeline.fleet.result import Crafts
+from pipeline.fleet.result import ANOTHER_RECORDING, Crafts
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
@@ -34,7 +34,7 @@ def identify_crafts(
     apart = kept_apart(crafts)
     used = {flight.name for craft in crafts for flight in craft}
     left_out = [
-        (flight.source, "another recording of a flight that is here too, left out of the joint fit")
+        (flight.source, ANOTHER_RECORDING)
         for flight in flights
         if flight.experiments and flight.position_known and flight.name not in used
     ]

@@ -12,6 +12,9 @@ from pipeline.results.fleet import GroupResult, LogFailure
 from pipeline.storage.manifest import Manifest
 from pipeline.storage.store import Store
 
+#: Why a flight is left out of the joint fit, and not counted twice.
+ANOTHER_RECORDING = "another recording of a flight that is here too, left out of the joint fit"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crafts:
