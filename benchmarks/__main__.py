@@ -99,7 +99,8 @@ def page(rows: list[tuple[str, ...]], about: str) -> str:
     missed = sum(row[-1] == "MISSED" for row in rows)
     judged = missed + sum(row[-1] == "yes" for row in rows)
     head = (
-        "# Benchmarks\n\n`make bench` wrote this table. Times are CPU times; peers do the same work in the same run.\n"
+        "# Benchmarks\n\nWhat rotorid's speed and accuracy are, beside peers and goals, written by `make bench`. "
+        "Times are CPU times; peers do the same work in the same run.\n"
     )
     return "\n".join([head, f"{about}. Of {judged} goals {missed} are missed.", "", *lines, ""])
 

@@ -93,7 +93,7 @@ def rows_of(label: str, path: Path, seconds: str, over_file: str) -> list[Row]:
     slow = sorted(found["cpu"].items(), key=lambda item: -item[1])
     return [
         row(f"{label}, {size / 1e6:.0f} MB, all stages, CPU", f"{found['total']:.1f} s", goal=seconds),
-        *(row(f"... {stage}", f"{spent:.2f} s") for stage, spent in slow if spent >= 0.01 * found["total"]),
+        *(row(f"... {stage}", f"{spent:.2f} s") for stage, spent in slow if spent >= 0.1 * found["total"]),
         row("... memory beyond the imported process, over file", f"{growth:.2f}", goal=over_file),
         row("... report.html", f"{found['page'] / 1e6:.1f} MB"),
     ]
