@@ -29,7 +29,7 @@ _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
 #: Frequencies of a step's spectrum, Hz: resolution and end; band about its end within which a step has settled.
 _FINE, _HIGHEST, _SETTLED = 0.05, 120.0, 0.05
 
-_MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "MIL-DTL-32742 (attitude hold)"
+_MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "Tischler et al. 2017, hover"
 _TISCHLER = "Tischler and Remple 2012"
 
 

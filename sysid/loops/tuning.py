@@ -147,8 +147,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     found = [_examined(flights, axis) for axis in AXES]
     loops = {item.axis: item.loop for item in found if item.loop is not None and item.refused is None}
     if not loops:
-        reasons = list(dict.fromkeys(item.refused for item in found if item.refused))
-        return refuse("; ".join(reasons), tuple(found))
+        return refuse(_reasons(found), tuple(found))
     closed = _gyro_filter_stays(flights, found)
     staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
     options = [f for f in _GYRO if f == 1.0 or (closed is None and others_keep(staying, f))]
@@ -194,9 +193,17 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     if closed is not None:
         remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
     if not proposed:
-        reasons = [item.refused or f"{item.axis}: the flown gains are the best that were found" for item in axes]
-        return refuse("; ".join(dict.fromkeys(reasons)), axes)
+        return refuse(_reasons(axes), axes)
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
+
+
+def _reasons(axes: Sequence[AxisTuning]) -> str:
+    """Return why nothing is proposed; what is the case of several axes is said once."""
+    alike: dict[str, list[str]] = {}
+    for item in axes:
+        reason = item.refused or f"{item.axis}: the flown gains are the best that were found"
+        alike.setdefault(reason.replace(item.axis, "@"), []).append(item.axis)
+    return "; ".join(reason.replace("@", ", ".join(names)) for reason, names in alike.items())
 
 
 def _unfit(log: FlightLog) -> str | None:
