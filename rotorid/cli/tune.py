@@ -84,8 +84,8 @@ def tune(
 
     The logs may hold the chirps of one axis each, with its I at 0, as ArduPilot's procedure flies them.
 
-    The gains keep 6 dB, 45 deg and a peak of 6 dB, and change by a factor of two at most. Without the evidence there
-    is a reason, what to fly instead, and no number; the exit status is then 3.
+    The gains keep 6 dB, 45 deg and a peak of 6 dB; P and D change by a factor of two at most. Without the evidence
+    there is a reason, what to fly instead, and no number; the exit status is then 3.
 
     Example: rotorid tune ROLL.bin PITCH.bin YAW.bin --out tuning
     """
@@ -121,6 +121,7 @@ def tune(
                 continue
             bounds = axis.worst
             missed = [f"{one.name} {one.value}" for one in axis.promises if one.kept is False]
+            missed += ["the aim, of which this is a first step"] if axis.short else []
             typer.echo(
                 f"{axis.axis}: at the worst gain margin {bounds['gain_db']:.1f} dB, phase margin "
                 f"{bounds['phase_deg']:.0f} deg, peak {bounds['peak_db']:.1f} dB; rejects up to "

@@ -5,6 +5,7 @@ Every check returns None where the evidence is there, else the reason.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,6 +115,26 @@ def no_one_setting(log: FlightLog) -> str | None:
             f"{name}: {', '.join(changed[:4])}{' ...' if len(changed) > 4 else ''} changed in flight or between its "
             f"flights, so that it has no one loop; {advice}"
         )
+    return None
+
+
+def loop_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return those parameters that decide how the loops answer."""
+    return {name: value for name, value in parameters.items() if name.startswith(_OF_THE_LOOPS)}
+
+
+def other_settings(logs: Sequence[FlightLog]) -> str | None:
+    """Return which parameter of the loops two flights do not share; an axis' I may be 0 in its own."""
+    first, *others = [(log, loop_parameters(log.parameters_at(log.flight.start))) for log in logs if log.flight]
+    for log, flown in others:
+        for name in sorted(flown.keys() & first[1].keys()):
+            small, large = sorted((abs(first[1][name]), abs(flown[name])))
+            without = name.endswith("_I") and small < 0.1 * large
+            if large - small > 1e-4 * large and not without:
+                return (
+                    f"{first[0].path.name} flew with {name} {first[1][name]:g}, {log.path.name} with {flown[name]:g}: "
+                    "give flights of one craft with the same gains and filters"
+                )
     return None
 
 

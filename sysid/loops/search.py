@@ -102,9 +102,14 @@ class _Field:
     ending: Floats  #: Amplification of disturbances where a low chirp ended.
 
 
+def without_integral(settings: LoopSettings) -> bool:
+    """Return whether I flew at 0, or at the little above it with which the firmware arms."""
+    return 0.1 * DEFAULT_I[settings.axis] * settings.controller.P > settings.controller.I
+
+
 def integral_part(settings: LoopSettings, i_term: float | None) -> float | None:
     """Return I as a part of P where it is not searched: as given, or the firmware's own where I flew at 0."""
-    return DEFAULT_I[settings.axis] if i_term is None and settings.controller.I == 0.0 else i_term
+    return DEFAULT_I[settings.axis] if i_term is None and without_integral(settings) else i_term
 
 
 def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float | None = None) -> AxisTuning:

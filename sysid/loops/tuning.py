@@ -8,7 +8,7 @@ is a reason and no number.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -21,9 +21,11 @@ from sysid.loops.controller import AXES, LoopError
 from sysid.loops.criteria import identified, sheet
 from sysid.loops.evidence import (
     autotuned,
+    loop_parameters,
     motors_limited,
     no_one_setting,
     oscillation,
+    other_settings,
     sagged,
     saturation,
     unfit_log,
@@ -36,7 +38,16 @@ from sysid.loops.ordinary import loop_of_flights
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
-from sysid.loops.search import LARGEST_OF_STICKS, AxisTuning, flown_margins, integral_part, tune_axis, would_tell
+from sysid.loops.search import (
+    DEFAULT_I,
+    LARGEST_OF_STICKS,
+    AxisTuning,
+    flown_margins,
+    integral_part,
+    tune_axis,
+    without_integral,
+    would_tell,
+)
 from sysid.loops.settings import read_settings
 from sysid.loops.signals import mixer_chirps
 from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
@@ -144,6 +155,9 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         reason = reason or other_craft(flights[0], log)
         if reason is not None:
             return refuse(reason)
+    reason = other_settings(flights)
+    if reason is not None:
+        return refuse(reason)
     found = [_examined(flights, axis) for axis in AXES]
     loops = {item.axis: item.loop for item in found if item.loop is not None and item.refused is None}
     if not loops:
@@ -158,13 +172,16 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
             best = tuned
     axes = tuple(with_sheets(best.get(item.axis, item)) for item in found)
     proposed = _proposed(axes)
-    before, flown = ({name: each[name] for name in proposed} for each in (_before(flights), _during(loops)))
+    during = _during(loops)
+    before, flown = _before(flights, during, proposed), {name: during[name] for name in proposed}
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
     remarks += [
-        f"{axis}: I was 0 during the chirps; it is tuned with I = {integral_part(loop.flown, i_term):g} P, and "
-        "compared with the flown P and D beside such an I"
+        f"{axis}: I was {loop.flown.controller.I:.2g} during the chirps; it is tuned with I = "
+        f"{integral_part(loop.flown, i_term):g} P, and compared with the flown P and D beside such an I"
+        if f"ATC_RAT_{AXES[axis]}_I" in proposed
+        else f"{axis}: I was {loop.flown.controller.I:.2g} during the chirps, and nothing is proposed: give it back"
         for axis, loop in loops.items()
-        if loop.flown.controller.I == 0.0
+        if without_integral(loop.flown)
     ]
     remarks += [
         f"{item.axis}: above {item.loop.plant.seen:.0f} Hz, where no chirp looked for modes of the frame, the gain of "
@@ -194,6 +211,12 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
     if not proposed:
         return refuse(_reasons(axes), axes)
+    kept = _changed_later(flights, axes)
+    if kept:
+        remarks.append(
+            f"{listed(kept)} changed after the flight: both files hold what flew, without which nothing is sure"
+        )
+    proposed, before, flown = ({**kept, **each} for each in (proposed, before, flown))
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
@@ -327,11 +350,28 @@ def _during(loops: Mapping[str, RateLoop]) -> dict[str, float]:
     return {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
 
 
-def _before(logs: Sequence[FlightLog]) -> dict[str, float]:
-    """Return parameters as they were on the craft before the flights: an I that is 0 in one was another's before."""
-    found: dict[str, float] = {}
-    for log in logs:
-        for name, value in log.parameters_at(-np.inf).items():
-            if name not in found or (found[name] == 0.0 and name.endswith("_I")):
-                found[name] = value
+def _before(logs: Sequence[FlightLog], flown: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
+    """Return the way back: what flew; of an I that was taken away for the chirps what it was, else its usual part."""
+    found = {name: flown[name] for name in names}
+    for axis, letters in AXES.items():
+        name, P = f"ATC_RAT_{letters}_I", flown.get(f"ATC_RAT_{letters}_P", 0.0)
+        if name in found and found[name] < 0.1 * DEFAULT_I[axis] * P:
+            known = [at.get(name, 0.0) for log in logs for at in (log.parameters_at(-np.inf), log.parameters)]
+            found[name] = max(
+                (value for value in known if value >= 0.1 * DEFAULT_I[axis] * P), default=DEFAULT_I[axis] * P
+            )
     return found
+
+
+def _changed_later(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> dict[str, float]:
+    """Return loop parameters as they flew that a log changed afterwards, but for those of axes that stay."""
+    staying = tuple(f"ATC_{kind}_{AXES[item.axis]}_" for item in axes if item.tuned is None for kind in ("RAT", "ANG"))
+    changed = {}
+    for log in logs:
+        assert log.flight is not None
+        flown, now = (loop_parameters(each) for each in (log.parameters_at(log.flight.stop), log.parameters))
+        for name, value in flown.items():
+            own = name.endswith("_I") or name.startswith(staying)
+            if not own and np.float32(now.get(name, value)) != np.float32(value):
+                changed[name] = value
+    return changed
