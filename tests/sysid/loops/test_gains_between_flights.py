@@ -1,12 +1,16 @@
 """Gains that are changed on the ground, in the log of a flight with chirps: they are of flights to come."""
 
 import struct
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from logparse import read_log
 from sysid.loops import read_settings, tune
-from sysid.loops.evidence import no_one_loop
+from sysid.loops.evidence import no_one_loop, other_settings
+
+SAMPLE = Path(__file__).parents[3] / "sample_logs" / "quad02_delft_systemid.bin"
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +67,36 @@ def test_gains_set_between_chirps_are_no_one_loop(log_bytes, tmp_path):
     value = 1.08 * log.parameters["ATC_RAT_RLL_P"]
     changed = _written(tmp_path, _set_parameter(log_bytes, "ATC_RAT_RLL_P", value, middle))
     assert "ATC_RAT_RLL_P changed" in tune(changed).refused
+
+
+def test_what_was_changed_after_landing_is_put_back_with_the_gains(tmp_path):
+    """AutoTune saves an angle P once it landed: gains proposed for the flown one were left beside the other."""
+    log = SAMPLE.read_bytes()
+    changed = _written(tmp_path, _set_parameter(log, "ATC_ANG_RLL_P", 36.0, _written(tmp_path, log).boot.t_end + 1.0))
+    result = tune(changed)
+    assert changed.parameters["ATC_ANG_RLL_P"] == 36.0
+    assert result.proposed["ATC_ANG_RLL_P"] == result.rollback["ATC_ANG_RLL_P"] == 5.0
+    assert any("ATC_ANG_RLL_P changed after the flight" in remark for remark in result.remarks)
+
+
+def test_an_i_of_nearly_nothing_is_none(tmp_path):
+    """This firmware refuses to arm with an I of 0, so that a little is typed: a quarter of it was proposed."""
+    log = SAMPLE.read_bytes()
+    result = tune(_written(tmp_path, _set_parameter(log, "ATC_RAT_RLL_I", 0.001, 25.0)))
+    assert result.proposed["ATC_RAT_RLL_I"] == pytest.approx(result.proposed["ATC_RAT_RLL_P"], rel=1e-3)
+    assert result.rollback["ATC_RAT_RLL_I"] == pytest.approx(0.04)
+    assert any(remark.startswith("roll: I was 0.001") for remark in result.remarks)
+
+
+def test_flights_with_other_gains_are_not_mixed():
+    """Rollback was of one craft and the proposal of another; only an axis' own I may be 0 in its chirps."""
+
+    def flight(name, **parameters):
+        at = {"ATC_RAT_RLL_P": 0.1, "ATC_RAT_RLL_I": 0.1, "ATC_ANG_RLL_P": 4.5, "LOG_BITMASK": 1.0} | parameters
+        return SimpleNamespace(path=Path(name), flight=SimpleNamespace(start=5.0, stop=9.0), parameters_at=lambda t: at)
+
+    same = [flight("a.bin"), flight("b.bin", ATC_RAT_RLL_I=0.002, LOG_BITMASK=7.0)]
+    assert other_settings(same) is None
+    other = other_settings([*same, flight("c.bin", ATC_ANG_RLL_P=9.0)])
+    assert other is not None
+    assert other.startswith("a.bin flew with ATC_ANG_RLL_P 4.5, c.bin with 9")
