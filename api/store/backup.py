@@ -86,7 +86,11 @@ def restore(settings: Settings, source: Path) -> tuple[int, int]:
             if any(session.scalar(select(func.count()).select_from(table)) for table in Record.metadata.sorted_tables):
                 raise BackupError("the service has logs or tokens already; restore into an empty one")
         return _restore(database, objects, settings, source)
-    except (tarfile.TarError, EOFError, LookupError, ValueError, TypeError, AttributeError) as error:
+    except AttributeError as error:
+        if not hasattr(tarfile, "data_filter"):
+            raise BackupError("restoring needs Python 3.11.4 or newer, whose archives are unpacked safely") from error
+        raise BackupError(f"{source.name} is no backup of rotorid, or damaged: {error}") from error
+    except (tarfile.TarError, EOFError, LookupError, ValueError, TypeError) as error:
         raise BackupError(f"{source.name} is no backup of rotorid, or damaged: {error}") from error
     finally:
         database.close()

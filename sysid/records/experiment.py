@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,9 +75,10 @@ class Experiment(Summarised):
     #: wind from there.
     before: Experiment | None = field(default=None, compare=False)
 
-    def __getstate__(self) -> list[object]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Leave the log behind, which is an open file that no other process has, and the part before."""
-        return [getattr(self, each.name) if each.name not in ("log", "before") else None for each in fields(self)]
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("log", "before")}
+        return partial(Experiment, **kept), ()
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

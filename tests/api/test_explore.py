@@ -2,6 +2,8 @@
 
 import os
 import signal
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -134,12 +136,21 @@ def test_what_cannot_be_drawn_is_said_beside_what_can(service: httpx.Client, log
     assert service.get("/api/v1/logs/0/signals", params={"signal": "ATT.Roll"}).status_code == 404
 
 
-def test_a_question_that_takes_too_long_is_given_up_and_the_next_is_answered(tmp_path: Path) -> None:
-    hasty = Desk(2_000_000_000, patience=0.01)
-    with pytest.raises(ProblemError) as given_up:
-        hasty.ask("recognise", SAMPLE, "a.bin")
-    assert given_up.value.problem.status == 503
-    hasty.refuse_junk(tmp_path, "a.bin")  # what nobody can look at now passes
+def never(question: str, arguments: tuple[object, ...]) -> None:
+    """Answer later than anybody waits."""
+    time.sleep(600.0)
+
+
+def test_a_question_that_takes_too_long_is_given_up_and_the_next_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hasty = Desk(2_000_000_000, patience=0.2)
+    with monkeypatch.context() as slow:
+        slow.setattr(sys.modules[Desk.__module__], "_answer", never)
+        with pytest.raises(ProblemError) as given_up:
+            hasty.ask("recognise", SAMPLE, "a.bin")
+        assert given_up.value.problem.status == 503
+        hasty.refuse_junk(tmp_path, "a.bin")  # what nobody can look at now passes
     hasty.patience = 120.0
     assert hasty.ask("recognise", SAMPLE, "a.bin") is None
     os.kill(hasty._process.schedule(os.getpid).result(), signal.SIGKILL)  # while it has nothing to do

@@ -12,6 +12,7 @@ from logparse.craft.frames import motor_table
 from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.rotation import fitted_response
+from pipeline.results.account import Account, MotorsReading
 from pipeline.results.entry import FlightEntry
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
 from pipeline.results.span import Span
@@ -122,7 +123,9 @@ def hovering(random, frame, count, *, weak=None, loss=0.0, shift=0.0, scatter=0.
             (sigma**2,) * 3,
             tuple(map(tuple, basis.tolist())),
         )
-        flights.append(dataclasses.replace(flown(f"f{k:02d}", start=START + timedelta(days=k)), trims=steady))
+        entry = flown(f"f{k:02d}", start=START + timedelta(days=k))
+        works = MotorsReading(mean={str(motor.number): 0.4 for motor in motors}, hardest="1", at_limit=0.0)
+        flights.append(dataclasses.replace(entry, trims=steady, account=Account(flight=entry.flight, motors=works)))
     return flights
 
 

@@ -142,7 +142,8 @@ def test_a_moving_centre_of_gravity_is_no_weak_motor():
 def test_two_flights_do_not_tell_of_motors_but_show_how_hard_they_worked():
     flights = hovering(np.random.default_rng(14), "quad", 2)
     work = MotorsReading(mean={"1": 0.3, "2": 0.5, "3": 0.4, "4": 0.4}, hardest="2", at_limit=0.0)
-    flights[0] = dataclasses.replace(flights[0], account=Account(flight=None, motors=work))
+    accounts = Account(flight=None, motors=work), None
+    flights = [dataclasses.replace(flight, account=its) for flight, its in zip(flights, accounts, strict=True)]
     motors = follow(flights).motors
     assert "cannot be told" in motors.sentence
     first, second = (point.work for point in motors.points)
