@@ -119,14 +119,9 @@ def tune(
             if axis.tuned is None:
                 typer.echo(f"{axis.axis}: unchanged: {axis.refused}")
                 continue
-            bounds = axis.worst
             missed = [f"{one.name} {one.value}" for one in axis.promises if one.kept is False]
             missed += ["the aim, of which this is a first step"] if axis.short else []
-            typer.echo(
-                f"{axis.axis}: at the worst gain margin {bounds['gain_db']:.1f} dB, phase margin "
-                f"{bounds['phase_deg']:.0f} deg, peak {bounds['peak_db']:.1f} dB; rejects up to "
-                f"{bounds['rejection_hz']:.1f} Hz; misses {', '.join(missed) or 'no criterion of the sheet'}"
-            )
+            typer.echo(f"{axis.axis}: {axis.promise}; misses {', '.join(missed) or 'no criterion of the sheet'}")
         for remark in result.remarks:
             typer.echo(remark)
     if not as_json:

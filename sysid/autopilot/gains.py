@@ -41,16 +41,8 @@ def gain_values(logs: Sequence[FlightLog], flown: Mapping[str, float]) -> list[A
     if found.refused is not None:
         names = [f"ATC_RAT_{letters}_{term}" for letters in AXES.values() for term in "PID"]
         return refused(names, ParameterFile.GAINS, flown, found.refused)
-    promised = {}
-    for axis in found.axes:
-        bounds = ", ".join(f"{name} {value:.3g}" for name, value in axis.worst.items()) if axis.tuned else ""
-        promised[AXES[axis.axis]] = f"worst of the 95 % set: {bounds}"
+    reasons = found.reasons()
     return [
-        AutopilotValue(
-            name,
-            ParameterFile.GAINS,
-            found.rollback.get(name),
-            Parameter(value, None, "", promised.get(name.split("_")[2], "serves all axes")),
-        )
+        AutopilotValue(name, ParameterFile.GAINS, found.rollback.get(name), Parameter(value, None, "", reasons[name]))
         for name, value in sorted(found.proposed.items())
     ]

@@ -16,11 +16,12 @@ from core.parameter import Parameter
 from core.quantity import number
 from logparse import FlightLog
 from sysid.autopilot.motor_lines import Batch, LineError, MotorLines, gyro_batches, motor_lines
-from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused, typed
+from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
 from sysid.loops.controller import AXES, RateController
 from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, harmonic_notches, second_order
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
+from sysid.loops.parameter_file import typed
 from sysid.loops.settings import read_settings
 
 _PREFIX = "INS_HNTCH_"

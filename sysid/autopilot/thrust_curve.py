@@ -15,7 +15,8 @@ import numpy as np
 
 from core.parameter import Parameter
 from logparse import FlightLog, Vehicle
-from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused, typed
+from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
+from sysid.loops.parameter_file import typed
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer_curve import MIXER_DIFFERS
 from sysid.records.motor_scaling import curve, motor_commands
@@ -24,6 +25,13 @@ from sysid.rigid_body.motion.body_motion import motion
 from sysid.statistics.covariance import autocovariance, coloured_information
 
 NAMES = ("MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_THST_HOVER")
+
+#: Terms of the vertical loop over hover throttle: a unit of throttle accelerates by g over that of hover, and
+#: PSC_ACCZ_P is throttle for 10 m/s^2 (AC_PosControl).
+_CLIMB = {
+    "PSC_ACCZ_P": (1.0, "the throttle of hover: an error of acceleration is met by the throttle that cancels it"),
+    "PSC_ACCZ_I": (2.0, "twice PSC_ACCZ_P"),
+}
 
 #: Largest sigma of a curvature, and of the command at which thrust begins, that are set.
 _EXPO_SIGMA, _BEGIN_SIGMA = 0.05, 0.02
@@ -180,12 +188,17 @@ def _hover(
         return no("no five seconds of hover (no climb, no lean) with the throttle output logged")
     together = np.concatenate(throttles)
     value, sigma = float(np.median(together)), float(np.std(together) / np.sqrt(len(throttles)))
+    climb = {
+        name: Parameter(part * scale * value, part * scale * sigma, "", why)
+        for name, (part, why) in _CLIMB.items()
+        if name in flown
+    }
+    climbs = decided(climb, ParameterFile.THROTTLE, flown) if climb else []
     if scale == 1.0:
-        return decided({NAMES[2]: Parameter(value, sigma, "", "median of hover")}, file, flown)
+        return [*decided({NAMES[2]: Parameter(value, sigma, "", "median of hover")}, file, flown), *climbs]
     how = f"goes with the new curve: median of hover ({value:.3f}) times {scale:.3f}"
-    return [
-        AutopilotValue(NAMES[2], file, flown.get(NAMES[2]), Parameter(typed(scale * value), scale * sigma, "", how))
-    ]
+    hover = Parameter(typed(scale * value), scale * sigma, "", how)
+    return [AutopilotValue(NAMES[2], file, flown.get(NAMES[2]), hover), *climbs]
 
 
 def hover_throttle(log: FlightLog, record: Experiment) -> Floats:

@@ -12,9 +12,7 @@ from core.parameter import Parameter
 from core.quantity import number, uncertain
 from core.summary import Summarised, listed
 from core.table import Cell, Row, Table
-
-#: Significant digits of a proposed value.
-_DIGITS = 4
+from sysid.loops.parameter_file import DIGITS, parameter_line, typed
 
 #: Standard deviations from what flies below which a value is no other.
 _OTHER = 2.0
@@ -51,10 +49,10 @@ class AutopilotValue:
 
     @property
     def line(self) -> str:
-        """The line of a parameter file: a comment of its own would be dropped by the tools that read it."""
-        value, sigma = self.proposed.value, self.proposed.sigma
-        spread = "" if not sigma else f"± {sigma:.2g}: "
-        return f"{self.name},{value:.9g}  # {spread}{' '.join(self.proposed.reason.split())}"
+        """The line of a parameter file."""
+        assert self.proposed.value is not None
+        spread = f"± {self.proposed.sigma:.2g}: " if self.proposed.sigma else ""
+        return parameter_line(self.name, self.proposed.value, spread + self.proposed.reason)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -79,7 +77,7 @@ class AutopilotValues(Summarised):
             for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
                 first, *others = alike
                 cell = Cell(new, "good") if new else Cell("right" if first.right else "stays", "unknown")
-                now = "" if first.now is None else number(first.now, _DIGITS)
+                now = "" if first.now is None else number(first.now, DIGITS)
                 if new or not others:
                     rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]
                 else:
@@ -117,11 +115,6 @@ class AutopilotValues(Summarised):
         return {"flights": listed(self.flights), "proposed": listed(changes) or "nothing", "stays": listed(stays)}
 
 
-def typed(value: float) -> float:
-    """Round a value to what is typed."""
-    return float(f"{value:.{_DIGITS}g}")
-
-
 def refused(
     names: Sequence[str], file: ParameterFile, flown: Mapping[str, float], why: str, right: bool = False
 ) -> list[AutopilotValue]:
@@ -155,4 +148,4 @@ def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[
 def _as_flown(now: float | None, found: Parameter) -> bool:
     if now is None or found.value is None:
         return False
-    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-_DIGITS)
+    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-DIGITS)

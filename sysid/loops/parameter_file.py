@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -17,14 +18,20 @@ def typed(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def parameter_file(values: Mapping[str, float], comments: tuple[str, ...]) -> str:
-    """Write parameters as ground stations read them: ``NAME,VALUE`` a line, comments with ``#``."""
+def parameter_line(name: str, value: float, reason: str = "") -> str:
+    """Return ``NAME,VALUE  # reason``: some tools drop a comment on a line of its own."""
+    text = f"{value:.9g}"
+    if np.float32(float(text)) != np.float32(value):
+        raise LoopError(f"{name} = {value!r} cannot be written exactly")
+    return f"{name},{text}  # {' '.join(reason.split())}" if reason else f"{name},{text}"
+
+
+def parameter_file(
+    values: Mapping[str, float], comments: tuple[str, ...], reasons: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Write parameters as ground stations read them, one a line, below the comments; `reasons` are by name."""
     lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
-    for name, value in sorted(values.items()):
-        text = f"{value:.9g}"
-        if np.float32(float(text)) != np.float32(value):
-            raise LoopError(f"{name} = {value!r} cannot be written exactly")
-        lines.append(f"{name},{text}")
+    lines += [parameter_line(name, value, reasons.get(name, "")) for name, value in sorted(values.items())]
     return "\n".join(lines) + "\n"
 
 

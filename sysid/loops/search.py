@@ -87,6 +87,15 @@ class AxisTuning:
         """Return whether the proposal rejects disturbances better than as flown, by bandwidth and by the score."""
         return self.wider and self.score > 0.0
 
+    @property
+    def promise(self) -> str:
+        """What the proposal keeps of each margin at the worst of the 95 % set."""
+        bounds = self.worst
+        return (
+            f"at the worst gain margin {bounds['gain_db']:.1f} dB, phase margin {bounds['phase_deg']:.0f} deg, "
+            f"peak {bounds['peak_db']:.1f} dB; rejects up to {bounds['rejection_hz']:.1f} Hz"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Field:

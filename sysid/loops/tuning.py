@@ -8,7 +8,7 @@ is a reason and no number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -79,32 +79,25 @@ class Tuning(Summarised):
 
     def proposed_file(self) -> str:
         """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
-        return self._file(self.proposed, "proposed", *self._promises())
+        unchanged = (f"{each.axis}: unchanged: {each.refused}" for each in self.axes if each.tuned is None)
+        first = "first flight: hover low, be ready to load rollback.param; then `rotorid prove`"
+        return self._file("proposed", self.proposed, self.reasons(), *unchanged, *self.remarks, first)
 
     def rollback_file(self) -> str:
         """Return the text of ``rollback.param``, the values as flown; LoopError where nothing is proposed."""
-        return self._file(self.rollback, "as flown: load this to go back")
+        reasons = {name: f"proposed was {value:g}" for name, value in self.proposed.items()}
+        return self._file("as flown: load this to go back", self.rollback, reasons)
 
-    def _file(self, values: Mapping[str, float], what: str, *more: str) -> str:
+    def reasons(self) -> dict[str, str]:
+        """Return of each proposed parameter what it was, and what its axis keeps with all that are proposed."""
+        kept = {AXES[each.axis]: f"; {each.axis}: {each.promise}" for each in self.axes if each.tuned is not None}
+        return {name: f"was {self.rollback[name]:g}{kept.get(name.split('_')[2], '')}" for name in self.proposed}
+
+    def _file(self, what: str, values: Mapping[str, float], reasons: Mapping[str, str], *more: str) -> str:
         if self.refused is not None:
             raise LoopError(f"nothing is proposed: {self.refused}")
-        return parameter_file(
-            values, (f"rotorid tune: {what}", f"from {', '.join(self.logs)}, made {self.made}", *more)
-        )
-
-    def _promises(self) -> tuple[str, ...]:
-        lines = []
-        for axis in self.axes:
-            if axis.tuned is None:
-                lines.append(f"{axis.axis}: unchanged: {axis.refused}")
-                continue
-            bounds = ", ".join(f"{name} {value:.3g}" for name, value in axis.worst.items())
-            lines.append(f"{axis.axis}: worst of the 95 % set: {bounds}")
-        return (
-            *lines,
-            *self.remarks,
-            "first flight: hover low, be ready to load rollback.param; then `rotorid prove`",
-        )
+        comments = (f"rotorid tune: {what}", f"from {', '.join(self.logs)}, made {self.made}", *more)
+        return parameter_file(values, comments, reasons)
 
     def summary(self) -> dict[str, str]:
         """Return the logs and what is proposed, or why nothing is."""
@@ -175,33 +168,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     during = _during(loops)
     before, flown = _before(flights, during, proposed), {name: during[name] for name in proposed}
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
-    remarks += [
-        f"{axis}: I was {loop.flown.controller.I:.2g} during the chirps; it is tuned with I = "
-        f"{integral_part(loop.flown, i_term):g} P, and compared with the flown P and D beside such an I"
-        if f"ATC_RAT_{AXES[axis]}_I" in proposed
-        else f"{axis}: I was {loop.flown.controller.I:.2g} during the chirps, and nothing is proposed: give it back"
-        for axis, loop in loops.items()
-        if without_integral(loop.flown)
-    ]
-    remarks += [
-        f"{item.axis}: above {item.loop.plant.seen:.0f} Hz, where no chirp looked for modes of the frame, the gain of "
-        f"the loop rises by up to {item.unseen:.1f}; a chirp to a higher SID_F_STOP_HZ, with RATE as fast, would tell"
-        for item in axes
-        if item.loop is not None and item.unseen > UNSEEN_RAISED[0]
-    ]
-    remarks += [
-        f"{item.axis}: from ordinary flying, which shows the craft up to {item.loop.plant.seen:.0f} Hz: gains are "
-        f"raised by a factor of {LARGEST_OF_STICKS:g} at most; fly a chirp of mode SYSTEMID to win more"
-        for item in axes
-        if item.tuned is not None and item.loop is not None and item.loop.ordinary
-    ]
-    remarks += [remark for item in axes if (remark := rejects_less(item, aim))]
-    remarks += [
-        f"{item.axis}: a first step: no gains within reach are sure to keep {aim.words}; fly these and tune "
-        f"again, or {would_tell(item.loop)}"
-        for item in axes
-        if item.short and item.loop is not None
-    ]
+    remarks += _said_once(each for item in axes for each in _remarks(item, loops.get(item.axis), aim, i_term, proposed))
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
@@ -220,13 +187,59 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
-def _reasons(axes: Sequence[AxisTuning]) -> str:
-    """Return why nothing is proposed; what is the case of several axes is said once."""
+def _remarks(
+    item: AxisTuning, during: RateLoop | None, aim: Aim, i_term: float | None, proposed: Mapping[str, float]
+) -> Iterator[tuple[str, str]]:
+    """Yield what is to be known of an axis beside its numbers, each with the axis; `during` the chirps it flew so."""
+    loop, axis = item.loop, item.axis
+    if loop is None:
+        return
+    if during is not None and without_integral(during.flown):
+        flown = f"I was {during.flown.controller.I:.2g} during the chirps"
+        if f"ATC_RAT_{AXES[axis]}_I" in proposed:
+            tuned = f"it is tuned with I = {integral_part(during.flown, i_term):g} P"
+            yield axis, f"{flown}; {tuned}, and compared with the flown P and D beside such an I"
+        else:
+            yield axis, f"{flown}, and nothing is proposed: give it back"
+    if item.unseen > UNSEEN_RAISED[0]:
+        yield (
+            axis,
+            f"above {loop.plant.seen:.0f} Hz, where no chirp looked for modes of the frame, the gain of the loop rises "
+            f"by up to {item.unseen:.1f}; a chirp to a higher SID_F_STOP_HZ, with RATE as fast, would tell",
+        )
+    if item.tuned is not None and loop.ordinary:
+        yield (
+            axis,
+            f"from ordinary flying, which shows the craft up to {loop.plant.seen:.0f} Hz: gains are raised by a factor "
+            f"of {LARGEST_OF_STICKS:g} at most; fly a chirp of mode SYSTEMID to win more",
+        )
+    less = rejects_less(item, aim)
+    if less is not None:
+        yield axis, less
+    if item.short:
+        yield (
+            axis,
+            f"a first step: no gains within reach are sure to keep {aim.words}; fly these and tune again, or "
+            f"{would_tell(loop)}",
+        )
+
+
+def _said_once(told: Iterable[tuple[str, str]]) -> list[str]:
+    """Return sentences on axes, each with the axes of which it holds."""
     alike: dict[str, list[str]] = {}
-    for item in axes:
-        reason = item.refused or f"{item.axis}: the flown gains are the best that were found"
-        alike.setdefault(reason.replace(item.axis, "@"), []).append(item.axis)
-    return "; ".join(reason.replace("@", ", ".join(names)) for reason, names in alike.items())
+    for axis, sentence in told:
+        alike.setdefault(sentence, []).append(axis)
+    return [f"{', '.join(axes)}: {sentence}" for sentence, axes in alike.items()]
+
+
+def _reasons(axes: Sequence[AxisTuning]) -> str:
+    """Return why nothing is proposed."""
+    return "; ".join(
+        _said_once(
+            (item.axis, (item.refused or "the flown gains are the best that were found").removeprefix(f"{item.axis}: "))
+            for item in axes
+        )
+    )
 
 
 def _unfit(log: FlightLog) -> str | None:
@@ -295,7 +308,8 @@ def _examined(flights: Sequence[FlightLog], axis: str) -> AxisTuning:
         loop = rate_loop(logs, axis)
         alone = [rate_loop(log, axis) for log in logs] if len(logs) > 1 else [loop]
     except RotoridError as error:
-        return AxisTuning(axis, str(error))
+        chirped = not logs and any(mixer_chirps(log, other) for log in flights for other in AXES)
+        return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if chirped else str(error))
     apart = max(gain_apart(alone[0], other) for other in alone)
     if apart > SUMMED:
         return AxisTuning(
@@ -326,8 +340,8 @@ def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
     ]
     why = f"leave {listed(short)}" if flown["stable"] and short else "are unstable"
     return (
-        f"{item.axis}: disturbances are rejected up to {tuned['rejection_hz']:.2g} Hz instead of "
-        f"{flown['rejection_hz']:.2g}: the flown gains {why}"
+        f"disturbances are rejected up to {tuned['rejection_hz']:.2g} Hz instead of {flown['rejection_hz']:.2g}: "
+        f"the flown gains {why}"
     )
 
 

@@ -37,7 +37,7 @@ def test_one_log_for_each_axis_gives_one_set_of_gains(flights):
             assert result.proposed[i] == pytest.approx((0.1 if axis == "yaw" else 1.0) * result.proposed[p], rel=1e-3)
             assert result.flown[i] == 0.0 == read_settings(log, axis).controller.I
             assert result.rollback[i] > 0.0
-            assert any(remark.startswith(f"{axis}: I was 0") for remark in result.remarks)
+            assert any(axis in remark.split(": I was 0")[0] for remark in result.remarks if ": I was 0" in remark)
         for axis in result.axes:
             assert axis.worst["gain_db"] >= 5.9
             assert axis.worst["phase_deg"] >= 45.0

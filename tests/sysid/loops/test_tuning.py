@@ -163,9 +163,10 @@ def test_attitude_gain_is_raised_within_its_own_phase_margin():
 
 def test_values_come_back_as_typed():
     values = {"ATC_RAT_RLL_P": typed(0.1234567), "INS_GYRO_FILTER": 30.0, "ATC_RAT_RLL_D": typed(0.00123456)}
-    text = parameter_file(values, ("made by a test", "two\nlines"))
+    text = parameter_file(values, ("made by a test", "two\nlines"), {"INS_GYRO_FILTER": "was\n20"})
     assert read_parameter_file(text) == values
     assert next(line for line in text.splitlines() if not line.startswith("#")) == "ATC_RAT_RLL_D,0.001235"
+    assert "INS_GYRO_FILTER,30  # was 20" in text
 
 
 def test_a_damaged_parameter_file_is_a_sentence():
