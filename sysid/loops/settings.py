@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 
 from logparse import FlightLog
 from sysid.loops import px4
@@ -92,7 +93,7 @@ def read_copter(log: FlightLog, axis: str) -> LoopSettings:
     if odd:
         raise LoopError(f"{log.path.name}: notches within the controller ({', '.join(odd)}) are not modelled")
     terms = {name: parameters.get(f"ATC_RAT_{letters}_{name}", 0.0) for name in (*NEEDED, *OPTIONAL)}
-    gyro, remarks = _gyro_path(log, parameters)
+    gyro, remarks = _gyro_path(log, axis, parameters)
     angle = AngleController(
         P=parameters[f"ATC_ANG_{letters}_P"],
         late=1.0 / parameters["SCHED_LOOP_RATE"],
@@ -115,8 +116,8 @@ def parameters_of(log: FlightLog, axis: str) -> Mapping[str, float]:
     return log.parameters_at(chirps[-1].start) if chirps else log.parameters_flown
 
 
-def _gyro_path(log: FlightLog, parameters: Mapping[str, float]) -> tuple[GyroPath, tuple[str, ...]]:
-    """Read the gyro's filters; harmonic notches at their frequency in hover."""
+def _gyro_path(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> tuple[GyroPath, tuple[str, ...]]:
+    """Read the gyro's filters; harmonic notches at the frequency that they had."""
     rate, remarks = _GYRO_RATE, []
     imu = log.messages.once("IMU", ("GHz", "I")) if "IMU" in log.messages else None
     if imu is not None and "GHz" in imu:
@@ -136,7 +137,7 @@ def _gyro_path(log: FlightLog, parameters: Mapping[str, float]) -> tuple[GyroPat
         none = [f"{prefix}{name} = {known[name]:g}" for name in ("FREQ", "BW", "ATT") if not known[name] > 0.0]
         if none:
             raise LoopError(f"{log.path.name}: {', '.join(none)} of a notch that is enabled is no value of one")
-        base, remark = _notch_base(log, parameters, prefix, known["FREQ"])
+        base, remark = _notch_base(log, axis, parameters, prefix, known["FREQ"])
         options = int(parameters.get(f"{prefix}OPTS", 0.0))
         notches += harmonic_notches(
             rate,
@@ -151,8 +152,10 @@ def _gyro_path(log: FlightLog, parameters: Mapping[str, float]) -> tuple[GyroPat
     return GyroPath(parameters["INS_GYRO_FILTER"], rate, tuple(notches)), tuple(remarks)
 
 
-def _notch_base(log: FlightLog, parameters: Mapping[str, float], prefix: str, nominal: float) -> tuple[float, str]:
-    """Return the frequency of the first harmonic, Hz: as tracked in flight (FTN, FTN1), else from hover throttle."""
+def _notch_base(
+    log: FlightLog, axis: str, parameters: Mapping[str, float], prefix: str, nominal: float
+) -> tuple[float, str]:
+    """Return the frequency of the first harmonic, Hz: as tracked (FTN, FTN1), else from the throttle flown."""
     mode = int(parameters.get(f"{prefix}MODE", 0.0))
     reference = parameters.get(f"{prefix}REF", 0.0)
     name = prefix.rstrip("_")
@@ -165,9 +168,19 @@ def _notch_base(log: FlightLog, parameters: Mapping[str, float], prefix: str, no
                 tracked = tracked[np.isfinite(tracked) & (tracked > 0.0)]
                 if len(tracked):
                     return float(np.median(tracked)), f"{name} tracked, median {np.median(tracked):.0f} Hz"
-    hover = parameters.get("MOT_THST_HOVER")
-    if mode == _THROTTLE and hover:
+    throttle = _throttle(log, axis) or parameters.get("MOT_THST_HOVER")
+    if mode == _THROTTLE and throttle:
         floor = parameters.get(f"{prefix}FM_RAT", 1.0)
-        base = nominal * max(floor, math.sqrt(hover / reference))
-        return base, f"{name} follows throttle, {base:.0f} Hz in hover"
+        base = nominal * max(floor, math.sqrt(throttle / reference))
+        return base, f"{name} follows throttle, {base:.0f} Hz at the {throttle:.2f} flown"
     return nominal, f"{name} tracks a frequency that is not logged; taken at its lowest, {nominal:.0f} Hz"
+
+
+def _throttle(log: FlightLog, axis: str) -> float | None:
+    """Return the median throttle of the chirps at the mixer on an axis, without one of the flight, 0..1."""
+    table, flight = log.tables.setpoints, log.flight
+    if table is None or flight is None:
+        return None
+    spans = [(chirp.start, chirp.stop) for chirp in mixer_chirps(log, axis)] or [(flight.start, flight.stop)]
+    found = pd.concat([table["throttle"].loc[start:stop] for start, stop in spans]).dropna()
+    return float(found.median()) if len(found) else None

@@ -13,6 +13,7 @@ from pipeline.results.span import Span
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid.loops import as_flown, design, prove, tune
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
+from sysid.loops.settings import read_settings
 
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
 GAINS = LoopGains(P=0.08, I=0.08, D=0.002)
@@ -137,3 +138,9 @@ def test_a_controller_at_its_limits_is_not_taken_for_wrong_parameters(tmp_path, 
     assert "as logged" in contradiction(log)
     log.messages["PIDR"]["Flags"] = 1
     assert contradiction(log) is None
+
+
+def test_a_notch_that_follows_throttle_is_where_the_throttle_flown_puts_it(unpacked):
+    """REF is the hover throttle and FREQ the motors' frequency in hover."""
+    settings = read_settings(read_log(unpacked("autopilot/vibration_octa8_notch")), "roll")
+    assert settings.remarks == ("INS_HNTCH follows throttle, 69 Hz at the 0.43 flown",)
