@@ -9,7 +9,7 @@ from estimation import estimate
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
-from sysid.autopilot.gains import feed_forward, gain_values
+from sysid.autopilot.gains import feed_forward, gain_values, stick_values
 from sysid.autopilot.motor_lines import NO_BATCHES
 from sysid.autopilot.notches import NAMES as NOTCH
 from sysid.autopilot.notches import notch_study, notch_values
@@ -22,7 +22,7 @@ from sysid.loops.controller import AXES, LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.same_craft import other_craft
 from sysid.loops.settings import firmware_version
-from sysid.loops.tuning import without_copies
+from sysid.loops.tuning import tune, without_copies
 from sysid.records.experiment import Experiment
 from sysid.rigid_body.body_fit import fit_rigid_body
 from sysid.rigid_body.model import RigidBodyModel
@@ -68,10 +68,13 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         values += refused(DRAG, ParameterFile.WIND, flown, str(error))
     chirps = [log for log in flights if any(chirp.at_mixer for chirp in find_chirps(log))]
     values += batch_values(flights, chirps, flown)
+    tuning = tune(chirps or flights)
+    values += gain_values(tuning, flown)
     with_rates = [log for log in flights if log.tables.has("rates")]
     if with_rates:
-        values += feed_forward(survey(with_rates, tuple(AXES)), flown)
-    values += gain_values(chirps or flights, flown)
+        rotation = survey(with_rates, tuple(AXES))
+        values += feed_forward(rotation, flown)
+        values += stick_values(tuning, rotation, flown)
     proposed = {each.file for each in values if each.proposed.value is not None}
     remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])
     return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))

@@ -51,8 +51,9 @@ class AutopilotValue:
     def line(self) -> str:
         """The line of a parameter file."""
         assert self.proposed.value is not None
-        spread = f"± {self.proposed.sigma:.2g}: " if self.proposed.sigma else ""
-        return parameter_line(self.name, self.proposed.value, spread + self.proposed.reason)
+        spread = f"± {self.proposed.sigma:.2g}; " if self.proposed.sigma else ""
+        before = "" if self.now is None else f"was {self.now:g}; "
+        return parameter_line(self.name, self.proposed.value, spread + before + self.proposed.reason)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

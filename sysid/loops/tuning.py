@@ -81,7 +81,8 @@ class Tuning(Summarised):
         """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
         unchanged = (f"{each.axis}: unchanged: {each.refused}" for each in self.axes if each.tuned is None)
         first = "first flight: hover low, be ready to load rollback.param; then `rotorid prove`"
-        return self._file("proposed", self.proposed, self.reasons(), *unchanged, *self.remarks, first)
+        reasons = {name: f"was {self.rollback[name]:g}; {reason}" for name, reason in self.reasons().items()}
+        return self._file("proposed", self.proposed, reasons, *unchanged, *self.remarks, first)
 
     def rollback_file(self) -> str:
         """Return the text of ``rollback.param``, the values as flown; LoopError where nothing is proposed."""
@@ -89,9 +90,9 @@ class Tuning(Summarised):
         return self._file("as flown: load this to go back", self.rollback, reasons)
 
     def reasons(self) -> dict[str, str]:
-        """Return of each proposed parameter what it was, and what its axis keeps with all that are proposed."""
-        kept = {AXES[each.axis]: f"; {each.axis}: {each.promise}" for each in self.axes if each.tuned is not None}
-        return {name: f"was {self.rollback[name]:g}{kept.get(name.split('_')[2], '')}" for name in self.proposed}
+        """Return of each proposed parameter what its axis keeps with all that are proposed."""
+        kept = {AXES[each.axis]: f"{each.axis}: {each.promise}" for each in self.axes if each.tuned is not None}
+        return {name: kept.get(name.split("_")[2], "serves all axes") for name in self.proposed}
 
     def _file(self, what: str, values: Mapping[str, float], reasons: Mapping[str, str], *more: str) -> str:
         if self.refused is not None:

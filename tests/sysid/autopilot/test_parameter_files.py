@@ -21,7 +21,7 @@ def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
     assert found.write(tmp_path) == [tmp_path / "20_esc.param"]
     assert [path.name for path in tmp_path.iterdir()] == ["20_esc.param"]
     text = (tmp_path / "20_esc.param").read_text(encoding="utf-8")
-    assert text == "MOT_THST_EXPO,0.6512  # ± 0.02: a curve\n"
+    assert text == "MOT_THST_EXPO,0.6512  # ± 0.02; was 0.3; a curve\n"
     assert read_parameter_file(text) == found.proposed == {"MOT_THST_EXPO": 0.6512}
 
 

@@ -1,0 +1,33 @@
+"""What the stick may ask for: bounds from the craft's gain, the room of the mixer in hover and the rate loops."""
+
+import math
+
+import pytest
+
+from logparse import read_log
+from sysid.autopilot.gains import feed_forward, stick_values
+from sysid.frequency.survey import survey
+from sysid.loops.tuning import tune
+
+
+@pytest.fixture(scope="module")
+def chirped():
+    log = read_log("sample_logs/quad02_delft_systemid.bin")
+    return tune(log), survey([log], ("roll", "pitch"))
+
+
+def test_an_acceleration_without_limit_gets_that_of_half_the_room(chirped):
+    """In hover at 0.25 an axis' input has room for 0.5 of its full range."""
+    flown = {"MOT_THST_HOVER": 0.25, "ATC_ACCEL_R_MAX": 1000.0, "ATC_ACCEL_P_MAX": 0.0, "ATC_INPUT_TC": 0.15}
+    found = {each.name: each for each in stick_values(*chirped, flown)}
+    forward = {each.name: each for each in feed_forward(chirped[1], {})}
+    gain = 1.0 / forward["ATC_RAT_PIT_D_FF"].proposed.value
+    proposed = {name: each.proposed.value for name, each in found.items() if each.proposed.value is not None}
+    assert proposed == pytest.approx({"ATC_ACCEL_P_MAX": 0.25 * gain * 100.0 * math.degrees(1.0)}, rel=1e-3)
+    assert found["ATC_ACCEL_R_MAX"].right
+    assert found["ATC_INPUT_TC"].right
+
+
+def test_a_stick_sharper_than_the_rate_loops_is_softened(chirped):
+    (found,) = stick_values(*chirped, {"ATC_INPUT_TC": 0.01})
+    assert found.proposed.value == pytest.approx(0.5 / (math.pi * 3.0), rel=0.5)
