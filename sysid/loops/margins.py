@@ -45,28 +45,26 @@ def margins_of(hz: Floats, loop: Complexes) -> MarginSet:
     size = np.log(np.maximum(np.abs(loop), 1e-12))
     sensitivity = 1.0 / np.maximum(np.abs(1.0 + loop), 1e-12)
 
-    falls = (size[:, :-1] >= 0.0) & (size[:, 1:] < 0.0)
-    crosses = falls | ((size[:, :-1] < 0.0) & (size[:, 1:] >= 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = size[:, :-1] / (size[:, :-1] - size[:, 1:])
-    turned = loop[:, 1:] / loop[:, :-1]
-    towards = np.angle(-loop[:, :-1]) + np.where(crosses, part, 0.0) * np.angle(turned)
-    towards = np.degrees((towards + np.pi) % (2.0 * np.pi) - np.pi)
     stable = _is_stable(loop)
-    phase = np.min(np.where(crosses, np.where(stable[:, None], np.abs(towards), towards), np.inf), axis=1)
-    at = np.exp(log_hz[:-1] + np.where(falls, part, 0.0) * np.diff(log_hz))
-    crossover = np.max(np.where(falls, at, -np.inf), axis=1)
+    above = size >= 0.0
+    k, i = np.nonzero(above[:, :-1] != above[:, 1:])
+    part = size[k, i] / (size[k, i] - size[k, i + 1])
+    towards = np.angle(-loop[k, i]) + part * np.angle(loop[k, i + 1] / loop[k, i])
+    towards = np.degrees((towards + np.pi) % (2.0 * np.pi) - np.pi)
+    phase = np.full(len(loop), np.inf)
+    np.minimum.at(phase, k, np.where(stable[k], np.abs(towards), towards))
+    falls = above[k, i]
+    crossover = np.full(len(loop), -np.inf)
+    np.maximum.at(crossover, k[falls], np.exp(log_hz[i] + part * np.diff(log_hz)[i])[falls])
 
-    im, re = loop.imag, loop.real
-    down = (im[:, :-1] < 0.0) & (im[:, 1:] >= 0.0)
-    up = (im[:, :-1] >= 0.0) & (im[:, 1:] < 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = im[:, :-1] / (im[:, :-1] - im[:, 1:])
-        share = np.where(np.isfinite(share), share, 0.0)
-        axis = re[:, :-1] + share * (re[:, 1:] - re[:, :-1])
-        gains = -20.0 * np.log10(np.where(axis < 0.0, -axis, np.nan))
-    counted = (axis < 0.0) & ((gains > 0.0) & (down | up) | down & ~stable[:, None])
-    gain = np.min(np.where(counted, gains, np.inf), axis=1)
+    below = loop.imag < 0.0
+    k, i = np.nonzero(below[:, :-1] != below[:, 1:])
+    here, there = loop[k, i], loop[k, i + 1]
+    axis = here.real + here.imag / (here.imag - there.imag) * (there.real - here.real)
+    gains = -20.0 * np.log10(np.where(axis < 0.0, -axis, 1.0))
+    counted = (axis < 0.0) & ((gains > 0.0) | below[k, i] & ~stable[k])
+    gain = np.full(len(loop), np.inf)
+    np.minimum.at(gain, k[counted], gains[counted])
 
     kept = sensitivity <= REJECTED
     first = np.argmin(kept, axis=1)

@@ -66,10 +66,7 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     coefficients = np.linalg.lstsq(trend * weight[:, None], log_g * weight, rcond=None)[0]
     rest = log_g - trend @ coefficients
     dense = np.exp(np.arange(np.log(hz[0]), np.log(hz[-1]), 1.0 / DENSITY))
-    smooth = np.empty(len(dense), np.complex128)
-    error, reach = np.empty(len(dense)), np.empty(len(dense))
-    for k, f in enumerate(dense):
-        smooth[k], error[k], reach[k] = _smoothed(np.log(f), np.log(hz), rest, sigma, independent)
+    smooth, error, reach = _smoothed(np.log(dense), np.log(hz), rest, sigma, independent)
     known = error < LARGEST
     if known.sum() >= FEWEST:
         first, last = int(np.argmax(known)), len(known) - int(np.argmax(known[::-1]))
@@ -86,36 +83,46 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     )
 
 
-def _smoothed(at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats) -> tuple[complex, float, float]:
-    """Return value, standard deviation and reach of the widest regression that agrees with the narrower ones."""
-    accepted: list[tuple[complex, float, float]] = []
-    for wanted in REACHES:
+def _smoothed(
+    at: Floats, x: Floats, y: Complexes, sigma: Floats, independent: Floats
+) -> tuple[Complexes, Floats, Floats]:
+    """Return value, standard deviation and reach, shape (k,) each, of the widest regressions that agree with narrower.
+
+    `at` (k,): where, ln f; `x`, `y`, `sigma`, `independent` (n,): ln f, ln G, its error and weight as independent data.
+    """
+    values, errors, reaches = _local(at, x, y, sigma, independent, REACHES[0])
+    narrower, agrees = [(values, errors)], np.ones(len(at), np.bool_)
+    for wanted in REACHES[1:]:
         value, error, reach = _local(at, x, y, sigma, independent, wanted)
-        if any(abs(value - before) > AGREEMENT * max(narrow, error) for before, narrow, _ in accepted):
-            break
-        accepted.append((value, error, reach))
-    return accepted[-1]
+        for before, narrow in narrower:
+            agrees &= np.abs(value - before) <= AGREEMENT * np.maximum(narrow, error)
+        narrower.append((value, error))
+        values, errors = np.where(agrees, value, values), np.where(agrees, error, errors)
+        reaches = np.where(agrees, reach, reaches)
+    return values, errors, reaches
 
 
 def _local(
-    at: float, x: Floats, y: Complexes, sigma: Floats, independent: Floats, wanted: float
-) -> tuple[complex, float, float]:
-    """Fit a quadratic to the neighbours of a point; return its value there, its standard deviation and the reach."""
-    reach = max(wanted, float(np.sort(np.abs(x - at))[min(FEWEST, len(x)) - 1]) * 1.01)
-    near = np.abs(x - at) < reach
-    taper = (1.0 - (np.abs(x[near] - at) / reach) ** 3) ** 3
-    weight = taper / np.maximum(sigma[near], 0.005) ** 2
-    offset = (x[near] - at) / reach
-    basis = np.stack([np.ones(len(offset)), offset, offset**2], axis=1)
-    weighted = (basis * weight[:, None]).T
+    at: Floats, x: Floats, y: Complexes, sigma: Floats, independent: Floats, wanted: float
+) -> tuple[Complexes, Floats, Floats]:
+    """Fit a quadratic to the neighbours of each point; return values there, standard deviations and reaches."""
+    apart = np.abs(x - at[:, None])
+    nearest = np.partition(apart, min(FEWEST, len(x)) - 1, axis=1)[:, min(FEWEST, len(x)) - 1]
+    reach = np.maximum(wanted, 1.01 * nearest)
+    near = apart < reach[:, None]
+    offset = np.where(near, (x - at[:, None]) / reach[:, None], 0.0)
+    weight = np.where(near, (1.0 - np.abs(offset) ** 3) ** 3, 0.0) / np.maximum(sigma, 0.005) ** 2
+    basis = np.stack([np.ones_like(offset), offset, offset**2], axis=2)
+    weighted = (basis * weight[:, :, None]).transpose(0, 2, 1)
     solved = np.linalg.solve(weighted @ basis, weighted)
-    beta = solved @ y[near]
-    scatter = np.abs(y[near] - basis @ beta) ** 2 / 2.0
-    spare = max(1.0 - 3.0 / max(float(independent[near].sum()), 4.0), 0.25)
-    variance = np.maximum(sigma[near] ** 2, float(scatter @ weight / weight.sum()) / spare)
+    beta = solved @ y
+    scatter = np.abs(y - np.einsum("knj,kj->kn", basis, beta)) ** 2 / 2.0
+    alone = np.where(near, independent, 0.0).sum(axis=1)
+    spare = np.maximum(1.0 - 3.0 / np.maximum(alone, 4.0), 0.25)
+    variance = np.maximum(sigma**2, ((scatter * weight).sum(axis=1) / weight.sum(axis=1) / spare)[:, None])
     # Points closer than the spectral window share their data: their errors do not average out.
-    count = max(float(independent[near].sum()) / max(int(near.sum()), 1), 1e-3)
-    return complex(beta[0]), float(np.sqrt(np.sum(solved[0] ** 2 * variance) / count)), reach
+    count = np.maximum(alone / np.maximum(near.sum(axis=1), 1), 1e-3)
+    return beta[:, 0], np.sqrt(np.sum(solved[:, 0] ** 2 * variance, axis=1) / count), reach
 
 
 def gain_between_flights(axis: str) -> float:
