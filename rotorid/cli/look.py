@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rotorid.cli.options import Boot, End, Start, existing_log, folder_of, open_log, parted, power_up, stretch
-from rotorid.cli.output import NOT_POSSIBLE, console, prepare, show_page
+from rotorid.cli.output import NOT_POSSIBLE, OK, console, prepare, show_page
 
 if TYPE_CHECKING:
     from logparse import FlightLog
@@ -195,9 +195,14 @@ def _table(
 def _autopilot(logs: list[Path], folder: Path) -> None:
     """Write what the flights of a craft tell its autopilot, and show it beside what flew."""
     from sysid.autopilot import autopilot_values
+    from sysid.loops.controller import LoopError
 
     prepare(folder)
-    found = autopilot_values([open_log(log) for log in logs])
+    try:
+        found = autopilot_values([open_log(log) for log in logs])
+    except LoopError as error:
+        typer.echo(f"nothing is proposed: {error}")
+        raise typer.Exit(NOT_POSSIBLE) from error
     files = found.write(folder)
     console().print(found.table().terminal("Parameters for the autopilot"))
     for remark in found.remarks:
@@ -205,6 +210,7 @@ def _autopilot(logs: list[Path], folder: Path) -> None:
     for file in files:
         typer.echo(file)
     if not files:
-        typer.echo("nothing is proposed")
-        raise typer.Exit(NOT_POSSIBLE)
+        right = any(each.right for each in found.values)
+        typer.echo("Nothing is to be changed." if right else "nothing is proposed")
+        raise typer.Exit(OK if right else NOT_POSSIBLE)
     typer.echo("Load one file at a time, fly, and run this again: what proves right is then shown as right.")

@@ -76,3 +76,10 @@ def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
     assert (
         rotorid_here("export", "sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin").returncode == 2
     )
+
+
+def test_the_command_says_that_two_craft_have_no_numbers_in_common(rotorid_here, tmp_path):
+    logs = ("sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin")
+    done = rotorid_here("export", *logs, "--autopilot", "--out", tmp_path)
+    assert done.returncode == 3
+    assert "two craft" in done.stdout
