@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ CONFIDENCE = 0.95
 _LEVEL, _LEVEL_REACH = 0.7, 1.1
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RateLoop(Summarised):
     """One axis' rate and angle loop around an identified craft."""
 
@@ -76,17 +77,17 @@ class RateLoop(Summarised):
         """Return the same of the flight itself, without what the next one may differ by."""
         return np.asarray(self.plant.own_draws * self.gyro_change * self.settings.feedback(self.hz))
 
-    @property
+    @cached_property
     def margins(self) -> Margins:
         """Compute margins with errors from the identified response, as the next flight with these settings has them."""
         return summarise(self.hz, self.response, self.draws)
 
-    @property
+    @cached_property
     def own_margins(self) -> Margins:
         """Compute the margins of the flight itself: without what the next one may differ by."""
         return summarise(self.hz, self.response, self.own_draws)
 
-    @property
+    @cached_property
     def measured_margins(self) -> Margins:
         """Compute margins straight from the chirp: the second way, for the settings as flown.
 
