@@ -18,7 +18,7 @@ from logparse import FlightLog, Vehicle
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
 from sysid.loops.parameter_file import typed
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.mixer_curve import MIXER_DIFFERS
+from sysid.records.mixer import MIXER_DIFFERS
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion.body_motion import motion

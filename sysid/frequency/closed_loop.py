@@ -17,9 +17,9 @@ from sysid.frequency.excitation import Within
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import POOR, FrequencyFit
 from sysid.frequency.flight_records import flight_span
+from sysid.frequency.rate_signals import GivenSignals, sources_of
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
-from sysid.frequency.sources import GivenSignals, sources_of
 
 #: Frequencies that are looked at, Hz.
 _BAND = (0.1, 20.0)

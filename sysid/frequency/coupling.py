@@ -17,9 +17,9 @@ from sysid.frequency.chirp_records import chirp_record
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.flight_records import flight_record
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
-from sysid.frequency.sources import GivenSignals, LogSignals, sources_of
 
 #: Independent measurements that an average needs.
 _FEWEST = 4.0

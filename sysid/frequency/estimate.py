@@ -21,9 +21,9 @@ from sysid.frequency.fit import fit, refit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import flight_record, throttle_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
+from sysid.frequency.rate_signals import LogSignals, sources_of
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
 from sysid.frequency.response import Floats, FrequencyResponse
-from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.spectra import (
     RecordWindows,
     Regression,

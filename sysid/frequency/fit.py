@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 
 from sysid.frequency.axes import FrequencyError
-from sysid.frequency.determined import SIGNIFICANT, of_flights, stated
+from sysid.frequency.fitted import SIGNIFICANT, cost, of_flights, stated, value_of
 from sysid.frequency.fitted import FrequencyFit as FrequencyFit
-from sysid.frequency.fitted import cost, value_of
 from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
 

@@ -24,7 +24,7 @@ from logparse import FlightLog
 from logparse.canonical.control import throttle_output
 from sysid.frequency.axes import AXES, HEIGHT_TARGET, PILOTS_THROTTLE, Axis, FrequencyError
 from sysid.frequency.excitation import Within
-from sysid.frequency.rate_signals import RateSignals
+from sysid.frequency.rate_signals import FASTER, RateSignals, motor_patterns, step_of
 from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
@@ -35,7 +35,6 @@ from sysid.frequency.records import (
     refuse_scattered,
 )
 from sysid.frequency.response import Floats
-from sysid.frequency.sources import FASTER, motor_patterns, step_of
 
 #: Variance of what a kick counts for, per part of the rows that is lost one by one: 1 for its own row, twice 0.6
 #: squared for its neighbours.

@@ -17,8 +17,8 @@ from sysid.frequency.estimate import response
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import FrequencyFit
+from sysid.frequency.rate_signals import LogSignals, sources_of
 from sysid.frequency.response import COHERENT, FrequencyResponse
-from sysid.frequency.sources import LogSignals, sources_of
 from sysid.frequency.time_domain import Verification, hold_out
 
 #: Frequencies that two responses must have in common to be compared, and part of the gain by which flights of a craft

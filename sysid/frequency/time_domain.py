@@ -15,9 +15,9 @@ from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import refit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.limits import FOLDING
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
-from sysid.frequency.sources import GivenSignals, LogSignals, sources_of
 from sysid.records.filtering import above
 from sysid.statistics.covariance import independent_samples
 from sysid.statistics.residual_test import ResidualTest

@@ -13,8 +13,7 @@ from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.arrays import MIN_SAMPLES, Floats
 from sysid.records.context import has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
-from sysid.records.mixer import project, rounding
-from sysid.records.mixer_curve import mixer_differs
+from sysid.records.mixer import mixer_differs, project, rounding
 from sysid.records.resampling import resample
 
 if TYPE_CHECKING:

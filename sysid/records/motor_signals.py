@@ -14,7 +14,7 @@ import numpy as np
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.mixer_curve import known_slope
+from sysid.records.mixer import known_slope
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, column, thrust_signals
 

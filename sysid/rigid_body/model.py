@@ -31,8 +31,7 @@ from core.serialization import plain, restored
 from core.summary import Summarised, listed
 from logparse import Finding, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states
-from sysid.rigid_body.conditions.drift_band import drift_sigma
+from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states, drift_sigma
 from sysid.rigid_body.conditions.trim import early_trim, left_open, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord

@@ -24,7 +24,7 @@ import scipy
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.mixer_curve import known_slope
+from sysid.records.mixer import known_slope
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import REFERENCE_DENSITY

@@ -9,8 +9,7 @@ from core.serialization import plain
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import validate
-from sysid.rigid_body.conditions.carried import FIXED, STATES, Wander
-from sysid.rigid_body.conditions.drift_band import drift_sigma
+from sysid.rigid_body.conditions.carried import FIXED, STATES, Wander, drift_sigma
 from sysid.rigid_body.motion.body_motion import SHARED
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted, level, parameters

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from logparse import MissingDataError, Motor, Tables, Vehicle
-from sysid.records.mixer import expectation
-from sysid.records.mixer_curve import known_slope, mixer_differs
+from sysid.records.mixer import expectation, known_slope, mixer_differs
 from sysid.records.motor_scaling import command_for, curve, curve_slope, motor_commands, motor_pwm
 from sysid.rotors.motor_faults.outputs import check_outputs
 

@@ -9,7 +9,7 @@ import pytest
 from logparse import Finding, Severity, Vehicle
 from logparse.craft.frames import motor_table
 from sysid import Experiment
-from sysid.records.mixer_curve import MIXER_DIFFERS
+from sysid.records.mixer import MIXER_DIFFERS
 from sysid.records.motor_signals import motor_signals
 from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import Law, lagged

@@ -1,7 +1,8 @@
 """Wind and thrust scale of a flight as states that a filter carries forward, from samples of the past alone.
 
-The craft's parameters can be states too, which do not change, within what their fit left open: it tells how far a wind
-made up for wrong drag, and which errors of the craft the flight contradicts.
+What is not known of them says how far a free run may drift. The craft's parameters can be states too, which do not
+change, within what their fit left open: it tells how far a wind made up for wrong drag, and which errors of the craft
+the flight contradicts.
 """
 
 from __future__ import annotations
@@ -15,7 +16,17 @@ from sysid.records.experiment import Floats
 from sysid.rigid_body.conditions._carry_kernels import carry
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, WIND_EXPONENT
 from sysid.rigid_body.methods.filter_error import HUBER
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, THETA, Increments, Motion, velocity_increments
+from sysid.rigid_body.motion._rigid_kernels import accelerations
+from sysid.rigid_body.motion.body_motion import (
+    BLOCK_SECONDS,
+    LAG,
+    OWN,
+    SHARED,
+    THETA,
+    Increments,
+    Motion,
+    velocity_increments,
+)
 
 #: Memory of gusts and of departures of the thrust scale, s. Half or twice of either changes errors of free runs on
 #: thirty flights by less than 5 % in the mean of logarithms.
@@ -223,3 +234,80 @@ def _start(flight: Motion, shared: Floats, law: int, mean: Floats, sigma: Floats
         own = own.copy()
         own[free] = np.clip(own[free] + np.linalg.solve(normal, uphill), LOWEST[free], HIGHEST[free])
     return own
+
+
+#: Step of velocity by which its effect on the acceleration is found, m/s.
+_STEP = 0.05
+
+#: Places of position and velocity among the errors; then come the flight's states, the craft's parameters, and the
+#: exponent of the wind above where it was looked at.
+_POSITION, _VELOCITY, _FLIGHT = slice(0, 3), slice(3, 6), slice(6, 6 + STATES)
+
+#: Places of the wind among the parameters of the kernels.
+_WIND = slice(SHARED + len(OWN), SHARED + len(OWN) + 2)
+
+
+def drift_sigma(
+    flight: Motion, run: Floats, theta: Floats, law: int, errors: Floats, wander: Wander, highest: float = np.inf
+) -> Floats:
+    """Return standard deviations of position along a free run; shape (N, 3), NED, m.
+
+    Errors of position and velocity follow the equations of motion linearised along the run; they are driven by errors
+    of the flight's trim and of the craft's parameters, by gusts, by departures of the thrust scale and by white noise::
+
+        dp' = dv,    dv' = A(t) dv + J(t) (trim, gust, departure, craft),    gusts and departures fade and are renewed
+
+    `run` are positions and velocities, (N, 6); `errors` mean squares of errors of the flight's states and of the
+    craft's parameters where it begins, (STATES + SHARED, STATES + SHARED).
+    """
+    size = max(round(BLOCK_SECONDS / flight.dt), 1)
+    edges = np.arange(0, len(run), size)
+    if edges[-1] != len(run) - 1:
+        edges = np.append(edges, len(run) - 1)
+    by_theta, by_velocity = _derivatives(flight, run, theta, law, edges)
+    above = np.log(np.maximum((flight.ground - run[edges, 2]) / highest, 1.0))
+    steeper = by_theta[:, :, _WIND] @ theta[_WIND] * above[:, None]
+    drive = np.concatenate([own_design(by_theta), by_theta[:, :, :SHARED], steeper[:, :, None]], axis=2)
+    count = 7 + len(errors)
+    covariance = np.zeros((count, count))
+    covariance[6:-1, 6:-1] = errors
+    covariance[-1, -1] = WIND_EXPONENT[1] ** 2
+    sigma = np.zeros((len(edges), 3))
+    for k in range(1, len(edges)):
+        seconds = float(flight.t[edges[k]] - flight.t[edges[k - 1]])
+        rate = np.zeros((count, count))
+        rate[_POSITION, _VELOCITY] = np.eye(3)
+        rate[_VELOCITY, _VELOCITY] = 0.5 * (by_velocity[k - 1] + by_velocity[k])
+        rate[_VELOCITY, 6:] = 0.5 * (drive[k - 1] + drive[k])
+        over = np.eye(count) + seconds * rate + 0.5 * seconds**2 * (rate @ rate)
+        decay, driven = wander.step(seconds)
+        over[:, _FLIGHT] = over[:, _FLIGHT] * np.sqrt(decay)
+        over[_FLIGHT] = np.sqrt(decay)[:, None] * over[_FLIGHT]
+        covariance = over @ covariance @ over.T
+        noise = np.diag(wander.noise(seconds))
+        covariance[_VELOCITY, _VELOCITY] += noise
+        covariance[_POSITION, _VELOCITY] += 0.5 * seconds * noise
+        covariance[_VELOCITY, _POSITION] += 0.5 * seconds * noise
+        covariance[_POSITION, _POSITION] += seconds**2 / 3.0 * noise
+        covariance[_FLIGHT, _FLIGHT] += np.diag(driven)
+        sigma[k] = np.sqrt(np.maximum(np.diag(covariance)[_POSITION], 0.0))
+    return np.column_stack([np.interp(np.arange(len(run)), edges, sigma[:, axis]) for axis in range(3)])
+
+
+def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
+    """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
+    # The kernel takes means between neighbours: here of a sample and itself.
+    twice = np.repeat(edges, 2)
+    rotation, density, late = (np.ascontiguousarray(each[twice]) for each in flight.signals(theta[LAG]))
+    heights = np.ascontiguousarray(flight.ground - run[twice, 2])
+    shapes, room = np.ones((len(twice), 1)), np.empty((len(twice) - 1, 3, len(theta)))
+
+    def at(move: Floats) -> Floats:
+        found = np.empty((len(twice) - 1, 3))
+        velocities = run[twice, 3:] + move
+        accelerations(theta, rotation, density, late, shapes, heights, velocities, law, 1, found, room)
+        return found[::2]
+
+    moved = [at(_STEP * unit) - at(-_STEP * unit) for unit in np.eye(3)]
+    at(np.zeros(3))
+    return room[::2], np.stack(moved, axis=2) / (2.0 * _STEP)

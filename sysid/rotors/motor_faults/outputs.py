@@ -20,8 +20,7 @@ import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
-from sysid.records.mixer import INDEPENDENT, expectation, factors_of
-from sysid.records.mixer_curve import MARGIN, sampled_at
+from sysid.records.mixer import INDEPENDENT, MARGIN, expectation, factors_of, sampled_at
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Time over which neighbours count as one, and over which means are taken where the controller is logged slowly, s.

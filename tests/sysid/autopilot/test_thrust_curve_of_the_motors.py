@@ -10,7 +10,7 @@ from logparse import Finding, Severity, read_log
 from sysid import Experiment, fit_rigid_body
 from sysid.autopilot.thrust_curve import believed, hover_throttle, thrust_values
 from sysid.autopilot.values import ParameterFile
-from sysid.records.mixer_curve import MIXER_DIFFERS
+from sysid.records.mixer import MIXER_DIFFERS
 
 
 @cache

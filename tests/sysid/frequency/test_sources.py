@@ -10,8 +10,8 @@ import logparse
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
 from sysid.frequency.axes import FrequencyError
+from sysid.frequency.rate_signals import on_one_clock
 from sysid.frequency.records import below
-from sysid.frequency.sources import on_one_clock
 from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)

@@ -20,8 +20,7 @@ from sysid.loops.chirps import (
     flown_energy,
     predicted_errors,
 )
-from sysid.loops.lua import orthogonal_multisines
-from sysid.loops.missions import drag_errors, drag_legs, thrust_legs
+from sysid.loops.missions import drag_errors, drag_legs, orthogonal_multisines, thrust_legs
 from sysid.loops.parameter_file import read_parameter_file
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
 

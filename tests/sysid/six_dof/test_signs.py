@@ -3,7 +3,7 @@
 import pytest
 
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
+from sysid.rigid_body.six_dof.model import refuse_impossible, wrong_turns
 
 
 def known(**values):
