@@ -33,7 +33,6 @@ from api.routes import (
 )
 from api.settings import Settings
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.scratch import Incoming, Scratch
 from api.web import problem_responses
 from api.web.dependencies import Parts
@@ -43,6 +42,7 @@ from api.work.desk import Desk
 from api.work.jobs import Runner
 from api.work.watch import PRELOAD, Workplace
 from api.work.worker import Analyze, analyze_logs
+from pipeline.storage.store import open_store
 
 _log = logging.getLogger("rotorid.api")
 
@@ -127,7 +127,7 @@ def create_app(
 def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> Parts:
     """Make the parts of the application, ready to be used."""
     scratch = Scratch(settings.data / "scratch")
-    objects = Objects(settings.storage_url)
+    objects = open_store(settings.storage_url)
     objects.prepare()
     database = Database(settings.database_url)
     database.migrate()

@@ -27,11 +27,11 @@ from api.machine.tools import Tools
 from api.settings import Access, Settings
 from api.store import backup as backups
 from api.store.database import Database, NewerDatabaseError
-from api.store.objects import Objects
 from api.web.middleware import LOOPBACK, PatientProtocol
 from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
 from pipeline.errors import ConfigError
+from pipeline.storage.store import open_store
 
 if TYPE_CHECKING:
     from api.machine import questions
@@ -168,7 +168,7 @@ def open_service(owner: str) -> Iterator[Tools]:
     """Open what one owner has in the service that the environment describes, to be asked only."""
     settings = _settings()
     with _opened(settings) as database:
-        yield Tools(database, Objects(settings.storage_url), owner, _ask, settings.out)
+        yield Tools(database, open_store(settings.storage_url), owner, _ask, settings.out)
 
 
 @contextmanager
@@ -179,7 +179,7 @@ def open_folder(folder: Path) -> Iterator[Tools]:
         with _opened(settings) as database:
             found = FolderFlights(database, folder)
             reviews = Reviews(database, Crafts(database), _ask, lambda: None, found.look)
-            tools = Tools(database, Objects(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
+            tools = Tools(database, open_store(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
             if not tools.list_craft().craft:
                 raise ConfigError(f"{folder} holds no flights of this version of rotorid; analyze the logs again")
             yield tools

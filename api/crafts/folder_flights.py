@@ -14,7 +14,7 @@ from api.work.outcome import Said, of_report
 from core.serialization import restored
 from pipeline.results.entry import FlightEntry
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
-from pipeline.storage.store import ENTRY, FolderStore
+from pipeline.storage.store import ENTRY, Store
 
 #: Plotly, which the pages of flights of a folder share (`reports.files.folder`).
 SHARED_SCRIPT = "plotly.min.js"
@@ -34,7 +34,7 @@ class FolderFlights:
         """Adopt what changed since the last look: a run writes its manifest last."""
         if self.folder is None:
             return
-        store = FolderStore(self.folder)
+        store = Store(self.folder)
         several = (self.folder / MANIFEST).is_file()
         try:
             written = (self.folder / (MANIFEST if several else ENTRY)).stat().st_mtime_ns

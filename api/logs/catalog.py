@@ -19,13 +19,13 @@ from api.problems import ProblemError
 from api.settings import in_words
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id, new_secret
-from api.store.objects import Objects
 from api.store.owned import find, get, holds, listed, missing
 from api.store.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
 from api.store.resources import Analysis, Log, State
 from api.store.scratch import Upload
 from api.work import queue
 from api.work.craft_flights import forget
+from pipeline.storage.store import Store
 
 
 class Kept(NamedTuple):
@@ -70,7 +70,7 @@ _TRIES = 5
 class Catalog:
     """Logs and analyses."""
 
-    def __init__(self, database: Database, objects: Objects, quota: Quota | None = None) -> None:
+    def __init__(self, database: Database, objects: Store, quota: Quota | None = None) -> None:
         self._quota = quota or Quota()
         self._database = database
         self._objects = objects
@@ -111,7 +111,6 @@ class Catalog:
         for sha256, upload in digests.items():
             if sha256 not in known and sha256 not in placed:
                 log_id = new_id()
-                upload.sync()
                 self._objects.put(upload.path, f"logs/{log_id}")
                 placed[sha256] = log_id
         kept = []

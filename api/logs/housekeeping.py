@@ -10,9 +10,9 @@ from sqlalchemy import select
 from api.logs.catalog import Catalog
 from api.problems import ProblemError
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord
 from api.work.rounds import Rounds
+from pipeline.storage.store import Store
 
 _log = logging.getLogger("rotorid.api")
 
@@ -30,7 +30,7 @@ class Housekeeping(Rounds):
     """Goes round now and then, in a thread of its own."""
 
     def __init__(
-        self, database: Database, objects: Objects, catalog: Catalog, cache: Path, retention: timedelta | None
+        self, database: Database, objects: Store, catalog: Catalog, cache: Path, retention: timedelta | None
     ) -> None:
         super().__init__("housekeeping", _INTERVAL)
         self._database = database
@@ -60,12 +60,8 @@ class Housekeeping(Rounds):
 
     def _remove_orphans(self, before: datetime) -> None:
         """Remove bytes that no row names: of uploads that were broken off, and of attempts that came to nothing."""
-        old = [
-            found.key
-            for prefix in ("logs", "analyses")
-            for found in self._objects.list(prefix)
-            if found.written < before
-        ]
+        found = (each for prefix in ("logs", "analyses") for each in self._objects.files(prefix))
+        old = [key for key, written in found if written < before]
         with self._database.read() as session:
             kept = {f"logs/{log_id}" for log_id in session.scalars(select(LogRecord.id))}
             for analysis, results, lease in session.execute(

@@ -29,12 +29,12 @@ from api.machine.answers import (
 )
 from api.store.database import Database
 from api.store.ids import is_id
-from api.store.objects import Objects
 from api.store.records import AnalysisRecord, CraftRecord, FlightRecord
 from core.serialization import restored
 from pipeline.errors import ConfigError
 from pipeline.results.craft_review import CraftReview
 from pipeline.results.report import FlightReport
+from pipeline.storage.store import Store
 from reports.numbers.quantities import (
     answers_of,
     craft_parameters,
@@ -69,7 +69,7 @@ class Tools:
     """The questions, asked of what one owner has."""
 
     database: Database
-    objects: Objects
+    objects: Store
     owner: str
     ask: Callable[..., Any]  #: Answers functions of `api.machine.questions`.
     folder: Path | None = None  #: What `rotorid analyze` wrote, whose flights are shown.

@@ -21,9 +21,8 @@ from sqlalchemy.orm import Session
 
 from api.settings import Settings
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.records import Record, UtcTime
-from pipeline.storage.store import sync
+from pipeline.storage.store import Store, open_store, sync
 
 #: Of what a backup holds and how.
 _VERSION = 1
@@ -38,7 +37,7 @@ class BackupError(Exception):
 
 def save(settings: Settings, target: Path) -> tuple[int, int]:
     """Write everything into a file, which is there only when it is whole; return the number of rows and objects."""
-    database, objects = Database(settings.database_url), Objects(settings.storage_url)
+    database, objects = Database(settings.database_url), open_store(settings.storage_url)
     database.migrate()
     partial = target.with_name(target.name + ".partial")
     rows = count = 0
@@ -58,9 +57,9 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
                 _add(archive, "manifest.json", json.dumps(about).encode())
                 for each in sorted(tables.iterdir()):
                     archive.add(each, f"tables/{each.name}")
-                for found in objects.list(""):
+                for key, _ in objects.files(""):
                     with suppress(FileNotFoundError):  # deleted at this moment
-                        _add(archive, f"objects/{found.key}", objects.read(found.key))
+                        _add(archive, f"objects/{key}", objects.read(key))
                         count += 1
             file.flush()
             os.fsync(file.fileno())
@@ -78,7 +77,7 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
 
 def restore(settings: Settings, source: Path) -> tuple[int, int]:
     """Bring a backup back into an empty service; return the number of rows and objects."""
-    database, objects = Database(settings.database_url), Objects(settings.storage_url)
+    database, objects = Database(settings.database_url), open_store(settings.storage_url)
     try:
         database.migrate()
         objects.prepare()
@@ -96,7 +95,7 @@ def restore(settings: Settings, source: Path) -> tuple[int, int]:
         database.close()
 
 
-def _restore(database: Database, objects: Objects, settings: Settings, source: Path) -> tuple[int, int]:
+def _restore(database: Database, objects: Store, settings: Settings, source: Path) -> tuple[int, int]:
     rows = count = 0
     with tarfile.open(source, "r:") as archive, tempfile.TemporaryDirectory(dir=settings.data) as scratch:
         head = archive.extractfile("manifest.json")
@@ -111,7 +110,6 @@ def _restore(database: Database, objects: Objects, settings: Settings, source: P
             # The library's own safe extraction says where a member may come to lie, and that place is its key.
             archive.extract(safe := tarfile.data_filter(member, scratch).replace(mode=0o600), scratch, filter="data")
             place = (Path(scratch) / safe.name).resolve()
-            sync(place)
             objects.put(place, place.relative_to(kept).as_posix())
             count += 1
         with database.write() as session:

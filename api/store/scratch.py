@@ -90,10 +90,6 @@ class Upload:
     def seek(self, _: int) -> None:
         """Be read by nobody through this: what has arrived is read by its path."""
 
-    def sync(self) -> None:
-        """Flush the bytes to disk (fsync)."""
-        os.fsync(self._file.fileno())
-
 
 class Incoming:
     """The folder on this computer in which uploads arrive."""

@@ -19,11 +19,11 @@ from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
 from api.settings import Access, Settings
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.resources import Analysis, Log, Page
 from api.store.scratch import Incoming, Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner
+from pipeline.storage.store import Store
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Parts:
 
     settings: Settings
     database: Database
-    objects: Objects
+    objects: Store
     catalog: Catalog
     scratch: Scratch
     incoming: Incoming

@@ -75,7 +75,7 @@ def local_copy(key: str | None, parts: Parts) -> Path | None:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f"{path.name}.{new_id()}")
         try:
-            parts.objects.fetch(key, partial)
+            parts.objects.get(key, partial)
             partial.replace(path)
         except FileNotFoundError:
             return None

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from api.settings import Settings
 from api.store.database import Database
-from api.store.objects import Objects
 from api.work.queue import Queue
 from api.work.rounds import Rounds
 from api.work.watch import PRELOAD, Workplace, work
 from api.work.worker import Analyze, analyze_logs
+from pipeline.storage.store import open_store
 
 _log = logging.getLogger("rotorid.api")
 
@@ -73,7 +73,7 @@ class _Worker(Rounds):
 
 def work_until_told(settings: Settings, analyze: Analyze = analyze_logs, *, preload: Sequence[str] = PRELOAD) -> None:
     """Work until SIGTERM or SIGINT; what is being worked on then goes back into the queue."""
-    database, objects = Database(settings.database_url), Objects(settings.storage_url)
+    database, objects = Database(settings.database_url), open_store(settings.storage_url)
     database.migrate()
     objects.prepare()
     told = threading.Event()

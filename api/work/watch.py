@@ -25,12 +25,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from api.problems import Problem
 from api.settings import Settings
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.records import AnalysisRecord, FlightRecord
 from api.work import worker
 from api.work.outcome import read_outcome
 from api.work.queue import Claim, Heartbeat, LostError, Queue, Reached
 from pipeline.names import folder_names
+from pipeline.storage.store import Store, open_store
 
 _log = logging.getLogger("rotorid.api")
 
@@ -55,7 +55,7 @@ class Workplace:
     """What every thread that works is told."""
 
     database: Database
-    objects: Objects
+    objects: Store
     settings: Settings
     scratch: Path  #: Where temporary folders are made.
     analyze: worker.Analyze  #: What to do with a task; a function of a module.
@@ -78,7 +78,7 @@ class Workplace:
 
 def limits_of(settings: Settings) -> worker.Limits:
     """Return what one analysis may take, and where the service keeps what is none of its business."""
-    database, storage = make_url(settings.database_url), Objects(settings.storage_url).folder
+    database, storage = make_url(settings.database_url), open_store(settings.storage_url).folder
     file = database.database if database.get_backend_name() == "sqlite" else None
     closed = (settings.data, *([storage] if storage else []), *([Path(file)] if file else []))
     return worker.Limits(settings.time_limit, settings.memory_limit, settings.upload_limit, closed)
@@ -149,7 +149,7 @@ def _fetch_logs(workplace: Workplace, claim: Claim, folder: Path, heartbeat: Hea
         heartbeat.check()
         path = folder / "logs" / str(number) / safe[name]  # logs of one analysis may have the same name
         path.parent.mkdir(parents=True)
-        workplace.objects.fetch(f"logs/{log_id}", path)
+        workplace.objects.get(f"logs/{log_id}", path)
         logs.append((path, name))
     return worker.Task(logs, claim.configuration, folder / "results", reference=claim.analysis)
 
@@ -175,12 +175,12 @@ def _fetch_members(workplace: Workplace, claim: Claim, folder: Path, heartbeat: 
                 kind = name.split("/")[1]
                 experiments[kind] = folder / "flights" / str(number) / f"{kind}.parquet"
                 experiments[kind].parent.mkdir(parents=True, exist_ok=True)
-                workplace.objects.fetch(f"analyses/{analysis.id}/{analysis.results}/{name}", experiments[kind])
+                workplace.objects.get(f"analyses/{analysis.id}/{analysis.results}/{name}", experiments[kind])
         members.append(worker.Member(flight.name, flight.entry, experiments))
     return worker.Task([], claim.configuration, folder / "results", members, claim.analysis)
 
 
-def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) -> dict[str, int]:
+def _keep(claim: Claim, objects: Store, folder: Path, heartbeat: Heartbeat) -> dict[str, int]:
     """Move the results to the storage; gives every file's size by its name."""
     files = {}
     for path in sorted(folder.rglob("*")):
@@ -188,8 +188,6 @@ def _keep(claim: Claim, objects: Objects, folder: Path, heartbeat: Heartbeat) ->
             heartbeat.check()
             name = path.relative_to(folder).as_posix()
             files[name] = path.stat().st_size
-            with path.open("rb") as file:
-                os.fsync(file.fileno())
             objects.put(path, f"analyses/{claim.analysis}/{claim.lease}/{name}")
     return files
 

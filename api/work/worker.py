@@ -265,7 +265,8 @@ def _write_gains(tuning: "Tuning", folder: Path) -> None:
 def _join(task: Task, progress: Progress) -> None:
     """Fit the flights of one craft jointly, from their experiments."""
     config = pipeline.AnalysisConfig(**{name: v for name, v in task.configuration.items() if name not in _OURS})
-    scratch = store_of.FolderStore(task.folder.parent / "joint")
+    joint = task.folder.parent / "joint"
+    scratch = store_of.Store(joint)
     flights = []
     for number, member in enumerate(task.members, start=1):
         folder = f"flight{number}"
@@ -275,7 +276,7 @@ def _join(task: Task, progress: Progress) -> None:
         flights.append(replace(entry, key=f"{entry.sha256}#{entry.number}"))
         for kind, file in member.experiments.items():
             record = replace(dataset.read_experiment(file.read_bytes()), name=member.name)
-            place = scratch.folder / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
+            place = joint / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
             place.parent.mkdir(parents=True)
             dataset.write_experiment(record, place)
     found = fleet_crafts.identify_crafts(flights, config, scratch, _publish, None, progress, redo=True)
@@ -285,7 +286,7 @@ def _join(task: Task, progress: Progress) -> None:
     craft = found.entries[0].folder
     facts = FleetReport(rotorid=version("rotorid"), config=config, groups=(), flights=(), findings=(), timings_s={})
     reports_fleet.compose(scratch, [], [f"crafts/{craft}"], facts)
-    for file in [each for each in scratch.folder.iterdir() if each.is_file() and not each.name.startswith(".")]:
+    for file in [each for each in joint.iterdir() if each.is_file() and not each.name.startswith(".")]:
         file.rename(task.folder / file.name)
     body = next((each.model for each in found.fitted[craft].models if each.key == kinds.RIGID_BODY_KEY), None)
     if isinstance(body, sysid.RigidBodyModel):

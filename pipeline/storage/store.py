@@ -1,4 +1,4 @@
-"""Where the products of a folder of logs are kept: a folder, or whatever else fsspec reaches by a URL, such as s3://.
+"""Where products of logs, and the logs of a service, are kept: a folder, or what else fsspec reaches by a URL (s3://).
 
 A product is a folder such as ``flights/NAME``, or a single file. Nothing is ever seen half-written: on a disk it is
 written elsewhere, synced and renamed; among objects, which cannot be renamed, `ENTRY` goes first and comes last, so
@@ -15,9 +15,9 @@ import sys
 import tempfile
 import uuid
 import weakref
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
@@ -46,8 +46,8 @@ SCRATCH = ".scratch"
 LOCK = ".lock"
 
 
-class Store(ABC):
-    """Products by path, such as ``flights/paper01/report.json``, below one root.
+class Store:
+    """Products by path, such as ``flights/paper01/report.json``, below one folder.
 
     Every method raises OSError when the storage fails, whatever its library calls that; FileNotFoundError where there
     is no such product.
@@ -56,45 +56,122 @@ class Store(ABC):
     url: str  #: Opens the same store in another process, see `open_store`.
     folder: Path | None = None  #: Where it is on a disk of this computer.
 
-    @abstractmethod
+    def __init__(self, folder: Path) -> None:
+        self.folder = self._root = folder.absolute()
+        self.url = str(folder.absolute())
+
     def read(self, path: str) -> bytes:
         """Read a file."""
+        return (self._root / path).read_bytes()
 
-    @abstractmethod
     def write(self, path: str, content: bytes) -> None:
         """Write a file, which others see as it was or as it is now."""
+        with self.scratch() as scratch:
+            file = scratch / "file"
+            file.write_bytes(content)
+            self.put(file, path)
 
-    @abstractmethod
     def put(self, file: Path, path: str) -> None:
-        """Keep a file, likewise; it may be gone afterwards from where it was."""
+        """Keep a file, likewise; from the same disk it moves."""
+        target = self._root / path
+        made = [folder for folder in target.parents if not folder.exists()]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        sync(file)
+        try:
+            file.replace(target)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            _copy(file, target)
+        for folder in {target.parent, *(each.parent for each in made)}:
+            sync(folder)
 
-    @abstractmethod
-    def scratch(self) -> AbstractContextManager[Path]:
-        """Make a folder on a disk for the time of a ``with``, to write products in."""
+    def get(self, path: str, file: Path) -> None:
+        """Let a file be another name for one that is kept, or a copy of it."""
+        file.symlink_to((self._root / path).resolve(strict=True))
 
-    @abstractmethod
+    def files(self, path: str) -> Iterator[tuple[str, datetime]]:
+        """List all files below a folder, and when each was written."""
+        for each in (self._root / path).rglob("*"):
+            with suppress(FileNotFoundError):  # removed at this moment
+                if each.is_file():
+                    yield each.relative_to(self._root).as_posix(), datetime.fromtimestamp(each.stat().st_mtime, UTC)
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """Make a folder on the same disk for the time of a ``with``, to write products in."""
+        folder = self._root / SCRATCH / uuid.uuid4().hex
+        folder.mkdir(parents=True)
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
     def commit(self, folder: Path, path: str) -> None:
         """Keep a folder of `scratch` under `path`, whole, in place of what was there."""
+        target = self._root / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        for each in (*folder.rglob("*"), folder):
+            sync(each)
+        replaced = folder.with_name(f"{folder.name}-replaced-{uuid.uuid4().hex}")
+        while True:
+            try:
+                folder.rename(target)
+                break
+            except OSError as error:
+                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not target.exists():
+                    raise
+            try:
+                target.rename(replaced)
+            except FileNotFoundError:  # another process was faster
+                continue
+            shutil.rmtree(replaced, ignore_errors=True)
+        sync(target.parent)
 
-    @abstractmethod
     def remove(self, path: str) -> None:
         """Remove a file or a folder; nothing happens where there is none."""
+        target = self._root / path
+        with suppress(FileNotFoundError):
+            if target.is_dir() and not target.is_symlink():
+                shutil.rmtree(target)
+            else:
+                target.unlink()
 
-    @abstractmethod
     def move(self, path: str, new: str) -> None:
         """Move a folder to where there is none."""
+        target = self._root / new
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (self._root / path).rename(target)
 
-    @abstractmethod
     def names(self, path: str) -> list[str]:
         """List what is in a folder; nothing where there is none."""
+        folder = self._root / path
+        return sorted(each.name for each in folder.iterdir()) if folder.is_dir() else []
 
-    @abstractmethod
     def prepare(self) -> None:
-        """Make sure that products can be written."""
+        """Make the folder and try to write there."""
+        self._root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=self._root, buffering=0) as probe:
+            probe.write(b"probe")  # a full disk takes the name and refuses the bytes
 
-    @abstractmethod
-    def locked(self) -> AbstractContextManager[None]:
-        """Keep other runs out for the time of a ``with``, as far as the storage can; ConfigError when one is in."""
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs out for the time of a ``with``; what a killed run left half-written is removed."""
+        with (self._root / LOCK).open("w") as lock:
+            if sys.platform != "win32":
+                try:
+                    # The system releases it with the process, however that ends.
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    what = f"another run of rotorid writes to {self.url}; wait for it or choose another --out"
+                    raise ConfigError(what) from None
+                except OSError:  # some network file systems have no locks
+                    pass
+            shutil.rmtree(self._root / SCRATCH, ignore_errors=True)
+            try:
+                yield
+            finally:
+                shutil.rmtree(self._root / SCRATCH, ignore_errors=True)
 
     def fetch(self, path: str, folder: Path) -> None:
         """Copy the files of a product, without its folders, into a new folder on a disk."""
@@ -123,127 +200,12 @@ class Store(ABC):
         self.write(path, (json.dumps(plain(value), indent=1) + "\n").encode())
 
 
-def open_store(where: str | Path) -> Store:
-    """Open a store by its folder or URL."""
-    scheme = urlsplit(str(where)).scheme
-    # One letter is a drive of Windows.
-    if isinstance(where, Path) or len(scheme) < 2:
-        return FolderStore(Path(where))
-    if scheme == "file":
-        return FolderStore(Path(request.url2pathname(urlsplit(str(where)).path)))
-    return ObjectStore(str(where))
-
-
-class FolderStore(Store):
-    """A store in a folder."""
-
-    folder: Path
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.absolute()
-        self.url = str(self.folder)
-
-    def read(self, path: str) -> bytes:
-        """Read a file."""
-        return (self.folder / path).read_bytes()
-
-    def write(self, path: str, content: bytes) -> None:
-        """Write a file, which others see as it was or as it is now."""
-        with self.scratch() as scratch:
-            file = scratch / "file"
-            file.write_bytes(content)
-            self.put(file, path)
-
-    def put(self, file: Path, path: str) -> None:
-        """Keep a file, likewise; it is gone afterwards from where it was."""
-        target = self.folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        sync(file)
-        file.replace(target)
-        sync(target.parent)
-
-    @contextmanager
-    def scratch(self) -> Iterator[Path]:
-        """Make a folder on the same disk for the time of a ``with``, to write products in."""
-        folder = self.folder / SCRATCH / uuid.uuid4().hex
-        folder.mkdir(parents=True)
-        try:
-            yield folder
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-
-    def commit(self, folder: Path, path: str) -> None:
-        """Keep a folder of `scratch` under `path`, whole, in place of what was there."""
-        target = self.folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        for each in (*folder.rglob("*"), folder):
-            sync(each)
-        replaced = folder.with_name(f"{folder.name}-replaced-{uuid.uuid4().hex}")
-        while True:
-            try:
-                folder.rename(target)
-                break
-            except OSError as error:
-                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not target.exists():
-                    raise
-            try:
-                target.rename(replaced)
-            except FileNotFoundError:  # another process was faster
-                continue
-            shutil.rmtree(replaced, ignore_errors=True)
-        sync(target.parent)
-
-    def remove(self, path: str) -> None:
-        """Remove a file or a folder; nothing happens where there is none."""
-        target = self.folder / path
-        if target.is_dir() and not target.is_symlink():
-            shutil.rmtree(target)
-        else:
-            target.unlink(missing_ok=True)
-
-    def move(self, path: str, new: str) -> None:
-        """Move a folder to where there is none."""
-        target = self.folder / new
-        target.parent.mkdir(parents=True, exist_ok=True)
-        (self.folder / path).rename(target)
-
-    def names(self, path: str) -> list[str]:
-        """List what is in a folder; nothing where there is none."""
-        folder = self.folder / path
-        return sorted(each.name for each in folder.iterdir()) if folder.is_dir() else []
-
-    def prepare(self) -> None:
-        """Make the folder and try to write there."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=self.folder):
-            pass
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep other runs out for the time of a ``with``; what a killed run left half-written is removed."""
-        with (self.folder / LOCK).open("w") as lock:
-            if sys.platform != "win32":
-                try:
-                    # The system releases it with the process, however that ends.
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    what = f"another run of rotorid writes to {self.url}; wait for it or choose another --out"
-                    raise ConfigError(what) from None
-                except OSError:  # some network file systems have no locks
-                    pass
-            shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
-            try:
-                yield
-            finally:
-                shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
-
-
-class TemporaryStore(FolderStore):
+class TemporaryStore(Store):
     """A store that goes with its last reference."""
 
     def __init__(self) -> None:
         super().__init__(Path(tempfile.mkdtemp(prefix="rotorid-")))
-        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        weakref.finalize(self, shutil.rmtree, self._root, ignore_errors=True)
 
 
 class ObjectStore(Store):
@@ -251,25 +213,47 @@ class ObjectStore(Store):
 
     def __init__(self, url: str) -> None:
         self.url = url
-        with as_os_error():
-            self._files, root = fsspec.url_to_fs(url)
-        self._root = PurePosixPath(root)
+        self._files, root = fsspec.url_to_fs(url)
+        self._base = PurePosixPath(root)
 
     def read(self, path: str) -> bytes:
         """Read an object."""
         with as_os_error():
-            content: bytes = self._files.cat_file(str(self._root / path))
+            content: bytes = self._files.cat_file(str(self._base / path))
         return content
 
     def write(self, path: str, content: bytes) -> None:
         """Write an object, which others see as it was or as it is now."""
         with as_os_error():
-            self._files.pipe_file(str(self._root / path), content)
+            self._files.pipe_file(str(self._base / path), content)
 
     def put(self, file: Path, path: str) -> None:
         """Keep a file as an object."""
         with as_os_error():
-            self._files.put_file(str(file), str(self._root / path))
+            self._files.put_file(str(file), str(self._base / path))
+
+    def get(self, path: str, file: Path) -> None:
+        """Copy an object to a file."""
+        with as_os_error():
+            self._files.get_file(str(self._base / path), str(file))
+
+    def files(self, path: str) -> Iterator[tuple[str, datetime]]:
+        """List all objects below a prefix, and when each was written."""
+        for name, facts in self._below(path).items():
+            written = facts.get("LastModified") or facts.get("mtime") or self._files.modified(str(self._base / name))
+            if isinstance(written, int | float):
+                written = datetime.fromtimestamp(written, UTC)
+            yield name, written
+
+    def _below(self, path: str) -> dict[str, dict[str, Any]]:
+        """Return what is told of all objects below a prefix, by path."""
+        try:
+            with as_os_error():
+                self._files.invalidate_cache()  # others write there as well
+                found = self._files.find(str(self._base / path), detail=True)
+        except FileNotFoundError:
+            return {}
+        return {str(PurePosixPath(each).relative_to(self._base)): facts for each, facts in found.items()}
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
@@ -283,8 +267,8 @@ class ObjectStore(Store):
         files = sorted(each for each in folder.rglob("*") if each.is_file())
         new = {each.relative_to(folder).as_posix(): each for each in files}
         for old in self._below(path):
-            if old not in new:
-                self.remove(f"{path}/{old}")
+            if old.removeprefix(f"{path}/") not in new:
+                self.remove(old)
         for name in sorted(new, key=lambda name: name == ENTRY):
             self.put(new[name], f"{path}/{name}")
 
@@ -293,7 +277,7 @@ class ObjectStore(Store):
         try:
             with as_os_error():
                 self._files.invalidate_cache()
-                self._files.rm(str(self._root / path), recursive=True)
+                self._files.rm(str(self._base / path), recursive=True)
         except FileNotFoundError:
             return
 
@@ -301,7 +285,7 @@ class ObjectStore(Store):
         """Copy all objects below a prefix to another, and remove them there."""
         with as_os_error():
             for name in self._below(path):
-                self._files.cp_file(str(self._root / path / name), str(self._root / new / name))
+                self._files.cp_file(str(self._base / name), str(self._base / f"{new}{name.removeprefix(path)}"))
         self.remove(path)
 
     def names(self, path: str) -> list[str]:
@@ -309,32 +293,36 @@ class ObjectStore(Store):
         try:
             with as_os_error():
                 self._files.invalidate_cache()
-                found = self._files.ls(str(self._root / path), detail=False)
+                found = self._files.ls(str(self._base / path), detail=False)
         except FileNotFoundError:
             return []
         return sorted(PurePosixPath(each).name for each in found)
 
-    def _below(self, path: str) -> list[str]:
-        try:
-            with as_os_error():
-                self._files.invalidate_cache()
-                found = self._files.find(str(self._root / path))
-        except FileNotFoundError:
-            return []
-        return [str(PurePosixPath(each).relative_to(self._root / path)) for each in found]
-
     def prepare(self) -> None:
         """Try to write there."""
-        probe = f"{uuid.uuid4().hex}.probe"
+        probe = f"{uuid.uuid4().hex}.probe"  # others may probe at the same time
         with as_os_error():
-            self._files.makedirs(str(self._root), exist_ok=True)
-        self.write(probe, b"probe")
-        self.remove(probe)
+            self._files.makedirs(str(self._base), exist_ok=True)
+        try:
+            self.write(probe, b"probe")
+        finally:
+            self.remove(probe)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Do nothing: object storage has no locks that end with their process."""
         yield
+
+
+def open_store(where: str | Path) -> Store:
+    """Open a store by its folder or URL."""
+    scheme = urlsplit(str(where)).scheme
+    # One letter is a drive of Windows.
+    if isinstance(where, Path) or len(scheme) < 2:
+        return Store(Path(where))
+    if scheme == "file":
+        return Store(Path(request.url2pathname(urlsplit(str(where)).path)))
+    return ObjectStore(str(where))
 
 
 @contextmanager
@@ -346,6 +334,17 @@ def as_os_error() -> Iterator[None]:
         raise
     except Exception as error:
         raise OSError(errno.EIO, f"{type(error).__name__}: {error}") from error
+
+
+def _copy(file: Path, target: Path) -> None:
+    """Bring a file to another disk, where it is whole or not there."""
+    partial = target.with_name(f"{target.name}.partial")
+    try:
+        shutil.copyfile(file, partial)
+        sync(partial)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def sync(path: Path) -> None:

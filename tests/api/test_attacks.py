@@ -20,9 +20,9 @@ from api.logs.catalog import Catalog
 from api.settings import Access
 from api.store import backup
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.scratch import Incoming
 from api.work.queue import Queue
+from pipeline.storage.store import ObjectStore, open_store
 from tests.api import standins
 from tests.api.conftest import Upload, running, served
 from tests.api.programs import Service, descendants, wait_until
@@ -109,7 +109,7 @@ def test_wrong_bearer_tokens_meet_a_limit_and_right_ones_do_not(guarded: tuple[h
 
 
 def test_a_probe_that_a_full_disk_refuses_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    objects = Objects(str(tmp_path))
+    objects = ObjectStore(str(tmp_path))
 
     def full(path: str, _: bytes) -> None:
         Path(path).touch()
@@ -151,7 +151,7 @@ def database(tmp_path: Path) -> Iterator[Database]:
 
 
 def test_an_analysis_whose_worker_lives_is_not_claimed(database: Database, tmp_path: Path) -> None:
-    catalog, incoming = Catalog(database, Objects(str(tmp_path / "objects"))), Incoming(tmp_path)
+    catalog, incoming = Catalog(database, open_store(str(tmp_path / "objects"))), Incoming(tmp_path)
     with incoming.receive() as upload:
         upload.write(b"log")
         catalog.order([catalog.keep_logs([(upload, "a.bin")], "ann")[0].log.id], {}, "ann")
@@ -167,7 +167,7 @@ def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(
     database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A power cut between the two may lose the row, and never the bytes of a row that is there."""
-    catalog, incoming, steps = Catalog(database, Objects(str(tmp_path / "objects"))), Incoming(tmp_path), []
+    catalog, incoming, steps = Catalog(database, open_store(str(tmp_path / "objects"))), Incoming(tmp_path), []
     write = Database.write
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("sync"))
     monkeypatch.setattr(Database, "write", lambda self: steps.append("row") or write(self))

@@ -16,11 +16,11 @@ from sqlalchemy import create_engine, select, update
 from api.logs.catalog import Catalog, Quota
 from api.problems import Problem, ProblemError
 from api.store.database import Database
-from api.store.objects import Objects
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
 from api.store.scratch import Incoming
 from api.work.queue import Claim, Queue, Reached
+from pipeline.storage.store import open_store
 from tests.api import postgresql
 from tests.api.conftest import served
 from tests.api.programs import PATIENCE
@@ -52,7 +52,7 @@ def database(url: str) -> Iterator[Database]:
 
 @pytest.fixture
 def catalog(database: Database, tmp_path: Path) -> Catalog:
-    return Catalog(database, Objects(str(tmp_path / "objects")))
+    return Catalog(database, open_store(str(tmp_path / "objects")))
 
 
 @pytest.fixture
@@ -228,7 +228,7 @@ def test_the_same_log_many_times_at_once_is_one_log(
 def test_a_limit_holds_however_many_come_at_once(
     database: Database, catalog: Catalog, keep: Callable[..., str], tmp_path: Path
 ) -> None:
-    limited = Catalog(database, Objects(str(tmp_path / "objects")), Quota(logs=5))
+    limited = Catalog(database, open_store(str(tmp_path / "objects")), Quota(logs=5))
 
     def try_to_keep(number: int) -> bool:
         try:

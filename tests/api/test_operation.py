@@ -129,7 +129,7 @@ def test_results_that_do_not_fit_end_an_analysis_with_that_reason(
                 raise OSError(errno.ENOSPC, "No space left on device")
             put(objects, source, key)  # type: ignore[arg-type]
 
-        monkeypatch.setattr("api.store.objects.Objects.put", full)
+        monkeypatch.setattr("pipeline.storage.store.Store.put", full)
         refused = upload(client, b"good log")
         assert refused.status_code == 507
         assert "No space left" in refused.json()["detail"]

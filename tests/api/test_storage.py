@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from api import Settings, create_app
-from api.store.objects import Objects
+from pipeline.storage.store import open_store
 from tests.api import standins
 from tests.api.conftest import running
 from tests.s3_server import s3_server
@@ -32,7 +32,7 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 
 def test_objects(url: str, tmp_path: Path) -> None:
-    objects = Objects(url)
+    objects = open_store(url)
     objects.prepare()
     objects.prepare()
     content = bytes(range(256)) * 100
@@ -41,25 +41,24 @@ def test_objects(url: str, tmp_path: Path) -> None:
         source.write_bytes(content)
         objects.put(source, key)
     assert objects.read("logs/a") == content
-    assert objects.read("logs/a", 10, 20) == content[10:20]
-    objects.fetch("logs/a", tmp_path / "fetched")
+    objects.get("logs/a", tmp_path / "fetched")
     assert (tmp_path / "fetched").read_bytes() == content
-    listed = {found.key: found.written for found in objects.list("analyses")}
+    listed = dict(objects.files("analyses"))
     assert listed.keys() == {"analyses/b/c/report.html", "analyses/b/d/tables/imu.parquet"}
     assert all(abs(datetime.now(UTC) - written) < timedelta(minutes=5) for written in listed.values())
     objects.remove("analyses/b/c")
     objects.remove("logs/a")
     objects.remove("logs/never")
-    assert [found.key for found in objects.list("analyses")] == ["analyses/b/d/tables/imu.parquet"]
-    assert list(objects.list("nothing")) == []
-    for act in (lambda: objects.read("logs/a"), lambda: objects.fetch("logs/a", tmp_path / "again")):
+    assert [key for key, _ in objects.files("analyses")] == ["analyses/b/d/tables/imu.parquet"]
+    assert list(objects.files("nothing")) == []
+    for act in (lambda: objects.read("logs/a"), lambda: objects.get("logs/a", tmp_path / "again")):
         with pytest.raises(FileNotFoundError):
             act()
 
 
 def test_a_full_disk_leaves_nothing_half_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A storage on another disk than the scratch folder is copied to; what does not fit is not there."""
-    objects = Objects(str(tmp_path / "objects"))
+    objects = open_store(str(tmp_path / "objects"))
     objects.prepare()
     (tmp_path / "source").write_bytes(b"content")
 
@@ -80,7 +79,7 @@ def test_a_full_disk_leaves_nothing_half_copied(tmp_path: Path, monkeypatch: pyt
 def test_the_whole_way_of_a_log_on_s3(s3: str, tmp_path: Path, upload: Callable[..., httpx.Response]) -> None:
     settings = Settings(data=tmp_path, storage=f"{BUCKET}/whole", workers=1)
     app = create_app(settings, standins.analyze, preload=())
-    objects = Objects(settings.storage_url)
+    objects = open_store(settings.storage_url)
     with running(app) as client:
         assert client.get("/readyz").json() == {"status": "ok"}
         answer = upload(client, b"good log").json()
@@ -90,16 +89,16 @@ def test_the_whole_way_of_a_log_on_s3(s3: str, tmp_path: Path, upload: Callable[
         assert client.get(table).text.startswith("flight,x,y,z")
         part = client.get(table, headers={"Range": "bytes=7-9"})
         assert (part.status_code, part.text) == (206, "x,y")
-        kept = {found.key for found in objects.list("")}
+        kept = {key for key, _ in objects.files("")}
         assert f"logs/{answer['log']['id']}" in kept
         # Bytes that no row names, once they are old, are swept; what rows name stays.
         (tmp_path / "orphan").write_bytes(b"lost")
         objects.put(tmp_path / "orphan", "logs/" + "0" * 32)
         objects.put(_file(tmp_path, b"lost"), f"analyses/{answer['id']}/{'1' * 32}/report.html")
         app.state.parts.housekeeping.clean(datetime.now(UTC) + timedelta(hours=2))
-        assert {found.key for found in objects.list("")} == kept
+        assert {key for key, _ in objects.files("")} == kept
         assert client.delete(answer["links"]["log"]).status_code == 204
-        assert list(objects.list("")) == []
+        assert list(objects.files("")) == []
         assert client.get(table).status_code == 404
 
 
@@ -118,5 +117,5 @@ def test_a_storage_that_fails_is_told_and_nothing_is_half_done(s3: str, tmp_path
         assert refused.status_code == 503
         assert refused.json()["type"] == "urn:rotorid:problem:storage-unavailable"
         assert client.get("/api/v1/logs").json()["items"] == []
-        Objects(settings.storage_url).prepare()
+        open_store(settings.storage_url).prepare()
         assert client.post("/api/v1/logs", files={"file": ("a.bin", b"data")}).status_code == 201

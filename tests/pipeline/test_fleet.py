@@ -17,7 +17,7 @@ from pipeline.fleet import homogeneity, job, joint, split
 from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
-from pipeline.storage.store import FolderStore, open_store
+from pipeline.storage.store import Store, open_store
 from tests.pipeline import flown
 
 ROOT = Path(__file__).parents[2]
@@ -350,7 +350,7 @@ def test_a_killed_run_is_resumed(logs, tmp_path):
 def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(logs, out)
-    put = FolderStore.put
+    put = Store.put
 
     def interrupted(self, file, path):
         if path.startswith("experiments/"):
@@ -358,7 +358,7 @@ def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp
         put(self, file, path)
 
     with monkeypatch.context() as patched:
-        patched.setattr(FolderStore, "put", interrupted)
+        patched.setattr(Store, "put", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(logs, out, AnalysisConfig(poles=2, zeros=0))
     fleet, analyzed = run(logs, out)
@@ -368,7 +368,7 @@ def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp
 
 def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    commit = FolderStore.commit
+    commit = Store.commit
 
     def full(self, folder, path):
         if path.endswith("octa2"):
@@ -376,7 +376,7 @@ def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monke
         commit(self, folder, path)
 
     with monkeypatch.context() as patched:
-        patched.setattr(FolderStore, "commit", full)
+        patched.setattr(Store, "commit", full)
         fleet, _ = run(logs, out)
     assert [flight.name for flight in fleet.flights] == ["octa1"]
     reasons = {each.file: each.reason for each in fleet.failures}
@@ -390,7 +390,7 @@ def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monke
 
 def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    commit = FolderStore.commit
+    commit = Store.commit
 
     def full(self, folder, path):
         if path.startswith("crafts/"):
@@ -398,7 +398,7 @@ def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_pat
         commit(self, folder, path)
 
     with monkeypatch.context() as patched:
-        patched.setattr(FolderStore, "commit", full)
+        patched.setattr(Store, "commit", full)
         fleet, _ = run(logs, out)
     assert fleet.groups == ()
     assert [each.reason for each in fleet.failures] == ["its joint models could not be stored: No space left on device"]

@@ -10,7 +10,7 @@ import fsspec
 import pytest
 
 from pipeline.errors import ConfigError
-from pipeline.storage.store import ENTRY, SCRATCH, FolderStore, ObjectStore, TemporaryStore, open_store
+from pipeline.storage.store import ENTRY, SCRATCH, ObjectStore, Store, TemporaryStore, open_store
 
 
 @pytest.fixture(params=["folder", "objects"])
@@ -67,7 +67,7 @@ def test_files_are_replaced_and_broken_json_counts_as_none(store):
 
 
 def test_urls_are_told_from_folders(tmp_path):
-    assert isinstance(open_store(str(tmp_path)), FolderStore)
+    assert isinstance(open_store(str(tmp_path)), Store)
     assert isinstance(open_store("memory://x"), ObjectStore)
     assert open_store((tmp_path / "a b").as_uri()).folder == tmp_path / "a b"
 
@@ -89,7 +89,7 @@ def test_an_entry_goes_first_and_comes_last_among_objects(monkeypatch):
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
-    store = FolderStore(tmp_path)
+    store = Store(tmp_path)
     commit(store, "flights/a", entry='{"key": 1}')
 
     def full(*_):
@@ -107,10 +107,10 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
 
 
 def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
-    store = FolderStore(tmp_path)
+    store = Store(tmp_path)
     killed = (
-        "import os, signal, sys\nfrom pathlib import Path\nfrom pipeline.storage.store import FolderStore\n"
-        "store = FolderStore(Path(sys.argv[1]))\n"
+        "import os, signal, sys\nfrom pathlib import Path\nfrom pipeline.storage.store import Store\n"
+        "store = Store(Path(sys.argv[1]))\n"
         "with store.locked(), store.scratch() as scratch:\n"
         "    (scratch / 'half').write_bytes(b'x')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -121,7 +121,7 @@ def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
     assert len(store.names(SCRATCH)) == 1
     with store.locked():
         assert store.names(SCRATCH) == []
-        with pytest.raises(ConfigError, match="another run"), FolderStore(tmp_path).locked():
+        with pytest.raises(ConfigError, match="another run"), Store(tmp_path).locked():
             pass
 
 
