@@ -31,9 +31,6 @@ _SPREAD = METHODS[3]
 #: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
 WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[4])
 
-#: Methods whose standard error holds that of the air's density, which flights at one place have in common.
-_WITH_AIR = METHODS[:2]
-
 
 def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     """List what a flight says about its craft.
@@ -41,14 +38,12 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     Returns
     -------
     list of FlightParameter
-        The standard error of thrust is without that of the air's density, which differs between flights only as far as
-        the air's temperature does, so that scatter between flights holds it, and without that of the thrust curve in
-        the parameters, which is the same in all flights.
+        Standard errors are those on this flight: scatter between flights holds what another day adds. That of mean
+        thrust is without that of the thrust curve in the parameters, which is the same in all flights.
     """
     rows: list[FlightParameter] = []
     found = result.parameters
     if not isinstance(found, Failure):
-        air = found.thrust.air_sigma if found.thrust is not None else 0.0
         for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
@@ -57,12 +52,10 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
                 continue
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
-            if method in _WITH_AIR and parameter.startswith("thrust over mass"):
-                thrust = None if found.thrust is None else found.thrust.common
-                if method == METHODS[0] and thrust is not None and thrust.per_mass and thrust.sigma is not None:
-                    # All flights of a craft have the error of the curve in its parameters in common.
-                    sigma = thrust.sigma * value / thrust.per_mass
-                sigma = max(sigma**2 - (air * value) ** 2, (1e-4 * value) ** 2) ** 0.5
+            thrust = None if found.thrust is None else found.thrust.common
+            if method == METHODS[0] and thrust is not None and thrust.per_mass and thrust.sigma is not None:
+                # All flights of a craft have the error of the curve in its parameters in common.
+                sigma = thrust.sigma * value / thrust.per_mass
             rows.append(
                 FlightParameter(parameter=parameter, method=method, value=value, sigma=sigma, unit=str(row["unit"]))
             )

@@ -112,12 +112,13 @@ class ParameterRow:
     parameter: str
     method: str
     value: float | None
-    sigma: float | None
+    sigma: float | None  #: On these flights.
     unit: str
     si_value: float | None
     si_sigma: float | None
     si_unit: str
     note: str
+    transfer: float | None = None  #: What another day adds to `sigma`: the temperature of its air.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -154,7 +154,11 @@ def subjects(report: FlightReport | FleetReport) -> list[Subject]:
 
 
 def _of_flight(flight: FlightReport) -> Subject:
-    rows = [(row, row.value, row.sigma) for row in flight.parameters or ()]
+    # The other report is of another day.
+    rows = [
+        (row, row.value, None if row.sigma is None else math.hypot(row.sigma, row.transfer or 0.0))
+        for row in flight.parameters or ()
+    ]
     return Subject(
         name=flight.name,
         numbers=flight,

@@ -114,8 +114,8 @@ def thrust_coefficients(thrust: ThrustModel | None, missing: Mapping[str, str]) 
             heads=["thrust/mass (m/s²)", "thrust (N)"] if thrust.mass else ["thrust/mass (m/s²)"],
             rows=rows,
             caption=f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
-            f"The uncertainty includes {number(100 * thrust.air_sigma, 2)} % for the density of the air, "
-            f"which all motors, and flights at one place, have in common. {mass}",
+            f"The uncertainty is that on this flight; on another day {number(100 * thrust.air_sigma, 2)} % come to it "
+            f"for the density of the air. {mass}",
         ),
         reasons=reasons,
         facts=f"The craft hovers at {number(thrust.hover_pwm, 4)} µs, {number(hover, 2)} % of full command; "

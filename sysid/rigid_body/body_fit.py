@@ -17,7 +17,6 @@ from sysid.rigid_body.body_parameters import (
     in_si,
     judge_parameters,
     other_curve,
-    shared_air,
     thrust_over,
     undetermined,
 )
@@ -134,7 +133,7 @@ def fit_rigid_body(
     report("fitted", 1.0)
 
     def over_thrust(name: str) -> float:
-        return thrust_over(name, parameters, covariance, estimated, shared_air(records))
+        return thrust_over(name, parameters, covariance, estimated)
 
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",

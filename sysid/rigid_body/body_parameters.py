@@ -59,8 +59,9 @@ GAIN_FLOOR = {"roll": 0.015, "pitch": 0.015, "yaw": 0.03}
 #: The same for roll and pitch where rows came slower than `ENOUGH`: faster swings fold into the band.
 SLOW_FLOOR = 0.03
 
-#: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s.
-DAMPING_FLOOR = 0.3
+#: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s; yaw
+#: swings more slowly.
+DAMPING_FLOOR = {"roll": 0.3, "pitch": 0.3, "yaw": 0.15}
 
 #: Departure of a curvature from the parameters' in standard errors that contradicts them.
 _CONTRADICTS = 3.0
@@ -96,7 +97,9 @@ def judge_parameters(
     result: dict[str, BodyParameter] = {}
     sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
-    air = shared_air(records)
+    # Thrust and drag go with the density of the air.
+    in_air = shared_air(records) * np.array([name == "thrust" or name.startswith("drag") for name in THETA])
+    beyond = np.hypot(np.sqrt(fine.transfer), in_air * fine.values[:SHARED])
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
         if prior.sigma[k] == 0.0:
@@ -104,11 +107,10 @@ def judge_parameters(
         elif name == "thrust" and unlogged:
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
-            reason = _doubt(name, value, float(sigma[k]))
+            reason = _doubt(name, value, float(np.hypot(sigma[k], beyond[k])))
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
-        hidden = float(np.hypot(np.sqrt(fine.assumed[k]), air * value if name == "thrust" else 0.0))
-        result[name] = BodyParameter.of(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, hidden)
+        result[name] = BodyParameter.of(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, float(beyond[k]))
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
@@ -121,8 +123,9 @@ def judge_parameters(
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
         numbers = dict.fromkeys(ROTATION_UNITS, _Stated(0.0, np.inf, "not all motors are logged" if unlogged else why))
     for k, (name, unit) in enumerate(ROTATION_UNITS.items(), start=SHARED):
-        value, spread, reason, assumed = numbers[name]
-        result[name] = BodyParameter.of(name, unit, value, spread, reason or _doubt(name, value, spread), assumed)
+        value, spread, reason, other = numbers[name]
+        doubt = reason or _doubt(name, value, float(np.hypot(spread, other)))
+        result[name] = BodyParameter.of(name, unit, value, spread, doubt, other)
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
@@ -137,7 +140,7 @@ class _Stated(NamedTuple):
     value: float
     sigma: float
     reason: str = ""  #: Why it is not determined, whatever its standard error.
-    assumed: float | None = None
+    transfer: float = 0.0
 
 
 def _rotational(
@@ -150,10 +153,9 @@ def _rotational(
         floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
         # Noise in the command makes the gain too small by up to what is not coherent.
         bent = turning.per_expo * curved.sigma
-        parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, air, bent))]
-        hidden = float(np.hypot(floor, air)) * abs(fit.gain)
-        found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, hidden)
-        found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(fit), reason, DAMPING_FLOOR)
+        parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, bent))]
+        found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, air * abs(fit.gain))
+        found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
     # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
     reason = "" if max(fit.coherent for fit in turning.axes.values()) >= COHERENT else "no axis has a determined gain"
     found["torque_lag"] = _Stated(turning.lag, _LAG_SIGMA, reason)
@@ -163,7 +165,7 @@ def _rotational(
     why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
     unlike = unlike_motors(len(vehicle.motors))
     for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
-        found[name] = _Stated(value, float(np.hypot(spread, unlike)), why if constant else "", unlike)
+        found[name] = _Stated(value, spread, why if constant else "", unlike)
     return found
 
 
@@ -217,9 +219,8 @@ def thrust_over(
     parameters: Mapping[str, BodyParameter],
     covariance: Floats,
     estimated: Sequence[str],
-    air: float,
 ) -> float:
-    """Compute the relative standard error of thrust over a gain, which share air and curve; infinite where unknown."""
+    """Compute the relative standard error of thrust over a gain, which share the curve; infinite where unknown."""
     if name not in ("roll_gain", "pitch_gain"):
         return float("inf")
     thrust, gain = parameters["thrust"], parameters[name]
@@ -227,7 +228,7 @@ def thrust_over(
         return float("inf")
     one, other = thrust.sigma / thrust.value, gain.sigma / gain.value
     shared = float(covariance[list(estimated).index("thrust"), list(estimated).index(name)])
-    return ratio_sigma(one, other, air, shared / (thrust.value * gain.value))
+    return float(np.sqrt(max(one**2 + other**2 - 2.0 * shared / (thrust.value * gain.value), 0.0)))
 
 
 def held_against_torque(lag: BodyParameter, turning: RotationFit) -> BodyParameter:
@@ -253,8 +254,8 @@ def constant_motors(records: Sequence[Experiment]) -> list[str]:
     return [name for j, name in enumerate(records[0].input_names) if any(part[j] for part in still)]
 
 
-def _damping_sigma(fit: AxisFit) -> float:
-    return float(np.hypot(fit.damping_sigma, DAMPING_FLOOR))
+def _damping_sigma(axis: str, fit: AxisFit) -> float:
+    return float(np.hypot(fit.damping_sigma, DAMPING_FLOOR[axis]))
 
 
 def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
@@ -266,7 +267,7 @@ def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
             f"{axis} was hardly moved ({fit.moved:.2g} rad/s), and at {rate:.0f} rows a second the controller's answer "
             "to noise folds into what it moved; log RATE faster, or fly sticks or SYSTEMID on it"
         )
-    if fit.damping < -UNDAMPED * _damping_sigma(fit):
+    if fit.damping < -UNDAMPED * _damping_sigma(axis, fit):
         return (
             f"{axis} would be driven by its own rate ({fit.damping:.3g} 1/s): with {fit.moved:.2g} rad/s the answer "
             "of the controller to noise is seen, not the craft's to the controller; fly sticks or SYSTEMID on it"
@@ -326,12 +327,6 @@ def in_si(
         over_arm = mass * thrust.value / value
         return replace(parameter, si_value=over_arm, si_sigma=over_arm * over_thrust, si_unit="kg m (inertia over arm)")
     return parameter
-
-
-def ratio_sigma(one: float, other: float, shared: float, covariance: float = 0.0) -> float:
-    """Return the relative standard error of a ratio whose parts have relative errors that they partly share."""
-    parts = max(one**2 - shared**2, 0.0) + max(other**2 - shared**2, 0.0) - 2.0 * covariance
-    return float(np.sqrt(max(parts, 0.0)))
 
 
 def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:

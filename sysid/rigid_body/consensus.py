@@ -1,8 +1,8 @@
 """What methods that read the same flight agree on: one value for each parameter, and where they disagree.
 
-Methods share the flight and its air, and most of them the curve in the parameters: what such a source does to one it
-does to the others, so that only what it does differently counts when they are compared. What is left must explain their
-differences; else at least one of them is wrong by more than it knows, and no average of them is right.
+Methods share the flight, and most of them the curve in the parameters: what it does to one it does to the others, so
+that only what it does differently counts when they are compared. What is left must explain their differences; else at
+least one of them is wrong by more than it knows, and no average of them is right.
 """
 
 from __future__ import annotations
@@ -15,28 +15,27 @@ import numpy as np
 from core.quantity import uncertain
 from logparse import Finding, Severity
 
-#: Methods that may be the headline, from the one that predicts best: the rigid body follows unseen flights, and knows
-#: wind and gusts. Left out are the mean of instants, which noise biases, and the rotor model, whose standard errors
-#: are three to ten times too small on craft of known truth.
+#: Methods that may be the headline. Left out are the mean of instants, which noise biases, and the rotor model, whose
+#: standard errors are three to ten times too small on craft of known truth.
 TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
 
-#: Standard deviations beyond which two methods disagree, and the part of a value that two methods may always differ by.
-_APART, _ALWAYS = 3.0, 0.01
+#: Standard deviations beyond which two methods disagree.
+_APART = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What a method states of a parameter: value, standard error, and its parts from sources that others share."""
+    """What a method states of a parameter: value, standard error, and its part by the curve that others share."""
 
     method: str
     value: float
     sigma: float
-    shared: Mapping[str, float]
+    curve: float = 0.0
 
     @property
     def own(self) -> float:
         """Return the standard error without what others share."""
-        return float(np.sqrt(max(self.sigma**2 - sum(part**2 for part in self.shared.values()), 0.0)))
+        return float(np.sqrt(max(self.sigma**2 - self.curve**2, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +49,11 @@ class Consensus:
 
 
 def consensus(statements: Sequence[Statement]) -> Consensus | None:
-    """Choose the best method that at least half of the others agree with; None without any.
+    """Choose the surest method that at least half of the others agree with; None without any.
 
     Where methods disagree, the standard error covers them: half of what lies between the farthest.
     """
-    known = {each.method: each for each in statements if each.method in TRUSTED}
-    ranked = [known[method] for method in TRUSTED if method in known]
+    ranked = sorted((each for each in statements if each.method in TRUSTED), key=lambda each: each.sigma)
     if not ranked:
         return None
     against = [[other for other in ranked if _apart(each, other)] for each in ranked]
@@ -90,8 +88,6 @@ def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | Non
 
 
 def _apart(one: Statement, other: Statement) -> bool:
-    always = _ALWAYS * max(abs(one.value), abs(other.value))
-    sources = one.shared.keys() | other.shared.keys()
-    # A source that one of the two does not have is an error of the other alone.
-    parts = [one.shared.get(source, 0.0) - other.shared.get(source, 0.0) for source in sources]
-    return abs(one.value - other.value) > _APART * float(np.linalg.norm([one.own, other.own, always, *parts]))
+    # The curve that only one of the two goes by is an error of that one alone.
+    parts = one.own, other.own, one.curve - other.curve
+    return abs(one.value - other.value) > _APART * float(np.linalg.norm(parts))

@@ -257,7 +257,7 @@ class RigidBodyModel(Summarised):
         return tuple(finding for finding in found if finding is not None)
 
     def drag(self, axis: str, speed: float) -> tuple[float, float]:
-        """Drag [m/s^2] at a speed [m/s] along axis x, y or z in sea-level air at hover, with its sigma.
+        """Drag [m/s^2] at a speed [m/s] along axis x, y or z in sea-level air at hover, with its sigma on any flight.
 
         Linear and quadratic drag are often known together much better than apart.
         """
@@ -267,7 +267,8 @@ class RigidBodyModel(Summarised):
             if name in self.estimated:
                 weights[self.estimated.index(name)] = part
         total = self.value(names[0]) * speed + self.value(names[1]) * speed * abs(speed)
-        return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
+        beyond = weights * np.array([self.parameters[name].transfer for name in self.estimated])
+        return total, float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0) + float(beyond @ beyond)))
 
     def record(self) -> RigidBodyRecord:
         """Return what files hold of the model."""
@@ -313,7 +314,8 @@ class RigidBodyModel(Summarised):
     def _doubt(self) -> Floats:
         """Covariance of `_shared`, but for what a flight's thrust scale makes up for, and the lag, which is small."""
         places = [self.estimated.index(name) for name in THETA]
-        return left_open(self.covariance[np.ix_(places, places)])
+        beyond = np.diag([self.parameters[name].transfer ** 2 for name in THETA])
+        return left_open(self.covariance[np.ix_(places, places)] + beyond)
 
     def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""

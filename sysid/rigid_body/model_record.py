@@ -17,7 +17,7 @@ class BodyParameter:
 
     name: str
     unit: str
-    #: Estimate and standard error (for coloured residuals); None when not determined.
+    #: Estimate and standard error on the flights fitted (for coloured residuals); None when not determined.
     value: float | None
     sigma: float | None
     determined: bool
@@ -27,18 +27,16 @@ class BodyParameter:
     si_value: float | None = None
     si_sigma: float | None = None
     si_unit: str = ""
-    #: The part of `sigma` that the flight does not show: what laws, attitude and sensors miss on real craft, the
-    #: temperature of the air, motors that differ. Simulated craft have none of it.
-    assumed: float | None = None
+    #: What comes to `sigma` on another flight, and these do not show: temperature of the air, an attitude that is off
+    #: by a constant, times that are apart, motors that differ.
+    transfer: float = 0.0
 
     @classmethod
-    def of(
-        cls, name: str, unit: str, value: float, sigma: float, reason: str, assumed: float | None = None
-    ) -> BodyParameter:
+    def of(cls, name: str, unit: str, value: float, sigma: float, reason: str, transfer: float = 0.0) -> BodyParameter:
         """Name an estimate, determined unless there is a reason why not."""
         if reason:
             return cls(name, unit, None, None, False, reason, value)
-        return cls(name, unit, value, sigma, True, "", value, assumed=None if assumed is None else min(assumed, sigma))
+        return cls(name, unit, value, sigma, True, "", value, transfer=transfer)
 
     def refused(self, reason: str) -> BodyParameter:
         """Return the parameter as one that is not determined."""

@@ -63,6 +63,10 @@ UNITS = {
 }
 
 
+#: Those that go with the density of the air.
+IN_AIR = tuple(name for name in UNITS if name.startswith(("thrust over mass", "yaw", "linear", "quadratic", "whole")))
+
+
 def quantity(parameter: str, unit: str) -> tuple[str, str]:
     """Return what a number of a parameter is, and what it is still divided by."""
     parts = re.fullmatch(r"(.+) over (mass and arm|mass)(.*)", parameter)
@@ -97,8 +101,9 @@ SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of
 class PhysicalParameters(Summarised):
     """What every method found."""
 
-    #: Index (parameter, method); ``value`` and ``sigma`` (NaN where not determined), ``unit``, ``si_value``,
-    #: ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note`` (why not, or what kind of number).
+    #: Index (parameter, method); ``value`` and ``sigma`` on these flights (NaN where not determined), ``transfer``
+    #: (what another day adds to sigma), ``unit``, ``si_value``, ``si_sigma``, ``si_unit`` (with mass, and arm where it
+    #: enters), ``note`` (why not, or what kind of number).
     table: pd.DataFrame
     #: The models; None where a method could not be applied.
     thrust: ThrustModel | None
@@ -173,10 +178,10 @@ def physical_parameters(
         lambda model: _of_kim(model, given),
     )
     records = [experiments] if isinstance(experiments, Experiment) else experiments
-    for row in () if rigid_body is None else _of_rigid_body(rigid_body, shared_air(records)):
+    for row in () if rigid_body is None else _of_rigid_body(rigid_body):
         sheet.put(*row)
     _at_hover(sheet, records, rotor, rigid_body)
-    disagree = _conclude(sheet, thrust.air_sigma if thrust is not None else 0.0)
+    disagree = _conclude(sheet, shared_air(records))
     return PhysicalParameters(
         sheet.table(), thrust, rotor, kim, refinement, rigid_body, () if disagree is None else (disagree,)
     )
@@ -203,6 +208,7 @@ class _Sheet:
         self.rows[parameter, method] = {
             "value": number,
             "sigma": spread,
+            "transfer": 0.0,
             "unit": UNITS[parameter],
             "si_value": number * factor,
             "si_sigma": spread * factor,
@@ -272,18 +278,17 @@ def _of_refinement(model: Refinement2020Model) -> _Rows:
         yield parameter, METHODS[4], stacked.value, sigma, stacked.reason or note
 
 
-def _of_rigid_body(model: RigidBodyModel, air: float) -> _Rows:
+def _of_rigid_body(model: RigidBodyModel) -> _Rows:
     names = ("thrust", "thrust_expo", "motor_lag", "yaw_gain")
     for parameter, name in zip(_GIVEN["rigid body"], names, strict=True):
         found = model.parameters[name]
-        hidden = f"± {found.assumed:.2g} of it assumed of real air and craft" if found.assumed else ""
-        yield parameter, "rigid body", found.value, found.sigma, found.reason or hidden
+        yield parameter, "rigid body", found.value, found.sigma, found.reason
     thrust = model.parameters["thrust"]
     for axis in ("roll", "pitch"):
         gain, over, sigma = model.parameters[f"{axis}_gain"], None, None
         if thrust.value is not None and gain.value is not None:
             over = thrust.value / gain.value
-            sigma = over * thrust_over(gain.name, model.parameters, model.covariance, model.estimated, air)
+            sigma = over * thrust_over(gain.name, model.parameters, model.covariance, model.estimated)
         yield f"{axis} inertia over mass and arm", "rigid body", over, sigma, gain.reason or thrust.reason
     for law in ("linear", "quadratic"):
         pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]
@@ -292,8 +297,7 @@ def _of_rigid_body(model: RigidBodyModel, air: float) -> _Rows:
             weights = np.zeros(len(model.estimated))
             weights[[model.estimated.index(each.name) for each in pair]] = 0.5
             mean = 0.5 * sum(each.used for each in pair)
-            # Both axes flew in the same air.
-            sigma = float(np.hypot(np.sqrt(weights @ model.covariance @ weights), air * mean))
+            sigma = float(np.sqrt(weights @ model.covariance @ weights))
         yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
 
@@ -361,20 +365,21 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
 
 
 def _conclude(sheet: _Sheet, air: float) -> Finding | None:
-    """Put the headline of every parameter in; return the finding where methods disagree."""
+    """Put the headline of every parameter in, and what another air does; return the finding where methods disagree."""
     stated: dict[str, list[Statement]] = {}
     for (parameter, method), row in sheet.rows.items():
         value, sigma = float(row["value"]), float(row["sigma"])
         if np.isfinite([value, sigma]).all() and sigma > 0.0:
-            in_air = air if parameter.startswith(("thrust over mass", "yaw")) else 0.0
-            shared = {"air": in_air * value, "curve": sheet.curved.get((parameter, method), 0.0) * value}
-            stated.setdefault(parameter, []).append(Statement(method, value, sigma, shared))
+            curved = sheet.curved.get((parameter, method), 0.0) * value
+            stated.setdefault(parameter, []).append(Statement(method, value, sigma, curved))
     for parameter, found in stated.items():
         best = consensus(found)
         if best is not None:
             note = f"by {best.method}"
-            if parameter.startswith("thrust over mass") and air > 0.0:
-                note += f"; ± {air * best.value:.2g} of it from the temperature of the air, which no log tells"
+            if parameter in IN_AIR:
+                note += (
+                    f"; ± {100.0 * air:.2g} % more on another day, by the temperature of the air, which no log tells"
+                )
             if best.against:
                 note += (
                     f"; {', '.join(best.against)} disagrees"
@@ -382,4 +387,6 @@ def _conclude(sheet: _Sheet, air: float) -> Finding | None:
                     else (f"; {', '.join(best.against)} disagree")
                 )
             sheet.put(parameter, HEADLINE, best.value, best.sigma, note)
+    for (parameter, _), row in sheet.rows.items():
+        row["transfer"] = air * float(row["value"]) if parameter in IN_AIR else 0.0
     return disagreement(stated)

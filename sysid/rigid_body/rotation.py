@@ -148,9 +148,11 @@ def centre_of_gravity(
             part = thrust[k : k + size].mean(axis=0)
             ahead.append(float(part @ arms["pitch"] / part.sum()))
             right.append(float(-part @ arms["roll"] / part.sum()))
-    if len(ahead) < 3:
+    if len(ahead) < 4:
         return (0.0, np.inf), (0.0, np.inf)
-    x, y = ((float(np.mean(v)), float(np.std(v, ddof=1) / np.sqrt(len(v)))) for v in (np.array(ahead), np.array(right)))
+    # The spread of few values is itself not known well: errors in its units are Student's.
+    few = np.sqrt((len(ahead) - 1) / (len(ahead) - 3) / len(ahead))
+    x, y = ((float(np.mean(v)), float(few * np.std(v, ddof=1))) for v in (ahead, right))
     return x, y
 
 

@@ -44,7 +44,6 @@ from sysid.rotors.kim2017_windows import (
 )
 from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
-    air_sigma_of,
     coefficient,
     conditions_of,
     mass_unknown,
@@ -231,8 +230,7 @@ def fit_kim2017(
     motors = records[0].input_names
     together = output_error(windows, np.ones((1, len(motors))), known)
     apart = output_error(windows, np.eye(len(motors)), known, together)
-    air = air_sigma_of(records)
-    common = coefficient(float(together.coefficients[0]), float(together.sigma[0]), air, mass)
+    common = coefficient(float(together.coefficients[0]), float(together.sigma[0]), mass)
     reason = (
         f"the {len(motors)} motors are driven by too few independent signals (singular values differ by "
         f"{apart.condition:.0e})"
@@ -245,7 +243,7 @@ def fit_kim2017(
         worst = min(apart.explained.values())
         reason = unexplained(worst, "roll and pitch rates, which tell motors apart")
     per_motor = {
-        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), air, mass, reason)
+        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), mass, reason)
         for k, motor in enumerate(motors)
     }
     best = together if reason else apart
@@ -272,7 +270,7 @@ def fit_kim2017(
         lever=(float(best.lever[0]), float(best.lever[1])),
         lever_sigma=(lever_sigma[0], lever_sigma[1]),
         torque_per_inertia=None if torque is None else torque.value,
-        torque_sigma=None if torque is None else _torque_sigma(torque, air, law),
+        torque_sigma=None if torque is None else _torque_sigma(torque, law),
         yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ motor_patterns(geometry)),
         mass=mass,
         inertia=inertia,
@@ -289,14 +287,14 @@ def fit_kim2017(
     )
 
 
-def _torque_sigma(torque: TorqueEstimate, air: float, law: Law) -> float:
-    """Add to the standard error that of the air, and for commands what they leave unexplained and `TORQUE_LAW`.
+def _torque_sigma(torque: TorqueEstimate, law: Law) -> float:
+    """Add to the standard error, for commands, what they leave unexplained and `TORQUE_LAW`.
 
     What is left over (damping, lag, gusts that the controller answers) goes with the commands by an unknown part of its
     amplitude, -1 to 1: of a uniform one the standard deviation is the root of a third.
     """
     indirect = 0.0 if law is Law.SPEED else float(np.hypot(np.sqrt((1.0 - torque.explained) / 3.0), TORQUE_LAW))
-    return float(np.hypot(torque.sigma, float(np.hypot(air, indirect)) * torque.value))
+    return float(np.hypot(torque.sigma, indirect * torque.value))
 
 
 def _remarks(

@@ -45,7 +45,6 @@ from sysid.rotors.refinement_instants import (
     solve_instants,
 )
 from sysid.rotors.thrust_regression import (
-    air_sigma_of,
     conditions_of,
     mass_unknown,
     pressed,
@@ -125,8 +124,7 @@ def fit_refinement2020(
     if time_constant is None:
         time_constant = best_lag(motion_at(0.0)) if rotation else 0.0
     motion = motion_at(time_constant)
-    air = air_sigma_of(records)
-    stacked, explained = fit_stacked(motion, air, pressed(records), law is Law.SPEED)
+    stacked, explained = fit_stacked(motion, pressed(records), law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
         findings.append(too_slow("Refinement 2020", signals[0].source))

@@ -14,7 +14,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import MotorGeometry, unexplained
 from sysid.records.thrust_curve import column, lagged
-from sysid.rotors.thrust_regression import covariance_of, judged
+from sysid.rotors.thrust_regression import LEFT_OUT, covariance_of, judged
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
 #: degenerate.
@@ -232,7 +232,7 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
 
 
 def fit_stacked(
-    motion: Sequence[Motion], air: float, press: float, measured: bool
+    motion: Sequence[Motion], press: float, measured: bool
 ) -> tuple[dict[str, Parameter], tuple[float, ...]]:
     """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain."""
     lags = max(round(CORRELATED / motion[0].dt), 2)
@@ -248,11 +248,14 @@ def fit_stacked(
     ]
     forces = [np.concatenate([m.force[:, 2], m.force[:, 0], m.force[:, 1]]) for m in motion]
     values, covariance, _ = _robust(translation, forces, lags)
-    k, k_sigma = float(values[0]), float(np.hypot(np.sqrt(covariance[0, 0]), press * values[0]))
+    k, k_sigma = (
+        float(values[0]),
+        float(np.linalg.norm((np.sqrt(covariance[0, 0]), press * values[0], LEFT_OUT * values[0]))),
+    )
     drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
     result = {
-        "k": judged(k, float(np.hypot(k_sigma, air * k)), PARAMETERS["k"], "thrust hardly varies"),
-        "C": judged(drag, float(np.hypot(drag_sigma, air * drag)), PARAMETERS["C"], "the craft is too slow for drag"),
+        "k": judged(k, k_sigma, PARAMETERS["k"], "thrust hardly varies"),
+        "C": judged(drag, drag_sigma, PARAMETERS["C"], "the craft is too slow for drag"),
     }
     gains = []
     patterns = ("roll", "pitch", "yaw", "lift")
@@ -280,15 +283,13 @@ def fit_stacked(
         )
     torque = float(gains[2][0][0])
     torque_spread = float(np.hypot(np.sqrt(gains[2][1][0, 0]), systematic[2] * torque))
-    result["b/Jz"] = judged(
-        torque, float(np.hypot(torque_spread, air * torque)), PARAMETERS["b/Jz"], "the craft hardly yaws", whys[2]
-    )
+    result["b/Jz"] = judged(torque, torque_spread, PARAMETERS["b/Jz"], "the craft hardly yaws", whys[2])
     result["Jz"] = _yaw_inertia(gains, inertia)
     if result["Jx"].value is None or result["Jy"].value is None:
         result["Jz"] = Parameter(None, None, "", "roll and pitch inertia are not determined")
     jz = result["Jz"]
     if jz.value is not None and jz.sigma is not None and result["b/Jz"].value is not None:
-        relative = float(np.hypot(jz.sigma / jz.value, np.hypot(torque_spread / torque, air)))
+        relative = float(np.hypot(jz.sigma / jz.value, torque_spread / torque))
         result["b"] = judged(jz.value * torque, jz.value * torque * relative, PARAMETERS["b"], "yaw inertia is not")
     else:
         result["b"] = Parameter(

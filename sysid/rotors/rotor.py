@@ -28,7 +28,6 @@ from sysid.rotors.thrust_regression import (
     SEPARABLE,
     Blocks,
     Regression,
-    air_sigma_of,
     blocks_of,
     body_down,
     coefficients,
@@ -147,8 +146,7 @@ def fit_rotor(experiments: Experiment | Sequence[Experiment], mass: float | None
             thrust_expo = expo.value
             findings += other
     blocks = bent(thrust_expo) if law is Law.COMMAND else tried[law]
-    air = air_sigma_of(records)
-    fit = fit_blocks(blocks, motors, air, mass)
+    fit = fit_blocks(blocks, motors, mass)
     lag = _lag(records, vehicle, voltage, law, thrust_expo)
     if mass is None:
         findings.append(mass_unknown())

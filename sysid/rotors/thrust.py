@@ -66,8 +66,8 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     motors = records[0].input_names
     if usable < 2 * len(motors) + 4:
         raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few to estimate thrust")
-    air, unlogged = air_sigma_of(records), unlogged_motors(records[0], vehicle)
-    fit = fit_blocks(blocks, motors, air, mass, unlogged, pressed(records))
+    unlogged = unlogged_motors(records[0], vehicle)
+    fit = fit_blocks(blocks, motors, mass, unlogged, pressed(records))
     together, per_motor, condition = fit.together, fit.per_motor, fit.condition
     if reference is not None:
         for rows, block in zip(summed(blocks), blocks, strict=True):
@@ -105,7 +105,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         seconds=usable * BLOCK_SECONDS,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
-        air_sigma=air,
+        air_sigma=air_sigma_of(records),
     )
 
 

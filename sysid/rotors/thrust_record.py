@@ -17,8 +17,7 @@ class ThrustCoefficient:
     """Thrust of one motor in sea-level air: at full command, or per square of the rotor's speed."""
 
     #: k/m and its standard error, m/s^2 (at full command) or N s^2/kg (`Law.SPEED`); None when not determined. The
-    #: error includes that of the air's density (`AIR_SIGMA`), which flights at the same place and the motors of a
-    #: flight have in common.
+    #: error is that on these flights, without that of the air's density (`ThrustModel.air_sigma`).
     per_mass: float | None
     sigma: float | None
     #: k in N or N s^2; None without a mass or when not determined.
@@ -46,7 +45,7 @@ class ThrustModel(Summarised):
     rmse: float | None  #: Of one-second means of the specific force, m/s^2.
     condition: float | None  #: Condition number of the motors' regressors, scaled.
     seconds: float  #: Flight time used.
-    #: Relative standard uncertainty of the air's density, common to all coefficients, included in each sigma.
+    #: Relative standard uncertainty of the air's density, common to all coefficients: on another day it adds to sigma.
     air_sigma: float
     units: Mapping[str, str] = field(default_factory=lambda: {"per_mass": f"m/s^2 {_FULL}", "newton": f"N {_FULL}"})
     common: ThrustCoefficient  #: One coefficient for all motors.

@@ -20,17 +20,17 @@ from sysid.rigid_body.conditions.carried import (
     carry_states,
 )
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim
-from sysid.rigid_body.methods.systematic import wind_error
+from sysid.rigid_body.methods.systematic import THRUST_AT_BEST, wind_error
 from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
 UNUSUAL = 2.5
 
-#: Standard deviations that exponent and thrust scale of a flight have at best: where the ground is, how the wind grows
-#: with height above it and how the air departs from the standard are not known better. So is the wind, in parts of its
-#: speed, but for this, m/s: winds carried through 13 firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm.
-_EXPONENT_AT_BEST, _SCALE_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 1e-3, 0.02, 0.002
+#: Standard deviations that exponent and wind of a flight have at best: where the ground is and how the wind grows with
+#: height above it are not known better. The wind's is in parts of its speed, but for this, m/s: winds carried through
+#: 13 firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm.
+_EXPONENT_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 0.02, 0.002
 
 #: Time between the points of a path that a free run is matched at, and how well positions are known at best, m.
 PATH_SECONDS, SMALLEST_SIGMA = 1.0, 1e-4
@@ -166,7 +166,7 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
 def known_at_best(wind: Floats) -> Floats:
     """Return the least standard deviations of exponent, thrust scale and wind, (4,), in a wind [m/s], (2,)."""
     best = float(np.hypot(_CALM_AT_BEST, _WIND_AT_BEST * np.hypot(*wind)))
-    return np.array([_EXPONENT_AT_BEST, _SCALE_AT_BEST, best, best])
+    return np.array([_EXPONENT_AT_BEST, THRUST_AT_BEST, best, best])
 
 
 def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:

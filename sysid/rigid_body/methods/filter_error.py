@@ -105,8 +105,8 @@ class FilterErrorFit:
     #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
     costs: Floats
     converged: bool
-    #: shape (SHARED,): Variances in `covariance` that no scatter shows (`systematic.with_shared_errors`).
-    assumed: Floats = field(default_factory=lambda: np.zeros(SHARED))
+    #: shape (SHARED,): Variances that another flight adds to those of `covariance` (`systematic.with_shared_errors`).
+    transfer: Floats = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
     def cost(self) -> float:

@@ -1,4 +1,4 @@
-"""Errors that all of a flight shares, so that no scatter within it shows them.
+"""Errors that all of a flight shares, so that no scatter within it shows them: what its inputs hide, what others add.
 
 An attitude that is off by a constant leans the thrust with it, and blows a wind that was not there: with drag of
 0.25 1/s a milliradian is 0.04 m/s. Equations leave out what rotors really do (inflow, sampling of their commands
@@ -7,7 +7,7 @@ between log lines, unlike motors); what that comes to on craft of known truth is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.rigid_body.methods.filter_error import FilterErrorFit
-from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion
+from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, THETA, Motion
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
 #: variance is linear, half quadratic.
@@ -26,16 +26,22 @@ DRAG_PART = 0.02
 #: velocity, as drag of w^2 times this: nothing on legs, half of the drag where a craft is only shaken.
 APART = 0.002
 
+#: Part of the variance of the attitude's error that goes with the craft, with north, and with the speed, each.
+ATTITUDE_PART = 1.0 / 3.0
+
 #: Slowest usual speed for this, m/s.
 _SLOWEST = 0.3
 
-#: What the equations of thrust misrepresent: slew and lag of motors that are not of first order, inflow that differs
-#: between motors.
-FORM: Mapping[str, float] = {"climb_loss": 0.003, "motor_lag": 0.012}
+#: Part to which thrust is known at best: firmware craft that are shaken by chirps err by 1 to 3 times as much.
+THRUST_AT_BEST = 1e-3
+
+#: What the equations of thrust misrepresent: inflow that differs between motors in climb, s/m, and slew and lag of
+#: motors that are not of first order, s (4 ms root mean square on firmware craft).
+CLIMB_FORM, LAG_FORM = 0.003, 0.006
 
 #: Part by which the steepness of thrust over command errs: commands between the lines of a log (10 Hz) are smoother
 #: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
-STEEPNESS = 0.025
+STEEPNESS = 0.01
 
 #: Part of the band of slow rows of motor outputs, at its upper end, by whose power the folded part is told.
 _TOP = 0.2
@@ -50,20 +56,22 @@ UNLIKE_MOTORS = 0.04
 
 
 def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_]) -> FilterErrorFit:
-    """Return the fit with what flights do not show of its errors added to its covariance.
+    """Return the fit with thrust in the air of its flights, and what their inputs hide in its covariance.
 
-    Shapes: `held` (SHARED,).
+    What another flight adds, and these do not show, stands beside it. Shapes: `held` (SHARED,).
     """
-    covariance = fit.covariance.copy()
-    places = np.flatnonzero(~held)
-    errors, part = form_and_attitude(motions, fit.values), folded(motions, fit.values)
+    places, part = np.flatnonzero(~held), folded(motions, fit.values)
+    to_their_air = np.eye(len(fit.values))
+    if not held[0]:
+        to_their_air[0, SHARED + OWN.index("thrust_scale") :: len(OWN) + 2] = fit.values[0] / len(motions)
+    covariance = to_their_air @ fit.covariance @ to_their_air.T
+    errors, others = form_and_attitude(motions, fit.values)
     errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
     covariance[places, places] += errors[places] ** 2
     curved = np.zeros(SHARED)
     curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
     covariance[:SHARED, :SHARED] += np.outer(curved, curved)
-    assumed = np.diag(covariance - fit.covariance)[:SHARED]
-    return replace(fit, covariance=covariance, assumed=assumed)
+    return replace(fit, covariance=covariance, transfer=np.where(held, 0.0, others**2))
 
 
 def unlike_motors(count: int) -> float:
@@ -71,24 +79,22 @@ def unlike_motors(count: int) -> float:
     return UNLIKE_MOTORS / float(np.sqrt(2.0 * max(count, 1)))
 
 
-def form_and_attitude(motions: Sequence[Motion], values: Floats) -> Floats:
-    """Compute standard deviations of errors that the laws and the attitude make in the shared parameters, (SHARED,)."""
-    sigma = np.zeros(SHARED)
-    for name, part in FORM.items():
-        sigma[THETA.index(name)] = part
+def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats, Floats]:
+    """Compute standard deviations of errors of laws and attitude: on these flights, and on others; (SHARED,) each."""
+    here, others = np.zeros(SHARED), np.zeros(SHARED)
+    here[0], here[LAG], others[THETA.index("climb_loss")] = THRUST_AT_BEST * values[0], LAG_FORM, CLIMB_FORM
     # Estimators start anew in each flight: their errors average.
-    tilt = np.sqrt(np.mean([np.mean(motion.attitude_sigma[:2] ** 2) for motion in motions]) / len(motions))
-    sigma[[THETA.index("tilt_x"), THETA.index("tilt_y")]] = tilt
+    tilt = np.sqrt(ATTITUDE_PART * np.mean([np.mean(m.attitude_sigma[:2] ** 2) for m in motions]) / len(motions))
+    here[[THETA.index("tilt_x"), THETA.index("tilt_y")]] = tilt
     for place, axis in enumerate("xyz"):
         speed = max(usual_speed(motions, place), _SLOWEST)
         linear, square = (THETA.index(f"drag_{law}_{axis}") for law in ("linear", "quadratic"))
         drag = DRAG_PART * (values[linear] * speed + values[square] * speed**2)
-        late = APART * _swing(motions, place) ** 2
         # An error of attitude that goes with the speed, by an unknown part of it between -1 and 1, is drag.
         leant = STANDARD_GRAVITY * tilt * np.sqrt(len(motions) / 3.0) / speed if axis != "z" else 0.0
-        sigma[linear] = float(np.linalg.norm((np.sqrt(0.5) * drag / speed, late, leant)))
-        sigma[square] = np.sqrt(0.5) * drag / speed**2
-    return sigma
+        here[linear] = np.hypot(APART * _swing(motions, place) ** 2, leant)
+        others[linear], others[square] = np.sqrt(0.5) * drag / speed, np.sqrt(0.5) * drag / speed**2
+    return here, others
 
 
 def _swing(motions: Sequence[Motion], axis: int) -> float:
@@ -172,6 +178,6 @@ def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
 
     Shapes: `wind` (2,).
     """
-    lean = STANDARD_GRAVITY * float(np.sqrt(np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
+    lean = STANDARD_GRAVITY * float(np.sqrt(ATTITUDE_PART * np.mean(motion.attitude_sigma[:2] ** 2))) / max(drag, 1e-6)
     turned = float(np.hypot(*wind)) * float(motion.attitude_sigma[2])
     return float(np.hypot(lean, turned))
