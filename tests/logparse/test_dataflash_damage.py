@@ -71,7 +71,7 @@ def read_or_refuse(data: bytes) -> DataflashSource | None:
     return source
 
 
-@given(start=st.integers(BEGIN, len(BASE) - 1), size=st.integers(1, 200), filler=st.binary(max_size=200))
+@given(start=st.integers(BEGIN, len(BASE) - 1), size=st.integers(0, 200), filler=st.binary(max_size=200))
 @settings(max_examples=300, deadline=None, derandomize=True)
 def test_a_replaced_stretch_costs_only_what_it_touches(start: int, size: int, filler: bytes) -> None:
     """Overwritten (same size), inserted (size 0 removed) and deleted bytes: all other rows are there."""
@@ -82,22 +82,13 @@ def test_a_replaced_stretch_costs_only_what_it_touches(start: int, size: int, fi
     assert untouched <= serials(source)
 
 
-@given(start=st.integers(BEGIN, len(BASE)), filler=st.binary(min_size=1, max_size=60))
-@settings(max_examples=200, deadline=None, derandomize=True)
-def test_inserted_bytes_cost_at_most_the_row_they_split(start: int, filler: bytes) -> None:
-    source = read_or_refuse(BASE[:start] + filler + BASE[start:])
-    assert source is not None
-    untouched = {serial for a, b, serial in PLACES if b <= start or a >= start}
-    assert untouched <= serials(source)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_thousands_of_bit_flips_lose_only_the_rows_around_them(seed: int) -> None:
     """One to three flips at a time; a row is safe unless it or both of its neighbours' headers were hit."""
     rng = np.random.default_rng(seed)
     stops = np.array([b for _, b, _ in PLACES])
     everything = {serial for _, _, serial in PLACES}
-    for _ in range(250):
+    for _ in range(80):
         data = bytearray(BASE)
         bits = rng.integers(BEGIN * 8, len(BASE) * 8, int(rng.integers(1, 4)))
         for bit in bits:
@@ -111,7 +102,7 @@ def test_thousands_of_bit_flips_lose_only_the_rows_around_them(seed: int) -> Non
 
 
 def test_every_truncation_keeps_the_rows_before_it() -> None:
-    log, begin, places = base_log(25)
+    log, begin, places = base_log(9)
     for stop in (*range(0, begin, 17), *range(begin, len(log))):
         if stop < 89:
             assert read_or_refuse(log[:stop]) is None

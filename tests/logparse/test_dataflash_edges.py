@@ -56,7 +56,7 @@ def _fits(form: str) -> bool:
 
 
 @given(table=tables())
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=120, deadline=None, derandomize=True)
 def test_what_is_written_is_read(table: tuple[str, list[list[object]]]) -> None:
     """Any format, any values: integers and scaled integers exactly, floats bit for bit, text to the letter."""
     form, columns = table
@@ -237,14 +237,14 @@ def test_decoy_headers_in_payloads_are_not_messages() -> None:
 
 @pytest.mark.slow
 def test_more_definitions_than_a_byte_can_number() -> None:
-    """One id redefined 300 times: every row is read by its own layout."""
+    """One id redefined 260 times: every row is read by its own layout."""
     data = FMT.pack()
-    for k in range(300):
+    for k in range(260):
         data += fmt(1, 12, "X", "QB", f"TimeUS,A{k}") + stamped(1, k, bytes((k % 256,)))
     source = DataflashSource(data)
     frame = source.decode("X", source.boots[0])
-    assert frame.shape == (300, 301)
-    assert [frame[f"A{k}"].iloc[k] for k in range(300)] == [k % 256 for k in range(300)]
+    assert frame.shape == (260, 261)
+    np.testing.assert_array_equal(np.diag(frame.drop(columns="TimeUS")), np.arange(260) % 256)
 
 
 @pytest.mark.slow

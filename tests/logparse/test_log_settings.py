@@ -52,13 +52,6 @@ def test_bits_are_those_of_the_vehicle():
     assert (copter[Need.COMPASS].number, plane[Need.COMPASS].number, rover[Need.COMPASS].number) == (13, 10, 11)
 
 
-def test_bits_that_differ_are_not_named_where_nothing_tells_the_firmware():
-    unknown = Vehicle(autopilot="ArduPilot")
-    assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 2.0}, [Need.GPS]).wanted == 6
-    assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 65535.0}, [Need.MOTORS]) is None
-    assert "bit" not in how_to_log(Need.MOTORS, None, unknown, "dataflash")
-
-
 def test_firmware_before_3_3_is_not_asked_for_the_fast_imu():
     old = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="3.2.1")
     assert log_setting(old, "dataflash", {"LOG_BITMASK": 43006.0}, [Need.FAST_IMU]) is None

@@ -66,13 +66,3 @@ def test_one_field_is_decoded_and_nothing_is_kept(sample):
     assert "IMU" not in sample.messages.decoded
     np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])
     assert signal.unit == "m/s/s"
-
-
-def test_instances_stay_apart(sample):
-    first, second = evaluate(sample, "ESC.RPM"), evaluate(sample, "ESC[1].RPM")
-    frame = read_log(sample.path).messages["ESC"]
-    column = next(name for name in ("Instance", "I") if name in frame)
-    np.testing.assert_array_equal(first.y, frame.loc[frame[column] == 0, "RPM"])
-    np.testing.assert_array_equal(second.y, frame.loc[frame[column] == 1, "RPM"])
-    with pytest.raises(SignalError, match="no instance 9"):
-        evaluate(sample, "ESC[9].RPM")

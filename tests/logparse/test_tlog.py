@@ -116,30 +116,30 @@ def test_every_message_is_read_as_written_and_written_as_read(tmp_path):
 
 
 def test_checksums_of_every_length():
-    """A payload of any length, in either version, at any place; checksums by pymavlink."""
+    """A payload of any length, in either version by turns, at any place; checksums by pymavlink."""
+    prefixes = (b"", b"x", b"xxxxxxx", struct.pack(">Q", UTC_US))
     for size in range(256):
-        check_payload_of(size)
+        check_payload_of(size, size % 2 + 1, prefixes[size // 2 % 4])
 
 
-def check_payload_of(size):
+def check_payload_of(size, version, prefix):
     dialect = pymavlink_dialect()
     definition = definitions()["ENCAPSULATED_DATA"]
     payload = bytes(np.random.default_rng(size).integers(1, 256, size, np.uint8))
     head = bytes([size, 0, 0, 7, 1, 1]) + definition.id.to_bytes(3, "little")
-    for begin, body in ((b"\xfd", head), (b"\xfe", bytes([size, 7, 1, 1, definition.id]))):
-        checksum = dialect.x25crc(body + payload + bytes([definition.crc_extra])).crc
-        frame = begin + body + payload + struct.pack("<H", checksum)
-        for prefix in (b"", b"x", b"xxxxxxx", struct.pack(">Q", UTC_US)):
-            source = TlogSource(prefix + frame)
-            assert source.counts(whole(source)) == {"ENCAPSULATED_DATA": 1}
-            row = source.decode("ENCAPSULATED_DATA", whole(source)).iloc[0]
-            sent = payload.ljust(definition.wire.itemsize, b"\0")[: definition.wire.itemsize]
-            assert int(row["seqnr"]) == int.from_bytes(sent[:2], "little")
-            assert bytes(int(row[f"data[{k}]"]) for k in range(253)) == sent[2:]
-        damaged = bytearray(frame)
-        damaged[len(frame) // 2] ^= 0x10
-        with pytest.raises(LogError, match="no intact MAVLink frame"):
-            TlogSource(struct.pack(">Q", UTC_US) + bytes(damaged))
+    begin, body = (b"\xfd", head) if version == 2 else (b"\xfe", bytes([size, 7, 1, 1, definition.id]))
+    checksum = dialect.x25crc(body + payload + bytes([definition.crc_extra])).crc
+    frame = begin + body + payload + struct.pack("<H", checksum)
+    source = TlogSource(prefix + frame)
+    assert source.counts(whole(source)) == {"ENCAPSULATED_DATA": 1}
+    row = source.decode("ENCAPSULATED_DATA", whole(source)).iloc[0]
+    sent = payload.ljust(definition.wire.itemsize, b"\0")[: definition.wire.itemsize]
+    assert int(row["seqnr"]) == int.from_bytes(sent[:2], "little")
+    assert bytes(row[[f"data[{k}]" for k in range(253)]].astype("u1")) == sent[2:]
+    damaged = bytearray(frame)
+    damaged[len(frame) // 2] ^= 0x10
+    with pytest.raises(LogError, match="no intact MAVLink frame"):
+        TlogSource(struct.pack(">Q", UTC_US) + bytes(damaged))
 
 
 def test_versions_signatures_and_unknown_messages_side_by_side():
@@ -177,17 +177,6 @@ def test_texts_end_at_the_first_zero_and_are_clean():
     texts = source.decode("STATUSTEXT", source.boots[0])["text"]
     assert texts.dtype == "str"
     assert texts.tolist() == ["Frame: OCTA/PLUS", "a", "°C", "café", "x" * 50, ""]
-
-
-def test_only_the_boot_asked_for_is_decoded():
-    flight = Flight().fly(10, 40)
-    flight.booted = 100.0
-    source = flight.fly(5, 20).open()
-    first, second = source.boots
-    assert source.decode("ATTITUDE", first)["roll"].iloc[[0, -1]].tolist() == [10.0, 39.75]
-    assert source.decode("ATTITUDE", second)["roll"].iloc[[0, -1]].tolist() == [5.0, 19.75]
-    assert source.counts(first)["ATTITUDE"] == 120
-    assert source.counts(second)["ATTITUDE"] == 60
 
 
 # Senders
@@ -238,19 +227,6 @@ def test_without_a_heartbeat_whoever_tells_boot_time():
     source = flight.open()
     assert source.autopilot == (3, 1)
     assert "several-in-file" in findings(source)
-
-
-def test_frames_lost_are_counted_by_sender():
-    flight = Flight().fly(10, 60)
-    received = flight.stream.tell()
-    for _ in range(25):
-        flight.send(60, "ATTITUDE")
-    flight.stream.seek(received)
-    flight.stream.truncate()
-    source = flight.fly(60, 80).open()
-    finding = findings(source)["messages-dropped"]
-    assert finding.evidence["frames"] == 25
-    assert finding.severity == "info"
 
 
 # Clock
@@ -471,15 +447,6 @@ def test_a_cut_tail_and_unused_storage_are_told_apart():
     noise = bytes(np.random.default_rng(0).integers(0, 200, 5000, np.uint8))
     assert findings(TlogSource(data + noise))["file-end"].evidence["first_byte"] == len(data)
     assert not {"file-end", "file-damaged"} & findings(TlogSource(data)).keys()
-
-
-def test_a_wrong_checksum_costs_one_frame():
-    data = bytearray(Flight().fly(10, 20).data)
-    marks = np.sort(np.concatenate([chunk.ordered for chunk in TlogSource(bytes(data)).scan.chunks]))
-    data[int(marks[30]) + 12] ^= 4
-    source = TlogSource(bytes(data))
-    assert source.scan.frames == len(marks) - 1
-    assert findings(source)["file-damaged"].evidence["bad_checksums"] == 1
 
 
 def test_messages_of_another_dialect_are_named():

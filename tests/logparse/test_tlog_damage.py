@@ -146,7 +146,7 @@ def edit_lists(draw):
 
 @pytest.mark.slow
 @settings(
-    max_examples=1000,
+    max_examples=400,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

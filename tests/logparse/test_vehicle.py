@@ -128,18 +128,6 @@ def test_an_aeroplane_of_px4_with_rotors_is_no_multirotor():
     assert (vehicle.frame_class, vehicle.motors) == (None, ())
 
 
-def test_firmware_of_2013_has_a_column_for_each_motor():
-    messages = {"MOT": pd.DataFrame({f"Mot{k}": [1100] for k in range(1, 7)})}
-    vehicle = describe(messages, format="dataflash-text", parameters={"FRAME": 1})
-    assert (vehicle.frame_class, len(vehicle.motors)) == ("hexa", 6)
-
-
-def test_nothing_known_gives_no_motors():
-    vehicle = describe({}, format="dataflash", parameters={})
-    assert vehicle.frame_class is None
-    assert vehicle.motors == ()
-
-
 def test_motors_are_numbered_by_function_and_not_by_output():
     functions = {5: 33, 6: 34, 7: 36, 8: 35, 1: 9}
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} | {f"SERVO{k}_FUNCTION": f for k, f in functions.items()}

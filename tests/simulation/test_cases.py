@@ -1,6 +1,7 @@
 """Cases by name: what they give, how their settings are changed, and what they refuse."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -25,13 +26,18 @@ from simulation.papers import motor_order
 PAPERS = ("motion-vertical", "motion-spatial", "motion-wind", "kim-recovery", "guntur-profile", "guntur-discharge")
 
 
+@cache
+def flown(name):
+    return CASES[name].run()
+
+
 def facts(outcome):
     return {fact.name: fact.value for fact in outcome.facts}
 
 
 @pytest.mark.parametrize("name", [*PAPERS, "octa08_denver_square", "quad01_davos_esc"])
 def test_a_case_gives_plots_characteristics_history_and_a_log(name, tmp_path):
-    outcome = CASES[name].run()
+    outcome = flown(name)
     files = {path.suffix: path for path in write(outcome, tmp_path)[:2] + write(outcome, tmp_path)[-2:]}
     assert set(files) == {".txt", ".csv", ".bin", ".json"}
     text = files[".txt"].read_text()
@@ -54,7 +60,7 @@ def test_a_case_gives_plots_characteristics_history_and_a_log(name, tmp_path):
 @pytest.mark.parametrize("name", PAPERS)
 def test_logs_of_the_papers_tell_their_flights(name, tmp_path):
     """Truth rows against the history, GPS against the truth, specific force against thrust over mass."""
-    outcome = CASES[name].run()
+    outcome = flown(name)
     write(outcome, tmp_path)
     log = read_log(tmp_path / f"{name}.bin")
     truth, imu, esc = log.tables.truth, log.tables.imu, log.tables.esc
