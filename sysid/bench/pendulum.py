@@ -20,12 +20,6 @@ from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.bench.table import BenchError
 
-#: Difference between g by the simple pendulum and true g that asks for a look at the thread length.
-THREAD = 0.02
-
-#: A time this many scaled median deviations from the median is a miscount.
-MISCOUNTED = 5.0
-
 #: What a stop-watch shows, s: however alike the times are, their mean is known to 1/sqrt(12) of it only.
 RESOLUTION = 0.01
 
@@ -202,7 +196,7 @@ def check_thread(
     true_length = gravity * (period / (2.0 * math.pi)) ** 2
     off = found / gravity - 1.0
     findings: tuple[Finding, ...] = ()
-    if abs(off) > THREAD:
+    if abs(off) > 0.02:
         findings = (
             Finding(
                 "table-doubtful",
@@ -236,7 +230,7 @@ def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.n
     middle = float(np.median(periods))
     scale = max(1.4826 * float(np.median(np.abs(periods - middle))), 0.002 * middle)
     # A swing too many or too few changes the time by a whole period.
-    bad = np.abs(periods - middle) > max(MISCOUNTED * scale, 0.5 * middle / oscillations)
+    bad = np.abs(periods - middle) > max(5.0 * scale, 0.5 * middle / oscillations)
     if not bad.any():
         return periods, []
     if np.count_nonzero(~bad) < 2:

@@ -40,9 +40,6 @@ from sysid.records.thrust_curve import REFERENCE_DENSITY
 #: How far outside the tested voltages lines are followed, in parts of the voltage.
 BEYOND = 0.02
 
-#: Steps of PWM that are one level, us.
-STEP = 5.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchReport:
@@ -262,7 +259,8 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
         raise BenchError(f"air of {air:g} kg/m^3 is not found on earth; give the density in kg/m^3")
     levels = {}
     for motor, rows in table.rows.groupby("motor", sort=False):
-        steps = np.round(rows["pwm"] / STEP)
+        # Steps of 5 us are one level.
+        steps = np.round(rows["pwm"] / 5.0)
         found = [
             Level(
                 float(level["pwm"].mean()),

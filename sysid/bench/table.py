@@ -71,10 +71,6 @@ _UNIT = re.compile(r"[(\[]\s*([^)\]]*)\s*[)\]]")
 #: Thrust below this part of the largest is noise about zero.
 NOISE = 0.01
 
-#: A row further from the smooth surface than this many scaled median deviations, and than this part of the largest
-#: thrust, is an outlier.
-OUTLYING, OUTLYING_PART = 6.0, 0.05
-
 #: Plausible PWM, us.
 PWM_RANGE = (700.0, 2300.0)
 
@@ -307,7 +303,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     )
     left = _surface_residual(rows)
     scale = 1.4826 * float(np.median(np.abs(left)))
-    far = np.abs(left) > max(OUTLYING * scale, OUTLYING_PART * float(rows["thrust"].max()))
+    far = np.abs(left) > max(6.0 * scale, 0.05 * float(rows["thrust"].max()))
     leave_out(
         far,
         "table-doubtful",

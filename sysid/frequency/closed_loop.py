@@ -21,18 +21,6 @@ from sysid.frequency.rate_signals import GivenSignals, sources_of
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
 
-#: Frequencies that are looked at, Hz.
-_BAND = (0.1, 20.0)
-
-#: Movement [rad] of target and attitude below which nothing was asked of an axis.
-_STILL = 0.004
-
-#: A standard deviation beyond this part of the bandwidth, or this many seconds of delay, leaves it undetermined.
-_BANDWIDTH_KNOWN, _DELAY_KNOWN = 0.3, 0.065
-
-#: Bandwidth of yaw [rad/s] that no multirotor has: the drag of rotors turns it, with a few rad/s^2.
-_FASTEST_YAW = 30.0
-
 #: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
 #: double them; with the choice of structure among them, halves of eleven real flights differ by 1.4 of them.
 _REAL_FLIGHT = 1.5
@@ -92,10 +80,8 @@ def attitude_response(
         raise FrequencyError(log_by_log(reasons) or "no logs given")
     frf = response_of_records(records, _following(which))
     found = fit(frf)
-    bandwidth = possible_bandwidth(
-        _known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < _BANDWIDTH_KNOWN * value), axis
-    )
-    delay = _known(found, _phase_delay, "s", lambda _, sigma: sigma < _DELAY_KNOWN)
+    bandwidth = possible_bandwidth(_known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < 0.3 * value), axis)
+    delay = _known(found, _phase_delay, "s", lambda _, sigma: sigma < 0.065)
     return AttitudeResponse(
         axis=axis,
         bandwidth=bandwidth,
@@ -119,7 +105,7 @@ def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Withi
     if np.count_nonzero(rows) < 32:
         raise FrequencyError(f"{log.path.name}: too few rows of attitude in the air")
     clock, values, usable = on_uniform_clock(t[rows], [np.unwrap(target[rows]), np.unwrap(angle[rows])])
-    if min(np.std(values[:, 0]), np.std(values[:, 1])) < _STILL:
+    if min(np.std(values[:, 0]), np.std(values[:, 1])) < 0.004:
         raise FrequencyError(
             f"{log.path.name}: the {axis.name} target hardly moved; fly two minutes of short stick inputs in STABILIZE"
         )
@@ -131,7 +117,7 @@ def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Withi
         output=values[:, 1],
         instruments=values[:, :1],
         usable=usable,
-        band=_BAND,
+        band=(0.1, 20.0),
         instrument="",
     )
 
@@ -189,7 +175,7 @@ def _peak(found: FrequencyFit) -> float:
 
 def possible_bandwidth(bandwidth: Parameter, axis: str) -> Parameter:
     """Return a bandwidth, or why it is none: firmware lets the yaw target follow the heading while nobody turns."""
-    if axis != "yaw" or bandwidth.value is None or bandwidth.value < _FASTEST_YAW:
+    if axis != "yaw" or bandwidth.value is None or bandwidth.value < 30.0:
         return bandwidth
     reason = f"{bandwidth.value:.3g} {bandwidth.unit}: no multirotor yaws so fast; its target follows the heading here"
     return Parameter(None, None, bandwidth.unit, reason)

@@ -21,12 +21,6 @@ from sysid.frequency.rate_signals import GivenSignals, LogSignals, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 
-#: Independent measurements that an average needs.
-_FEWEST = 4.0
-
-#: Standard deviation of a ratio beyond which it says nothing.
-_KNOWN = 0.3
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coupling:
@@ -65,7 +59,7 @@ def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
     coherent = np.interp(cross.hz, own.hz, own.coherence, 0.0, 0.0) >= 0.6
     known = coherent & np.isfinite(mine) & np.isfinite(cross.sigma) & (np.abs(cross.response) > 0.0)
     counts = cross.weight_of_points[known]
-    if float(np.sum(counts)) < _FEWEST:
+    if float(np.sum(counts)) < 4.0:
         return Parameter(None, None, "1", "too few frequencies at which the axis answers its own command")
     ratio = cross.response[known] / mine[known]
     deviation = cross.sigma[known] * np.abs(ratio)
@@ -74,7 +68,7 @@ def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
     rest = np.abs(ratio - mean) ** 2 / (2.0 * deviation**2)
     excess = max(1.0, float(np.sum(counts * rest) / max(float(np.sum(counts)) - 1.0, 1.0)))
     sigma = float(np.sqrt(excess / np.sum(weight)))
-    if sigma > _KNOWN:
+    if sigma > 0.3:
         return Parameter(None, None, "1", f"{mean:.2f} ± {sigma:.2f}: too uncertain to be of use")
     return Parameter(mean, sigma, "1")
 

@@ -35,18 +35,6 @@ from sysid.frequency.spectra import (
 )
 from sysid.records.experiment import Experiment
 
-#: Frequencies per decade of the grid.
-PER_DECADE = 45
-
-#: Highest frequency in parts of the chirp's last one: near its end, stronger neighbours on one side outweigh it.
-_BELOW_STOP = 0.92
-
-#: Highest frequency in parts of the sampling rate.
-_BELOW_NYQUIST = 0.45
-
-#: Cycles of the lowest frequency in the longest record.
-_FEWEST = 3.0
-
 #: Standard deviation of ln |G| that all frequencies of a flight have in common: outputs are rounded to 1 us, and thrust
 #: is linear in the command only to a few percent between one trim and another; more where sticks move the craft through
 #: many trims than in chirps (39 and 47 responses of firmware craft).
@@ -66,17 +54,8 @@ _FOLDED = 2.0
 #: flights logged at 50 Hz by 0.5 ms.
 _DELAY, _DELAY_OF_STEP = 0.1e-3, 0.03
 
-#: Most times that the model is taken out again, and standard deviations by which nothing moves any more.
-_PASSES, _STAYS = 7, 0.3
-
-#: Part of the rows from which on it is their loss that leaves no window whole.
-_WHOLE = 0.1
-
 #: Frequencies on either side whose coherence counts as well.
 _BESIDE = 2
-
-#: Lowest rate [Hz] at which the rate loop's samples tell more than their own folding.
-_LOWEST_RATE = 8.0
 
 #: A log by its path, too, or its signals where they are read already.
 Data = FlightLog | LogSignals | Experiment | str | Path
@@ -272,20 +251,22 @@ def response_of_records(
     if not records:
         raise FrequencyError(f"no record of the {axis.name} axis has more than 18 samples")
     step = max(record.dt for record in records)
-    if step > 1.0 / _LOWEST_RATE:
+    if step > 0.125:
         raise FrequencyError(
             f"the {axis.name} axis is sampled at {1.0 / step:.1f} Hz, too slow for its dynamics; log it at 25 Hz or "
             "more"
         )
     longest = max(record.duration for record in records)
-    low = max(min(record.band[0] for record in records), _FEWEST / max(longest, 1e-9))
-    high = min(_BELOW_STOP * max(record.band[1] for record in records), _BELOW_NYQUIST / step)
+    # Three cycles of the lowest frequency in the longest record.
+    low = max(min(record.band[0] for record in records), 3.0 / max(longest, 1e-9))
+    # Near the end of a chirp stronger neighbours on one side outweigh its last frequencies.
+    high = min(0.92 * max(record.band[1] for record in records), 0.45 / step)
     if high <= 1.5 * low:
         raise FrequencyError(
             f"records of {longest:.1f} s that span {low:.2g} to {high:.2g} Hz on the {axis.name} axis are too short; "
             "a chirp should last 20 s at least, ordinary flying a minute"
         )
-    hz = np.geomspace(low, high, max(round(PER_DECADE * np.log10(high / low)), 8))
+    hz = np.geomspace(low, high, max(round(45 * np.log10(high / low)), 8))
     # At their rates, the band is a small part of most records.
     thin = [thinned(record, high) for record in records]
     if axis.attitude:  # a rate axis integrates
@@ -311,12 +292,12 @@ def _without_bends(
     A resonance that windows have flattened is found sharper each time.
     """
     remainders = [record.remainders() for record in records]
-    for _ in range(_PASSES + 1):
+    for _ in range(8):
         left = [without(model.response) for without in remainders]
         found = _composite(left, windows, axis, first.hz, first.gyro_filter_hz, model)
         moved = np.abs(np.log(found.response / first.response)) / found.sigma
         first = found
-        if np.max(moved, where=found.usable, initial=0.0) < _STAYS:
+        if np.max(moved, where=found.usable, initial=0.0) < 0.3:
             break
         try:
             model = refit(model, found)
@@ -398,7 +379,7 @@ def _composite(
     if not parts:
         longest = max(record.duration for record in records)
         lost = 1.0 - float(np.mean(np.concatenate([record.usable for record in records])))
-        why = "are too short" if lost < _WHOLE else f"miss {100.0 * lost:.0f} % of their rows, which is too much"
+        why = "are too short" if lost < 0.1 else f"miss {100.0 * lost:.0f} % of their rows, which is too much"
         raise FrequencyError(f"records of {longest:.1f} s {why} for windows on the {axis.name} axis")
     merged = merge(hz, parts, 0)
     gamma = np.clip(merged.coherence, 1e-6, 1.0 - 1e-12)

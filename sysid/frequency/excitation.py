@@ -16,17 +16,8 @@ Within = tuple[float, float]
 #: Pause [s] in SIDD that ends a run even when its clock goes on.
 _PAUSE = 2.0
 
-#: Highest frequency of a signal of unknown frequency, in parts of the rate of its rows.
-_SHOWN = 0.45
-
-#: A chirp cut to less than this part of its plan is an aborted one.
-_COMPLETE = 0.95
-
 #: Cycles of its lowest frequency that a chirp must last to be of use, and of any frequency that is looked at.
 _SHORTEST, _LEAST_CYCLES = 2.0, 3.0
-
-#: Ratio of highest to lowest frequency up to which it is one tone, at which no dynamics show.
-_WIDEST_TONE = 1.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +44,7 @@ class Chirp:
     def worthwhile(self) -> bool:
         """Return whether it lasted two cycles of its lowest frequency, and swept a band in which dynamics show."""
         long_enough = self.high > 0.0 and self.duration * max(self.low, 1e-3) >= _SHORTEST
-        return long_enough and self.high > _WIDEST_TONE * max(self.low, _LEAST_CYCLES / self.duration)
+        return long_enough and self.high > 1.7 * max(self.low, _LEAST_CYCLES / self.duration)
 
 
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
@@ -89,12 +80,12 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
         # After its last cycle a run only waits.
         last = first + int(np.flatnonzero(moving)[-1]) + 1
         lasted = float(t[last - 1] - t[first])
-        complete = not lasted < _COMPLETE * planned[last - 1]
+        complete = not lasted < 0.95 * planned[last - 1]
         swept = frequency[first:last][moving[: last - first]]
         swept = swept[np.isfinite(swept)]
         if len(swept) >= 8:
             limits = float(swept.min()), float(swept.max())
         else:  # Autotuning of PX4 says what it adds, not at which frequency; the coherence tells where it did.
-            limits = _SHORTEST / max(lasted, 1e-3), _SHOWN / float(np.median(np.diff(t[first:last])))
+            limits = _SHORTEST / max(lasted, 1e-3), 0.45 / float(np.median(np.diff(t[first:last])))
         found.append(Chirp(name, number, float(t[first]), float(t[last - 1]), *limits, at_mixer, complete))
     return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))

@@ -23,20 +23,8 @@ _PER_PARAMETER = 1.0
 #: Parameters that several responses have in common.
 _SHARED = ("lag", "delay")
 
-#: Lags and leads beyond this [s] are no part of the response any more; modes more damped than this are none.
-_LARGEST_LAG, _MODE_DAMPED = 0.5, 0.4
-
-#: Part of the frequencies that are coherent from which on a chirp did show.
-_ANSWERED = 0.3
-
-#: Root mean square of the remainder in its errors up to which no mode is looked for.
-_RIGID_FITS = 1.3
-
 #: Damping and share of a mode below which it is a trick of the noise at one frequency.
 _LEAST_MODE = (0.004, 0.02)
-
-#: A delay more negative than this [s] shows that a lag has taken its place.
-_MOST_NEGATIVE_DELAY = -0.003
 
 #: What structures add to the simplest. Below one standard deviation, the structure is the simpler one.
 _ADDED = ("lag", "lead", "mode_share", "mode_damping", "speed_moment")
@@ -108,7 +96,8 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
         if worth < _PER_PARAMETER * len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
             continue
         rare = "mode_frequency" in candidate.names or "speed_moment" in candidate.names
-        if rare and found and min(attempt.excess for _, _, attempt in found) < _RIGID_FITS:
+        # No mode is looked for where the remainder is its errors already.
+        if rare and found and min(attempt.excess for _, _, attempt in found) < 1.3:
             continue
         for start in _starts(response, candidate):
             attempt = _search((response,), (candidate,), None, start)
@@ -130,7 +119,7 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
 
 def _what_to_do(response: FrequencyResponse) -> str:
     if response.instrument.startswith("chirp"):
-        if np.mean(response.usable) > _ANSWERED:
+        if np.mean(response.usable) > 0.3:
             return "fly a chirp that sweeps more, for 20 s at least"
         return (
             "the chirp that was flown does not show in command and answer alike: check that both are of this axis and "
@@ -165,12 +154,10 @@ def _possible(attempt: FrequencyFit) -> bool:
     response, fastest = attempt.responses[0], _fastest(attempt)
     mode = values.get("mode_frequency")
     return bool(
-        max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < _LARGEST_LAG
-        and (
-            values["delay"] > _MOST_NEGATIVE_DELAY or "speed_moment" in values
-        )  # at its frequencies delays hardly show
+        max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < 0.5
+        and (values["delay"] > -0.003 or "speed_moment" in values)  # at its frequencies delays hardly show
         and (mode is None or 2.0 * np.pi * float(response.hz[response.usable][0]) < mode < fastest)
-        and _LEAST_MODE[0] < values.get("mode_damping", 0.1) < _MODE_DAMPED
+        and _LEAST_MODE[0] < values.get("mode_damping", 0.1) < 0.4
         and abs(values.get("mode_share", 1.0)) > _LEAST_MODE[1]
     )
 

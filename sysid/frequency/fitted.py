@@ -18,9 +18,6 @@ from sysid.frequency.response import Complex, Floats, FrequencyResponse
 from sysid.frequency.structures import ParameterSpec, Structure, low_pass
 from sysid.transfer_functions.transfer_function import TransferFunction
 
-#: Weight of a squared degree beside a squared dB: 1 dB counts as 7.57 deg (Tischler and Remple 2012, section 11.2).
-PHASE_WEIGHT = 0.01745
-
 #: Cost up to which a fit is good, and up to which it can hardly be told from a perfect one.
 ACCEPTABLE, EXCELLENT = 100.0, 50.0
 
@@ -40,7 +37,8 @@ def cost(measured: Complex, modelled: Complex, coherence: Floats) -> float:
     """
     ratio = measured / modelled
     gain, phase = 20.0 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))
-    return float(20.0 * np.mean(coherence_weight(coherence) * (gain**2 + PHASE_WEIGHT * phase**2)))
+    # 1 dB counts as 7.57 deg (section 11.2).
+    return float(20.0 * np.mean(coherence_weight(coherence) * (gain**2 + 0.01745 * phase**2)))
 
 
 #: Times that shift the phase: the sign of each in the effective delay, which shows at low frequency.

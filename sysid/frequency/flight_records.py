@@ -46,24 +46,12 @@ _SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
 #: Output below which an axis stands still: a ten-thousandth of full.
 _STILL = 1e-4
 
-#: Standard deviation of an attitude target [rad] below which nothing was asked of an axis.
-_ASKED = 0.004
-
 #: Standard deviation of ln |G| of what AutoTune's twitches show, and up to which part of the rate of the rows: beyond,
 #: their corners fold (on quad15 they were 5 to 10 % below its chirps up to there, and 25 % at 0.4 of that rate).
 _OF_TWITCHES, _TWITCHES_TO = 0.08, 0.15
 
-#: Shortest flight [s] in which the outputs of the other axes can be told apart from that of the axis.
-_CONDITIONED = 40.0
-
 #: Standard deviation of the stick [1] and of the rate of climb asked [m/s] or height asked [m] below which nothing was.
 _STICK, _CLIMB, _HEIGHT = 0.01, 0.05, 0.2
-
-#: Standard deviation of the stick from which on it is what asks, whatever else moves.
-_FLOWN_BY_HAND = 0.03
-
-#: Fewest rows.
-_FEWEST = 16
 
 
 def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
@@ -106,7 +94,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
         name = target[2]
     elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
         beside, name = [axis.reference], "rate target"
-    others = _other_outputs(axis, signals, rows) if stop - start >= _CONDITIONED else []
+    others = _other_outputs(axis, signals, rows) if stop - start >= 40.0 else []
     # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
     outside = [] if target is None else [partial(at_rows, target)]
     clock, values, usable = signals.evenly([axis.input, axis.output, *others, *beside], start, stop, *outside)
@@ -114,7 +102,7 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     refuse_scattered(log, lost)
     command, conditions = values[:, 0], values[:, 2 : 2 + len(others)]
     asked = values[:, -1] if outside or beside else command
-    if outside and axis.attitude and np.std(asked) < _ASKED:
+    if outside and axis.attitude and np.std(asked) < 0.004:
         # The rate target moves all the same, with the disturbances that the angle loop answers: no instrument.
         raise FrequencyError(
             f"{log.path.name}: the {axis.name} target hardly moved, nothing was asked of this axis; fly a chirp, "
@@ -202,11 +190,12 @@ def lift_asked(log: FlightLog, start: float, stop: float) -> tuple[Floats, Float
     for t, values, name, least in (*_sticks(log), *_heights(log)):
         finite = np.isfinite(values)
         inside = finite & (t >= start) & (t <= stop)
-        if np.count_nonzero(inside) < _FEWEST:
+        if np.count_nonzero(inside) < 16:
             continue
         moved = float(np.std(values[inside]))
         if moved > least:
-            known.append((moved > _FLOWN_BY_HAND or name == HEIGHT_TARGET, t[finite], values[finite], name))
+            # A stick that moves so much is what asks, whatever else moves.
+            known.append((moved > 0.03 or name == HEIGHT_TARGET, t[finite], values[finite], name))
     if not known:
         raise FrequencyError(
             f"{log.path.name}: the pilot's throttle hardly moved, nor did the target of the height; climb and sink by "
@@ -240,9 +229,6 @@ def _heights(log: FlightLog) -> Iterator[tuple[Floats, Floats, str, float]]:
             yield t, values, HEIGHT_TARGET, least
 
 
-#: Least throttle output [1] of a motor that turns.
-_TURNING = 0.02
-
 #: Fewest rows of throttle that are a record.
 _FEWEST_OF_THROTTLE = 64
 
@@ -268,7 +254,7 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
     felt = below(imu.index.to_numpy(np.float64), -imu[["accel_z"]].to_numpy(np.float64), rows, step)[:, 0]
     columns = [np.interp(rows, times, output.to_numpy(np.float64)), felt, at_rows((asked_t, asked, instrument), rows)]
     clock, values, usable = on_uniform_clock(rows, columns)
-    turning = values[:, 0] > _TURNING
+    turning = values[:, 0] > 0.02
     if np.count_nonzero(turning) < _FEWEST_OF_THROTTLE:
         raise FrequencyError(f"{name}: the throttle output is zero in the air")
     return AxisRecord(

@@ -17,9 +17,6 @@ FOLDING = 25.0
 #: Part of the time with a motor at a limit, and distance [us] from it.
 _SATURATED, _AT_LIMIT = 0.02, 3.0
 
-#: Fewest coherent frequencies from which a sign is told.
-_FEWEST = 8
-
 
 def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[Finding]:
     """Return what a reader of the responses should know of the records they come from."""
@@ -69,7 +66,7 @@ def reversed_answer(frf: FrequencyResponse) -> list[Finding]:
     """Return that an axis turns against its command, which no craft that flies does; nothing where it does not."""
     hz, answer = frf.hz[frf.usable], frf.response[frf.usable]
     slow = slice(None, max(len(hz) // 3, 1))  # delays have not turned it yet
-    if len(hz) < _FEWEST or not np.median((answer[slow] * 2j * np.pi * hz[slow]).real) < 0.0:
+    if len(hz) < 8 or not np.median((answer[slow] * 2j * np.pi * hz[slow]).real) < 0.0:
         return []
     return [
         Finding(

@@ -89,10 +89,6 @@ OUTPUTS = {"thrust": "out_thrust", "roll": "out_roll", "pitch": "out_pitch", "ya
 #: Fewest rows of motors that lift, and the time [s] over which air and battery stay the same.
 _FEWEST, _STEADY = 100, 10.0
 
-#: Mean thrust of a craft that flies, and the change [us] between rows of the controller up to which a row of the motors
-#: in between is known.
-_FLYING, _QUIET = 0.05, 1.0
-
 #: Median distance [us] of outputs from the middle of what would be cut off to them, up to which they are understood;
 #: 0.25 where all is understood, half a microsecond where nothing is.
 _UNDERSTOOD = 0.35
@@ -128,7 +124,7 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     lowest, highest = (motor_pwm(command, vehicle) for command in (0.0, 1.0))
     asked_there = expectation(np.column_stack([np.interp(at, t, column) for column in outputs.T]), factors)
     middle = thrust_commands(motors + 0.5, vehicle, voltage_at(log.tables.battery, at)).to_numpy(np.float64)
-    flying = (asked_there.mean(axis=1) > _FLYING) & (pwm > lowest + 1.0).all(axis=1) & (pwm < highest - 1.0).all(axis=1)
+    flying = (asked_there.mean(axis=1) > 0.05) & (pwm > lowest + 1.0).all(axis=1) & (pwm < highest - 1.0).all(axis=1)
     flying &= (at >= t[0]) & (at <= t[-1])
     if np.count_nonzero(flying) < _FEWEST:
         return signals
@@ -179,7 +175,7 @@ def _distance(before: Floats, after: Floats, share: Floats, pwm: Floats) -> floa
 
     Outputs are foretold by the rows before and after those of the motors, which lie a `share` of their step apart.
     """
-    quiet = np.abs(after - before) < _QUIET
+    quiet = np.abs(after - before) < 1.0
     there = before + share * (after - before)
     return float(np.median(np.abs(there - pwm - 0.5)[quiet])) if np.count_nonzero(quiet) >= _FEWEST else np.inf
 

@@ -23,18 +23,9 @@ Logged = NDArray[np.floating[Any]]
 #: Samples farther apart than this many usual steps leave a hole that is bridged, but not counted.
 _HOLE = 2.5
 
-#: Gaps between rows, in usual ones, up to which rows are missing one by one.
-_SCATTERED = 10.0
-
 #: Part of the rows beyond which those lost one by one leave no response: with a third lost, gains that looked good were
 #: up to 29 % off.
 _MOST_LOST = 0.2
-
-#: A record of more than this many times the length of its samples is no record; damaged times may span years.
-_EMPTY = 20.0
-
-#: Time [s] after which a craft has forgotten what it was told.
-_MEMORY = 200.0
 
 #: Frequencies [Hz] that are looked at where nobody says what was swept; the coherence tells which count.
 ORDINARY_BAND = (0.15, 60.0)
@@ -101,7 +92,8 @@ class AxisRecord:
         Models map frequencies above zero, Hz, to the response of what was measured, before any difference.
         """
         # What is beyond the end comes back at the beginning, after the time over which a craft remembers at most.
-        beyond = min(len(self.output), round(_MEMORY / self.dt))
+        # After so many seconds a craft has forgotten what it was told.
+        beyond = min(len(self.output), round(200.0 / self.dt))
         size = scipy.fft.next_fast_len(len(self.output) + beyond)
         hz = np.fft.rfftfreq(size, self.dt).astype(np.float64)
         spectrum = np.fft.rfft(self.inputs[:, 0] - np.mean(self.inputs[:, 0]), size)
@@ -134,7 +126,8 @@ class EvenClock:
     def of(cls, rows: Floats) -> EvenClock:
         """Lay the clock from the first row with the usual step between them."""
         step = float(np.median(np.diff(rows)))
-        if rows[-1] - rows[0] > _EMPTY * step * len(rows):
+        # Damaged times may span years.
+        if rows[-1] - rows[0] > 20.0 * step * len(rows):
             raise FrequencyError(
                 f"{len(rows)} samples over {rows[-1] - rows[0]:.0f} s are no record: it is nearly all holes"
             )
@@ -180,7 +173,7 @@ def lost_one_by_one(t: Floats, step: float) -> float:
     `t` (N,): times of rows, s.
     """
     steps = np.diff(t) / step
-    return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < _SCATTERED)]) - 1.0)) / len(t)
+    return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < 10.0)]) - 1.0)) / len(t)
 
 
 def refuse_scattered(log: FlightLog, lost: float) -> None:
@@ -234,12 +227,6 @@ def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:
     )
 
 
-#: Highest frequency that is passed on, in parts of the slower rate, and half the length of the filter in its samples.
-_PASS, _REACH = 0.5, 15.0
-
-#: Steps of the fast signal, in parts of the slow one's, from which on there is nothing to take away.
-_ALIKE = 0.9
-
 #: Fewest samples of a piece.
 _FEWEST = 8
 
@@ -265,12 +252,12 @@ def below(t: Floats, values: Floats, at: Floats, step: float) -> Floats:
         if len(clock) < _FEWEST:
             continue
         own = float(np.median(np.diff(clock)))
-        if own < _ALIKE * step:
-            reach = round(_REACH * step / own)
+        if own < 0.9 * step:
+            reach = round(15.0 * step / own)
             grid = clock[0] + own * np.arange(int((clock[-1] - clock[0]) / own + 1e-6) + 1)
             if len(grid) < 2 * reach + _FEWEST:
                 continue
-            taps = low_pass_taps(2 * reach + 1, _PASS * own / step)
+            taps = low_pass_taps(2 * reach + 1, 0.5 * own / step)
             even = np.column_stack([np.convolve(each, taps, "valid") for each in cubic_spline(clock, even, grid).T])
             clock = grid[reach : len(grid) - reach]
         inside = (at >= clock[0]) & (at <= clock[-1])

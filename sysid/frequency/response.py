@@ -16,7 +16,6 @@ Complex = NDArray[np.complex128]
 #: Below this coherence a frequency does not count (Tischler and Remple 2012, section 7.5.2).
 COHERENT = 0.6
 
-
 #: Fields with one value for each frequency.
 OVER_FREQUENCY = (
     *("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution"),

@@ -21,17 +21,8 @@ from sysid.records.filtering import detrended, hann, low_pass_taps
 #: response; with more, shorter windows give more averages.
 FEWEST_CYCLES, MOST_CYCLES = 3.0, 60.0
 
-#: Part of a window by which the next one is shifted.
-_HOP = 0.2
-
-#: Samples per cycle of the highest frequency that are kept.
-_SAMPLES_PER_CYCLE = 3.0
-
 #: Filter before every second sample is dropped.
 _HALVING = low_pass_taps(41, 0.25)
-
-#: Part of a window's samples that may lie in holes of the log.
-_HOLES = 0.03
 
 #: Holes shorter than this part of a cycle are bridged without harm: command and answer in the same way, which nearly
 #: cancels in their ratio. Otherwise one lost row in three would leave no window whole.
@@ -39,7 +30,6 @@ _GAP = 0.3
 
 #: Width of a Hann window's equivalent noise bandwidth in 1/T.
 HANN_BANDWIDTH = 1.5
-
 
 #: In single precision.
 Singles = NDArray[np.float32]
@@ -149,7 +139,7 @@ def thinned(record: AxisRecord, high: float) -> AxisRecord:
 
 def _halvings(record: AxisRecord, high: float) -> int:
     """Return how often the rate of a record can be halved for frequencies up to `high` [Hz]."""
-    return max(int(np.log2(1.0 / (record.dt * _SAMPLES_PER_CYCLE * high))), 0)
+    return max(int(np.log2(1.0 / (record.dt * 3.0 * high))), 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,10 +197,10 @@ def _windows_of(
     size = round(length / dt)
     if size < 16 or size > len(signals):
         return None
-    hop = max(int(_HOP * size), 1)
+    hop = max(int(0.2 * size), 1)
     starts = np.arange(0, len(signals) - size + 1, hop)
     whole = np.concatenate([[0], np.cumsum(usable)])
-    starts = starts[whole[starts + size] - whole[starts] >= (1.0 - _HOLES) * size]
+    starts = starts[whole[starts + size] - whole[starts] >= 0.97 * size]
     if not len(starts):
         return None
     taper = hann(size)
@@ -255,10 +245,6 @@ def _products(left: Singles, right: Singles, places: NDArray[np.intp], turns: Co
     return np.asarray(np.moveaxis(found[:, :, 0] + 1j * found[:, :, 1], 2, 0))
 
 
-#: Numbers of windows that are copied at a time: what a processor's cache holds.
-_PIECE = 1 << 17
-
-
 def _transforms(signals: Logged, starts: NDArray[np.intp], phase: Logged) -> Singles:
     """Transform every window of every signal, shape (K, columns, 2, F)."""
     size, numbers = phase.shape
@@ -267,7 +253,7 @@ def _transforms(signals: Logged, starts: NDArray[np.intp], phase: Logged) -> Sin
     # Kept for every length of window of every signal: single precision is far below the noise of any flight.
     result = np.empty((len(starts), columns, 2, numbers // 2), dtype=np.float32)
     # Copied at once, overlapping windows take many times the memory of a flight.
-    step = max(_PIECE // (size * columns), 1)
+    step = max((1 << 17) // (size * columns), 1)
     for first in range(0, len(starts), step):
         piece = slice(first, first + step)
         result[piece].reshape(-1, numbers)[:] = windows[starts[piece]].reshape(-1, size) @ phase

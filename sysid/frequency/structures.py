@@ -18,10 +18,6 @@ from sysid.frequency.response import Complex, Floats
 Polynomials = tuple[Floats, Floats]
 
 
-#: Part of a parameter by which coefficients are differenced.
-_STEP = 1e-6
-
-
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
     """A parameter of a structure."""
@@ -59,7 +55,7 @@ class Structure:
         Only the few coefficients are differenced, not the response at every frequency.
         """
         size = np.abs(values[:-1])
-        steps = _STEP * np.array(
+        steps = 1e-6 * np.array(
             [each if spec.positive else max(each, spec.scale) for each, spec in zip(size, self.specs, strict=False)]
         )
         moves = np.diag(np.append(steps, 0.0))[:-1]

@@ -26,17 +26,8 @@ from sysid.statistics.residuals import examine_residuals
 #: Order of the autoregression that whitens the remainder.
 _AUTOREGRESSION = 12
 
-#: Slower movements [Hz] are of wind and trim, not of what is verified.
-_SLOWEST = 0.15
-
 #: Shortest record [s] that judges a model, and time [s] about chirps that is not ordinary flying.
 _SHORTEST, _AFTER = 10.0, 1.0
-
-#: Part of an only flight that is fitted, where the rest judges.
-_FITTED = 0.6
-
-#: Fewest samples from which a whitening filter is known.
-_FEWEST_TESTED = 200
 
 #: Theil's coefficient up to which a model predicts well (Tischler and Remple 2012, section 14.2).
 GOOD_THEIL = 0.3
@@ -128,7 +119,7 @@ def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | N
     if len(logs) > 1:
         return verify(refit(found, response(logs[:-1], axis.name, within, like=found)), logs[-1], within)
     record = ordinary_record(logs[0], axis, within)
-    cut = record.start + _FITTED * record.duration
+    cut = record.start + 0.6 * record.duration
     first = refit(found, response(logs[0], axis.name, (record.start, cut), like=found))
     return verify(first, logs[0], (cut, record.start + record.duration))
 
@@ -144,7 +135,7 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
         left = record.remainders()(found.response)
         signals = np.column_stack([left.output, record.output, record.inputs[:, 0], record.instruments[:, 0]])
         # Each in one piece: they are multiplied sample by sample again and again.
-        error, output, command, outside = np.ascontiguousarray(above(signals, _SLOWEST * record.dt)[record.usable].T)
+        error, output, command, outside = np.ascontiguousarray(above(signals, 0.15 * record.dt)[record.usable].T)
         errors.append(error)
         outputs.append(output)
         models.append(output - error)
@@ -176,7 +167,7 @@ def _without_chirps(record: AxisRecord, log: FlightLog) -> AxisRecord:
 def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualTest | None:
     """Test the errors one sample ahead: whitened by an autoregression of the first halves, in the second halves."""
     halves = [len(error) // 2 for error, _ in parts]
-    if sum(halves) < _FEWEST_TESTED:
+    if sum(halves) < 200:
         return None
     whitening = _whitening([error[:half] for (error, _), half in zip(parts, halves, strict=True)])
     later = [(error[half:], inputs[half:]) for (error, inputs), half in zip(parts, halves, strict=True)]

@@ -70,7 +70,6 @@ AIMS: Mapping[str, Aim] = {
     "margins": Aim(gain_db=8.0, phase_deg=55.0, peak_db=5.0),
 }
 
-
 #: What a first step from gains that keep less must keep at the worst: a craft flies well with it, and is then measured.
 LEAST = Aim(gain_db=4.5, phase_deg=35.0, peak_db=8.0)
 

@@ -57,7 +57,6 @@ _LEFT_OPEN = 2.0
 #: Steps of the robust fit of the noise's floor, and the fewest frequencies that show one.
 _FITS, _FEWEST = 10, 4
 
-
 #: Factors by which a loop's gain may be raised beyond the measured band, each tried only where the one before leaves no
 #: rejection gained, unless the rigid craft keeps it small there. Chirps that ended below `FIRST_MODES` raise nothing.
 UNSEEN_RAISED = (1.12, 1.5)

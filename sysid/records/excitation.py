@@ -14,20 +14,8 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.filtering import detrended, hann
 from sysid.records.motor_scaling import motor_pwm
 
-#: Above this correlation two inputs are one for every practical purpose.
-IDENTICAL = 0.9999
-
-#: Condition number of the correlation matrix above which separate effects of the inputs are hardly determined.
-COLLINEAR = 1e3
-
-#: Part of the time that a motor may spend at its limit before it counts as saturated.
-SATURATED = 0.05
-
 #: Eigenvalues of the correlation matrix above this part of the largest count as independent signals.
 INDEPENDENT = 1e-2
-
-#: Segments of spectra: longest [s], fewest samples, and averages per input that they should leave.
-SEGMENT_SECONDS, SEGMENT_SAMPLES, AVERAGES = 20.0, 32, 4
 
 #: Probability with which unrelated signals stay below the coherence called significant.
 CONFIDENCE = 0.99
@@ -107,7 +95,7 @@ def _saturated(experiments: Sequence[Experiment]) -> list[Finding]:
             continue
         values = np.concatenate([record.u[:, j] for record in experiments])
         top, bottom = float(np.mean(values >= full - 1.0)), float(np.mean(values <= idle + 1.0))
-        if max(top, bottom) > SATURATED and np.ptp(values) > 0.0:
+        if max(top, bottom) > 0.05 and np.ptp(values) > 0.0:
             limit, part = ("upper", top) if top >= bottom else ("lower", bottom)
             findings.append(
                 Finding(
@@ -135,7 +123,7 @@ def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, in
         (names[i], names[j])
         for i in range(len(names))
         for j in range(i + 1, len(names))
-        if abs(correlation[i, j]) > IDENTICAL
+        if abs(correlation[i, j]) > 0.9999
     ]
     findings = [
         Finding(
@@ -148,7 +136,7 @@ def _collinear(names: Sequence[str], u: Floats, records: int) -> tuple[float, in
         )
         for first, second in twins
     ]
-    if condition > COLLINEAR and not twins:
+    if condition > 1e3 and not twins:
         findings.append(
             Finding(
                 "inputs-alike",
@@ -176,9 +164,9 @@ def coherence(experiments: Sequence[Experiment]) -> Coherence:
     active = list(excitation.active)
     names = tuple(first.input_names[j] for j in active)
     total = sum(len(record.t) - 2 for record in experiments)
-    length = min(round(SEGMENT_SECONDS / first.dt), 2 * total // (AVERAGES * len(active)))
+    length = min(round(20.0 / first.dt), 2 * total // (4 * len(active)))
     length = min(length, max(len(record.t) - 2 for record in experiments))
-    spectra = [_segments(record, active, length) for record in experiments] if length >= SEGMENT_SAMPLES else []
+    spectra = [_segments(record, active, length) for record in experiments] if length >= 32 else []
     count = sum(len(part) for part in spectra)
     # Neighbours overlap by half of a Hann window and share a sixth of their variation (Welch 1967).
     averages = count / (1.0 + 2.0 / 36.0)

@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 #: A gap in the inputs longer than this ends the usable segment, s.
 LONGEST_GAP = 1.0
 
-#: An input known for less than this part of the flight is left out, so that it does not take the others with it.
-KNOWN = 0.5
-
-#: Commands that move by less than this many standard deviations of their rounding are mostly rounding.
-ABOVE_ROUNDING = 2.0
-
 #: Times from take-off or landing [s] between which a craft rests, and by how much its height then changes at most, m.
 REST, STILL = (1.5, 5.0), 0.2
 
@@ -209,7 +203,7 @@ def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float,
         moved = project(flown, vehicle, None).std(ddof=0)
     except MissingDataError:  # no frame, or motors without an output, which is told elsewhere
         return []
-    drowned = [name for name, sigma in noise.items() if 0.0 < float(moved[name]) < ABOVE_ROUNDING * sigma]
+    drowned = [name for name, sigma in noise.items() if 0.0 < float(moved[name]) < 2.0 * sigma]
     if not drowned:
         return []
     return [
@@ -255,7 +249,7 @@ def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.Da
     signals = source.signals
     inside = signals.loc[start:stop]
     known = inside.notna().to_numpy()
-    needed = max(2, KNOWN * int(known.any(axis=1).sum()))
+    needed = max(2, 0.5 * int(known.any(axis=1).sum()))
     empty = [column for k, column in enumerate(signals.columns) if known[:, k].sum() < needed]
     names = ", ".join(str(column) for column in empty)
     if len(empty) == signals.shape[1] or (empty and kind in _WHOLE and not known.all(axis=1).any()):

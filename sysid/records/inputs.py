@@ -46,14 +46,8 @@ if TYPE_CHECKING:
 #: Sets of inputs by their public names.
 INPUT_SETS = ("motors", "rotor_speeds", "mixer", "rate_outputs", "reference", "velocity_reference")
 
-#: A target that runs away from the craft by more than this between two samples, m and m/s, jumped.
-JUMP, JUMP_SPEED = 0.5, 2.0
-
 #: A jump this near to a change of mode is a restart of the controller, s.
 RESTART = 1.0
-
-#: Reference and position that lie farther apart than this on the whole are counted from different origins, m.
-APART = 1.0
 
 #: Modes of ArduCopter and PX4 in which a person or another controller flies, and no position is held.
 _WITHOUT_POSITION = frozenset(
@@ -220,7 +214,7 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
     wanted = targets.to_numpy(np.float64) + _between_origins(tables, trajectory)
     findings = []
     offset = np.median(position - wanted, axis=0)
-    apart = np.abs(offset) > APART
+    apart = np.abs(offset) > 1.0
     if apart.any():
         wanted = wanted + np.where(apart, offset, 0.0)
         axes = ", ".join(axis for axis, far in zip(("north", "east", "down"), apart, strict=True) if far)
@@ -305,7 +299,7 @@ def _jumps(t: Floats, error: Floats, tables: Tables, position: Floats) -> tuple[
 
     Returns times at which the loop was set up anew [s], and (K, 2) times [s] and sizes [m] of the other jumps.
     """
-    limit = JUMP + JUMP_SPEED * np.diff(t)
+    limit = 0.5 + 2.0 * np.diff(t)
     size = np.abs(np.diff(error, axis=0)).max(axis=1)
     # Over a gap nothing is known of how the target came to be where it is.
     jumped = (size > limit) & (np.diff(t) < RESTART)

@@ -21,12 +21,8 @@ from sysid.records.thrust_curve import Law, column, thrust_signals
 #: Rate of motor signals that shows rotation, Hz: ten times the bandwidth of attitude loops.
 ENOUGH = 20.0
 
-#: Part of samples on straight lines between their neighbours above which inputs were logged slower than the record.
-INTERPOLATED = 0.3
-
 #: Time over which the scale of the controller's outputs is averaged, s, and the least thrust output to read it from.
 SCALE_SECONDS, LEAST_THRUST = 10.0, 0.02
-
 
 #: Part of the power of rates that motors must explain: noise and aliases in their signals bias effectiveness by up to
 #: the rest.
@@ -97,7 +93,7 @@ def _fast(record: Experiment, values: Floats) -> bool:
         return False
     bend = np.abs(np.diff(moving, n=2, axis=0))
     straight = float(np.mean(bend < 1e-6 * np.ptp(moving, axis=0)))
-    return straight < INTERPOLATED
+    return straight < 0.3
 
 
 def _moving_mean(values: Floats, size: int) -> Floats:

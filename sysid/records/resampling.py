@@ -15,27 +15,14 @@ from sysid.records._filter_kernels import filtered_at
 from sysid.records.arrays import Floats
 from sysid.records.filtering import low_pass_taps
 
-#: Pass band of the anti-aliasing filter in parts of the new sampling rate; the stop band starts at half of it.
-PASS = 0.4
-
 #: How far around the new clock a source is read, in steps of the new clock: more than the filter's half length.
 _REACH = 6.0
-
-#: Second difference, in parts of the range of a signal, below which its samples lie on a straight line, and the part of
-#: samples beyond it from which on the source is as fast as the clock.
-_STRAIGHT, _ALL_BEND = 1e-6, 0.7
 
 #: A source is filtered when it is this much faster than the new clock.
 FASTER = 1.5
 
 #: Gain ends to follow the inverse, and ends to be any, in parts of the rows' rate.
 _PASS, _STOP = 0.4, 0.6
-
-#: Half of the filter's length, in intervals between rows.
-_HALF = 4
-
-#: A clock that is not this much faster than the rows leaves no lines to mend.
-_FASTER = 1.5
 
 _GRID = 4096
 
@@ -78,7 +65,8 @@ class NewClock:
         between = np.interp(t, grid, np.arange(len(grid), dtype=np.float64))
         signal = np.interp(grid, time, signal)
         del grid
-        extended, taps = _extended(signal, step, PASS / dt)
+        # The stop band starts at half of the new rate.
+        extended, taps = _extended(signal, step, 0.4 / dt)
         return np.asarray(filtered_at(extended, taps, between))
 
 
@@ -90,9 +78,9 @@ def logged_rate(values: Floats, dt: float) -> float:
     `values` (N, k): logged together.
     """
     moving = values[:, np.ptp(values, axis=0) > 0.0]
-    bends = np.any(np.abs(np.diff(moving, n=2, axis=0)) > _STRAIGHT * np.ptp(moving, axis=0), axis=1)
+    bends = np.any(np.abs(np.diff(moving, n=2, axis=0)) > 1e-6 * np.ptp(moving, axis=0), axis=1)
     first = np.flatnonzero(bends[1:] & ~bends[:-1])
-    if len(first) < 3 or np.mean(bends) > _ALL_BEND:
+    if len(first) < 3 or np.mean(bends) > 0.7:
         return 1.0 / dt
     return float(1.0 / (np.median(np.diff(first)) * dt))
 
@@ -116,8 +104,8 @@ def join_rows(signals: Floats, dt: float, interval: float) -> Floats:
 
     `signals` (N, k): on a uniform clock. Returns (N, k): unchanged where the rows are as fast as the clock, or too few.
     """
-    half = round(_HALF * interval / dt)
-    if interval < _FASTER * dt or len(signals) <= 2 * half + 1:
+    half = round(4 * interval / dt)
+    if interval < 1.5 * dt or len(signals) <= 2 * half + 1:
         return signals
     taps = _taps(half, dt / interval)
     before, after = 2.0 * signals[0] - signals[half:0:-1], 2.0 * signals[-1] - signals[-2 : -half - 2 : -1]

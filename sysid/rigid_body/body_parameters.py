@@ -63,15 +63,6 @@ SLOW_FLOOR = 0.03
 #: swings more slowly.
 DAMPING_FLOOR = {"roll": 0.3, "pitch": 0.3, "yaw": 0.15}
 
-#: Departure of a curvature from the parameters' in standard errors that contradicts them.
-_CONTRADICTS = 3.0
-
-#: Below this an estimate does not differ from zero.
-_NOTHING = 1e-6
-
-#: Speed below which drag is not worth telling, m/s.
-_SLOW = 0.5
-
 #: What to fly so that a parameter can be had.
 ADVICE = {
     "thrust": "fly longer, or in one place so that gusts do not hide thrust",
@@ -184,7 +175,7 @@ def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> tuple[float,
     flight tells which of the two is wrong: the truth may be either number, and the error covers half the way.
     """
     apart = value - vehicle.thrust_expo
-    if abs(apart) < _CONTRADICTS * sigma:
+    if abs(apart) < 3.0 * sigma:
         return sigma, ""
     both = float(np.hypot(sigma, 0.5 * apart))
     if not _doubt("thrust_expo", value, both):
@@ -299,7 +290,7 @@ def _doubt(name: str, value: float, sigma: float) -> str:
     limit = RELATIVE.get(name, _DRAG_RELATIVE)
     if value > 0.0 and sigma <= limit * value:
         return ""
-    if value < _NOTHING or sigma > value:
+    if value < 1e-6 or sigma > value:
         return f"the estimate does not differ from zero (standard error {sigma:.2g}){advice}"
     return f"the standard error is {100.0 * sigma / value:.0f} % of the estimate{advice}"
 
@@ -362,7 +353,7 @@ def drag_apart(
         weights[[THETA.index(name) for name in names]] = speed, speed**2
         drag = float(weights[:SHARED] @ fine.values[:SHARED])
         sigma = float(np.sqrt(max(float(weights @ covariance @ weights), 0.0)))
-        if speed > _SLOW and sigma < _DRAG_RELATIVE * drag:
+        if speed > 0.5 and sigma < _DRAG_RELATIVE * drag:
             findings.append(
                 Finding(
                     "not-determined",

@@ -62,7 +62,6 @@ UNITS = {
     "whole drag in still air over mass": "1/m, as if all of it were quadratic and there were no wind",
 }
 
-
 #: Those that go with the density of the air.
 IN_AIR = tuple(name for name in UNITS if name.startswith(("thrust over mass", "yaw", "linear", "quadratic", "whole")))
 

@@ -51,9 +51,6 @@ STILL = 0.05
 #: Time over which the scale of the controller's outputs is averaged, s.
 SCALE_SECONDS = 10.0
 
-#: Fewest frequencies from which a lag and a delay are told.
-_FEWEST_LINES = 3
-
 #: Slope of a thrust curve below which nothing is divided by it.
 _LEAST_SLOPE = 0.05
 
@@ -239,7 +236,7 @@ def rotation_spectra(
     top = min(HIGHEST, NYQUIST_PART / dt, top)
     taken = [_spectra(q, w, dt, top) for q, w in zip(commands, rates, strict=True)]
     spectra = [part for part in taken if part is not None]
-    if not spectra or len(spectra[0][0]) < _FEWEST_LINES:
+    if not spectra or len(spectra[0][0]) < 3:
         return None
     return (
         spectra[0][0],

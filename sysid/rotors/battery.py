@@ -7,13 +7,6 @@ import numpy as np
 from core.parameter import Parameter
 from sysid.records.experiment import Floats
 
-#: Fewest samples, and time over which noise may be correlated, s.
-_FEWEST, _MEMORY = 60, 3.0
-#: Least correlation of the current with itself one sample later, in standard errors of that of white noise: below it,
-#: noise of the sensor is all.
-_STRONG = 5.0
-#: Largest sigma, as a part of the resistance, of one that is stated.
-_SURE = 1.0 / 3.0
 _UNIT = "ohm"
 
 
@@ -29,7 +22,7 @@ def sag_resistance(t: Floats, voltage: Floats, current: Floats) -> Parameter:
     """
     known = np.isfinite(t) & np.isfinite(voltage) & np.isfinite(current)
     t, voltage, current = t[known], voltage[known], current[known]
-    if len(t) < _FEWEST:
+    if len(t) < 60:
         return Parameter(None, None, _UNIT, "voltage and current were not logged together")
     if float(np.ptp(current)) <= 0.0 or float(np.ptp(voltage)) <= 0.0:
         return Parameter(None, None, _UNIT, "voltage or current does not change: no sensor measures it")
@@ -42,14 +35,14 @@ def sag_resistance(t: Floats, voltage: Floats, current: Floats) -> Parameter:
         return np.asarray(values - slow @ (slow.T @ values))
 
     sag, load, before = -fast(voltage[1:]), fast(current[1:]), fast(current[:-1])
-    lags = max(round(_MEMORY / float(np.median(np.diff(t)))), 1)
+    lags = max(round(3.0 / float(np.median(np.diff(t)))), 1)
     power = float(before @ load)
     # White noise alone is as likely as not to repeat itself, by one part in the root of the number of samples.
-    if power <= _STRONG * float(np.linalg.norm(before) * np.linalg.norm(load)) / np.sqrt(len(load)):
+    if power <= 5.0 * float(np.linalg.norm(before) * np.linalg.norm(load)) / np.sqrt(len(load)):
         return Parameter(None, None, _UNIT, "the current hardly changes for longer than its noise")
     resistance = float(before @ sag) / power
     sigma = float(np.sqrt(_long_run(before * (sag - resistance * load), lags))) / power
-    if not resistance > 0.0 or sigma > _SURE * resistance:
+    if not resistance > 0.0 or sigma > resistance / 3.0:
         return Parameter(None, None, _UNIT, "the voltage does not follow the current")
     return Parameter(resistance, sigma, _UNIT)
 

@@ -22,9 +22,6 @@ from sysid.statistics.covariance import autocovariance, coloured_information
 #: Length of the windows, s: several periods of the attitude loops, short against the drift of open-loop rates.
 WINDOW = 5.0
 
-#: Gauss-Newton steps; only the products of thrust and lever are not linear, and outputs are weighted anew each time.
-STEPS = 12
-
 #: How far residuals are taken to be correlated, s.
 CORRELATED = 0.5
 
@@ -198,7 +195,7 @@ def output_error(
         values = np.full(q, float(start.coefficients[0]))
     lever = np.array(known if known is not None else _levers(windows, float(values[0])))
     samples = np.sqrt(len(all_outputs[0]))
-    for _ in range(STEPS):
+    for _ in range(12):
         rows, left = _sensitivities(gains, outputs, values, lever, free)
         weights = np.array([samples / max(float(np.linalg.norm(each)), 1e-9) for each in left])
         scaled, size = _scaled(np.vstack([weight * each for weight, each in zip(weights, rows, strict=True)]))

@@ -31,9 +31,6 @@ HUBER = 1.345
 #: moves, which a short (tapered) autocovariance does not resolve.
 CORRELATED = 2.0
 
-#: Longest lag of motors looked for, s.
-LONGEST_LAG = 0.2
-
 #: Names and units, in order; without a unit those of the signal enter.
 PARAMETERS = {"k": "", "C": "1/m", "Jx": "m", "Jy": "m", "Jz": "m", "b": "", "b/Jz": ""}
 
@@ -312,9 +309,7 @@ def best_lag(motion: Sequence[Motion]) -> float:
             total += float(aim @ aim) - (float(rows @ aim) ** 2 / power if power > 0.0 else 0.0)
         return total
 
-    return float(
-        scipy.optimize.minimize_scalar(left, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-4}).x
-    )
+    return float(scipy.optimize.minimize_scalar(left, bounds=(0.0, 0.2), method="bounded", options={"xatol": 1e-4}).x)
 
 
 def _yaw_inertia(gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequence[tuple[float, float]]) -> Parameter:

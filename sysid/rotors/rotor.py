@@ -44,18 +44,12 @@ from sysid.rotors.thrust_regression import (
 #: ESC speeds must leave this many times the command's residual, or more, to be no rotor speeds.
 WORSE = 1.2
 
-#: Rotor speeds whose ratio to the command varies by less than this (relative standard deviation) are the command.
-PROPORTIONAL = 0.02
-
 #: Commands must vary by this much (standard deviation over mean) before the ratio says anything.
 VARYING = 0.03
 
 #: Difference from the autopilot's curvature that is worth a curve of its own (and three standard errors): climb and
 #: gusts bend the identified one by less.
 OTHER_CURVE = 0.1
-
-#: Standard error above which the curvature of the thrust curve is not determined.
-EXPO_DETERMINED = 0.15
 
 #: Rates at which the lag can be seen at all, Hz, and the longest lag looked for, s.
 LAG_RATE, LONGEST_LAG = 20.0, 0.5
@@ -185,7 +179,7 @@ def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, 
     flying = (commands > 0.05) & (commands < 1.0) & (speeds > 0.0)
     ratio = speeds[flying] / commands[flying]
     varying = bool(np.std(commands[flying]) > VARYING * np.mean(commands[flying]))
-    proportional = varying and bool(np.std(ratio) < PROPORTIONAL * np.mean(ratio))
+    proportional = varying and bool(np.std(ratio) < 0.02 * np.mean(ratio))
     worse = rmse[Law.SPEED] / rmse[Law.COMMAND]
     if not proportional and worse <= WORSE:
         return Law.SPEED, []
@@ -225,7 +219,7 @@ def _curvature(blocks_at: Callable[[float], list[Blocks]], start: float) -> Para
         regressors.append(np.hstack([rows, slope[:, None]]))
         residuals.append(block.force - rows @ values)
     sigma = float(np.sqrt(max(covariance_of(regressors, residuals)[-1, -1], 0.0)))
-    if not np.isfinite(sigma) or sigma > EXPO_DETERMINED or not -0.45 < expo < 1.45:
+    if not np.isfinite(sigma) or sigma > 0.15 or not -0.45 < expo < 1.45:
         told = f"the standard error is {sigma:.2f}" if np.isfinite(sigma) and sigma < 10.0 else "thrust hardly varies"
         return Parameter(None, None, "1", f"{told}, so that the autopilot's curve ({start:g}) is used")
     return Parameter(expo, sigma, "1")

@@ -19,9 +19,6 @@ from sysid.statistics.covariance import autocovariance, coloured_information
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
 BLOCK_SECONDS = 1.0
 
-#: Places of a flight that are looked at for a change of thrust, before those about the best of them.
-_PLACES = 300
-
 #: Part by which thrust errs that is found without wind, inflow and lag: 0.2 to 0.5 % on firmware craft, where scatter
 #: says a tenth of it.
 LEFT_OUT = 0.005
@@ -46,9 +43,6 @@ THRUST_CHANGED = "thrust-changed-in-flight"
 
 #: Condition number of the motors' signals above which motors are not told apart.
 SEPARABLE = 1e4
-
-#: Vertical speed in body axes whose effect on thrust is worth a parameter, m/s.
-CLIMBING = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +167,7 @@ def fit_blocks(
 def summed(blocks: Sequence[Blocks]) -> list[Floats]:
     """Return the thrust signals of all motors together and, where flights climb, the climb; (M, 1 or 2) each."""
     climb = np.concatenate([block.climb for block in blocks])
-    used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > CLIMBING else 1
+    used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > 0.2 else 1
     return [np.column_stack([block.thrust.sum(axis=1), block.climb])[:, :used] for block in blocks]
 
 
@@ -288,7 +282,7 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
         return float(sum(np.abs(side - np.median(side)).sum() for side in (part[:k], part[k:])))
 
     # Each place takes as long as the flight: of a long one some are looked at, and then those about the best.
-    every, last = max(len(part) // _PLACES, 1), len(part) - few
+    every, last = max(len(part) // 300, 1), len(part) - few
     k = min(range(few, last + 1, every), key=left)
     k = min(range(max(k - every + 1, few), min(k + every, last + 1)), key=left)
     before, after = float(np.median(part[:k])), float(np.median(part[k:]))

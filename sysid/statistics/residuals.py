@@ -22,9 +22,6 @@ from sysid.statistics.residual_test import ResidualTest
 #: Probability that a right model stays inside the bands and limits.
 LEVEL = 0.99
 
-#: Lags that are tested, in samples, and the least number of samples for each of them.
-LAGS, SAMPLES_PER_LAG = 25, 4
-
 
 def examine_residuals(
     output: str, errors: Sequence[Floats], inputs: Sequence[Floats], names: Sequence[str]
@@ -34,7 +31,7 @@ def examine_residuals(
     `errors` (N_r,): one-sample-ahead prediction errors, one array per record; `inputs` (N_r, m): at the same samples.
     """
     longest = max((len(error) for error in errors), default=0)
-    lags = min(LAGS, longest // SAMPLES_PER_LAG)
+    lags = min(25, longest // 4)
     usable = [k for k, error in enumerate(errors) if len(error) > 2 * lags]
     if lags < 2 or not usable:
         return None

@@ -14,12 +14,6 @@ from sysid.transfer_functions.model_record import DisturbanceRecord
 #: Time over which an extrapolated slope fades, s; long against the horizons of interest, short against a flight.
 FADE = 10.0
 
-#: A residual that keeps more than this part of itself over the horizon is taken to last for ever.
-LASTING = 0.98
-
-#: A candidate must predict better by this part than those before it, which follow the measurements less closely.
-BETTER = 1e-3
-
 #: Tracking indices to choose among: the disturbance's drive over one step against the noise of one measurement.
 TRACKING_INDICES = tuple(10.0**exponent for exponent in (-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0))
 
@@ -94,9 +88,9 @@ def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
         along = sum(float(p @ r[steps:]) for p, r in zip(predicted, long, strict=True))
         # What is left of the level after the horizon, by least squares, gives the memory.
         kept = min(max(along / size, 1e-9), 1.0) if size > 0.0 else 1.0
-        kept = 1.0 if kept > LASTING else kept
+        kept = 1.0 if kept > 0.98 else kept
         error = sum(float(r[steps:] @ r[steps:]) for r in long) - 2.0 * kept * along + kept**2 * size
-        if error < (1.0 - BETTER) * least:
+        if error < (1.0 - 1e-3) * least:
             least = error
             best = replace(candidate, memory=np.inf if kept == 1.0 else float(-steps * dt / np.log(kept)))
     return best

@@ -12,9 +12,6 @@ from sysid.records.experiment import Experiment, ExperimentError
 from sysid.transfer_functions.model_record import FitReport
 from sysid.transfer_functions.transfer_function import TransferFunction
 
-#: An input whose effect has at least this chance of being none, over all inputs, is not seen to act.
-CHANCE = 0.001
-
 
 def few_samples(records: Sequence[Experiment], parameters: int, order: int) -> list[Finding]:
     """Return a finding where samples are few for the coefficients of an output.
@@ -122,7 +119,7 @@ def _idle_inputs(output: str, report: FitReport, functions: Mapping[str, Transfe
             apart = function.num / sigma
             wald = apart @ np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True) @ apart
             chances.append(float(chi2_sf(n, wald)))
-    if not chances or min(chances) * len(chances) < CHANCE:
+    if not chances or min(chances) * len(chances) < 0.001:
         return None
     return Finding(
         "output-unexplained",

@@ -17,21 +17,6 @@ from sysid.transfer_functions.separable import descend, solve, solve_again
 #: of an output that the inputs do not explain.
 RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 
-#: Candidates whose held-out squared errors differ by less than this part are equals, and the weakest is taken.
-TIE = 1e-3
-
-#: Used where there is too little data to hold any back.
-CAUTIOUS = 1e-2
-
-#: Steps of the poles under the first candidate, the weakest, and under each that follows, from where the last ended.
-TRIAL_STEPS, FURTHER_STEPS = 6, 4
-
-#: Candidates that are tried one after the other: where a still stronger one is best, those between are passed over.
-NEAR = 3
-
-#: Part of a single record that the trial fits see, as for the held-out part of a single log.
-SEEN = 0.7
-
 
 @dataclass(frozen=True, slots=True)
 class Division:
@@ -58,7 +43,7 @@ def divide(problem: Problem) -> Division:
     seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]
     unseen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
     if count < 3:
-        cuts = [round(SEEN * len(y)) for y in problem.outputs]
+        cuts = [round(0.7 * len(y)) for y in problem.outputs]
         if min(len(y) - at for y, at in zip(problem.outputs, cuts, strict=True)) * problem.dt < 4.0 * INITIAL_SECONDS:
             return Division(problem, None)
         seen = [(r, slice(0, at)) for r, at in enumerate(cuts)]
@@ -83,23 +68,24 @@ def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: fl
     weakest first, until none stronger would be better there.
     """
     if division.held_back is None:
-        return Choice(CAUTIOUS, theta, delays, 0)
+        # Too little data to hold any back.
+        return Choice(1e-2, theta, delays, 0)
     best, least = Choice(RIDGES[0], theta, delays, 0), np.inf
-    place, steps, most = 0, 0, TRIAL_STEPS
+    place, steps, most = 0, 0, 6
     while True:
         ridge = RIDGES[place]
         descent = descend(replace(division.seen, ridge=ridge), theta, most, deadline, delays)
         theta, delays, steps = descent.point.theta, descent.point.delays, steps + descent.iterations
         errors = _errors(division, theta, delays)
         # Ties go to the weaker candidate: regularisation that does not improve must not bias.
-        if errors[place] < (1.0 - TIE) * least:
+        if errors[place] < (1.0 - 1e-3) * least:
             best, least = Choice(ridge, theta, delays, steps), errors[place]
         foreseen = int(np.argmin(errors))
         if foreseen <= place or time.monotonic() > deadline:
             return replace(best, steps=steps)
         # One after the other, for poles move with the candidate; but not through many that are far from any good.
-        place = foreseen if foreseen > place + NEAR else place + 1
-        most = FURTHER_STEPS
+        place = foreseen if foreseen > place + 3 else place + 1
+        most = 4
 
 
 def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:

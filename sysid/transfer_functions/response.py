@@ -19,9 +19,6 @@ from scipy.linalg import expm
 from sysid.records.experiment import Floats
 from sysid.transfer_functions._kernels import recur, recur_few
 
-#: With fewer channels than this the states, not the channels, are worth being vector lanes.
-FEW = 4
-
 #: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
 INITIAL_SECONDS = 3.0
 
@@ -124,7 +121,8 @@ class Discretised:
         rows = self._rows(first)
         transition, across = self.transition[lanes, rows, rows], self.transition[lanes, rows, : rows.start]
         driving = np.empty((len(inputs), 0, len(lanes))) if first is None else first
-        if len(lanes) < FEW:
+        # With few channels the states, not the channels, are worth being vector lanes.
+        if len(lanes) < 4:
             transposed = np.ascontiguousarray(transition.transpose(0, 2, 1))
             across = np.ascontiguousarray(across.transpose(0, 2, 1))
             now, following = np.ascontiguousarray(from_now), np.ascontiguousarray(from_next)

@@ -35,18 +35,9 @@ FIRST_STEPS = 4
 #: one that was farther behind won twice, by 16 and 40 % of the cost where the refinement starts.
 FAR = 4.0
 
-#: Likewise after half of the steps, of the best one's cost after all of them.
-HOPELESS = 10.0
-
-#: Rounds of steps from separated channels, each followed by the choice of the initial responses' weight.
-SETTLING = 5
-
 #: Regularisation of own denominators that many data determine. Relative to the information in the data, the noise may
 #: be as little as a millionth of the output's variance, and initial states would make up for what a ridge takes away.
 NEXT_TO_NONE = 1e-10
-
-#: Part of the time that may be spent on separated channels.
-CHANNELS_PART = 0.7
 
 #: Separated channels are good where they leave at most this many times the variance that shared modes leave.
 WORTHWHILE = 1.1
@@ -58,12 +49,6 @@ COSTLY = 0.01
 #: Samples for each coefficient, and at least, with which starts and regularisation are looked for; less than twice as
 #: many are all used.
 SEARCHED, LEAST_SEARCHED = 40, 2000
-
-#: With how many times as many samples separated channels are looked for: shared modes have more coefficients.
-CHANNELS_SEARCHED = 4
-
-#: Delays that are tried at first when they are to be estimated, spread evenly from none to the longest.
-MOST_TRIED_DELAYS = 9
 
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -108,7 +93,8 @@ def search(
     # What inputs that always move together did cannot be told apart by any start.
     if own and plan.independent >= len(common.group):
         report("own denominators, channel by channel", 0.0)
-        some = portion(common, CHANNELS_SEARCHED * few.samples)
+        # Shared modes have more coefficients.
+        some = portion(common, 4 * few.samples)
         by_channel, good = _from_channels(some, plan, rng, deadline)
         if by_channel is not None and good:
             return by_channel if some is common else _on_all(by_channel, common, deadline)
@@ -193,7 +179,7 @@ def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadli
     """
     problem = _with_own(replace(common, ridge=NEXT_TO_NONE if plan.ridge is None else plan.ridge), plan)
     now = time.monotonic()
-    limit = now + CHANNELS_PART * (deadline - now)
+    limit = now + 0.7 * (deadline - now)
     best: tuple[Descent, float] | None = None
     steps = 0
     for separated in () if problem.delay_parameters else separate(problem, _starting_band(problem), rng, limit):
@@ -208,7 +194,7 @@ def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadli
     if best is None:
         return None, False
     descent, expected = best
-    for _ in range(SETTLING - 1):
+    for _ in range(4):
         weakest = _initial(common, problem.groups, descent.point)
         initial = likeliest_initial(problem, descent.point, weakest)
         # The variance of the residual moves the candidates a little: that alone is no reason to go on.
@@ -289,7 +275,7 @@ def _common_start(problem: Problem, plan: Plan, rng: np.random.Generator, deadli
 def _tried_delays(problem: Problem) -> list[Floats]:
     if not problem.delay_parameters:
         return [problem.start_delays]
-    count = min(round(problem.longest_delay / problem.dt) + 1, MOST_TRIED_DELAYS)
+    count = min(round(problem.longest_delay / problem.dt) + 1, 9)
     lanes = np.ones(len(problem.group))
     return [delay * lanes for delay in np.linspace(0.0, problem.longest_delay, max(count, 2))]
 
@@ -323,7 +309,7 @@ def _best_of(problem: Problem, thetas: Sequence[Floats], deadline: float, report
 
 def _hopeless(others: Sequence[Descent]) -> float:
     """Return the cost from which on a start will not win against others."""
-    return HOPELESS * min((descent.point.cost for descent in others), default=np.inf)
+    return 10.0 * min((descent.point.cost for descent in others), default=np.inf)
 
 
 def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) -> tuple[Descent, int]:

@@ -47,9 +47,6 @@ MOST_RELIEF = 1.0 / 3.0
 #: noise in a parameter more: then two such steps in a row are the last.
 ENOUGH = 0.02
 
-#: Steps after which a descent may be hopeless.
-ATTEMPT = 2
-
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -191,7 +188,7 @@ def descend(
         return Descent(point, 0, True)
     damping, growth, small = 1e-1, 2.0, 0
     for iteration in range(iterations):
-        if time.monotonic() > deadline or (iteration == ATTEMPT and point.cost > hopeless):
+        if time.monotonic() > deadline or (iteration == 2 and point.cost > hopeless):
             return Descent(point, iteration, False)
         hessian, gradient, independent = nonlinear_system(problem, point)
         free = _free(problem, point, gradient)

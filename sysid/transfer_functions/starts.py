@@ -38,23 +38,11 @@ from sysid.transfer_functions.problem import Band, Problem, clip, denominators, 
 from sysid.transfer_functions.response import Discretised, discretise
 from sysid.transfer_functions.separable import Descent, Point, descend, instruments, solve
 
-#: Shared modes at least: a coarser grid of frequencies may leave a mode without a section near it.
-LEAST_SECTIONS = 8
-
-#: Samples wanted for each coefficient of the shared modes.
-ENOUGH_SAMPLES = 10
-
-#: Independent samples of the residual wanted for each coefficient of the shared modes once these have been fitted.
-ENOUGH_INDEPENDENT = 2
-
 #: Weight of the initial responses, relative to the problem's, when records begin at rest and when they do not.
 AT_REST, IN_MOTION = 100.0, 1e-4
 
 #: Part of the output's variance below which a fit from rest explains the records, and above which nothing does.
 EXPLAINED, HOPELESS = 0.01, 0.1
-
-#: Regularisation of the shared modes and of single channels, only for the sake of numbers.
-MODES_RIDGE, CHANNEL_RIDGE = 1e-5, 1e-8
 
 #: Steps of the shared modes with half of the records and then with all, and of a channel with one record and with all.
 MODES_STEPS, CHANNEL_STEPS = (14, 8), (15, 10)
@@ -62,21 +50,12 @@ MODES_STEPS, CHANNEL_STEPS = (14, 8), (15, 10)
 #: Shared modes are settled when a step lowers the cost by less than this part: they are a basis, not the answer.
 MODES_SETTLED = 2e-3
 
-#: Sets of poles from which each channel starts.
-CHANNEL_STARTS = 8
-
 #: How often channels may be drawn where the poles found do not explain what the shared modes do: of 30 fits of table A1
 #: one needed four.
 DRAWS = 6
 
 #: Damping ratios that channels start with, and those of the grid of shared modes: the second where the first is stuck.
 CHANNEL_DAMPING, GRID_DAMPING = (0.01, 2.0), (0.2, 0.1)
-
-#: Differences of twice the logarithm of the likelihood up to this are none; rest, which is simpler, is then taken.
-TIE = 2.0
-
-#: How much less than `Problem.initial` initial responses may weigh by likelihood, in steps of ten: a million times.
-REST_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +73,8 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     Of the same shared modes. Nothing where there are too few samples for so many coefficients, integrators, or an
     output that even all these modes do not explain: by size, or because what they leave is far from white.
     """
-    sections = max((sum(problem.all_orders) + 1) // 2, LEAST_SECTIONS)
+    # A coarser grid of frequencies may leave a mode without a section near it.
+    sections = max((sum(problem.all_orders) + 1) // 2, 8)
     if problem.integrators or not _enough(problem, sections):
         return
     for damping in GRID_DAMPING:
@@ -104,7 +84,7 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
         if left > HOPELESS:
             return
         # What modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
-        if independent_samples(residuals) >= ENOUGH_INDEPENDENT * 2 * sections * len(problem.group):
+        if independent_samples(residuals) >= 4 * sections * len(problem.group):
             break
         # So little of the output is left in a local minimum too, which another grid may pass by.
         if left > EXPLAINED:
@@ -135,7 +115,7 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
     """
     first = 1 + problem.integrators
     tried: list[tuple[float, float]] = []
-    for step in range(REST_STEPS + 1):
+    for step in range(7):
         initial = weakest * 10.0**step
         trial = solve(replace(problem, initial=initial), point.theta, point.delays)
         free = np.linalg.slogdet(trial.basis.prior[first:, first:])[1]
@@ -144,11 +124,12 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
             surprise += 2.0 * float(np.sum(np.log(np.diag(part.factor)))) - free
         tried.append((float(surprise), initial))
     least = min(surprise for surprise, _ in tried)
-    return max(initial for surprise, initial in tried if surprise <= least + TIE)
+    # Where likelihoods hardly differ rest, which is simpler, is taken.
+    return max(initial for surprise, initial in tried if surprise <= least + 2.0)
 
 
 def _enough(problem: Problem, sections: int) -> bool:
-    return problem.samples >= ENOUGH_SAMPLES * 2 * sections * len(problem.group)
+    return problem.samples >= 20 * sections * len(problem.group)
 
 
 def _shared_modes(
@@ -166,7 +147,7 @@ def _shared_modes(
         counts=(),
         delays=problem.delays * sections,
         longest_delay=0.0,
-        ridge=MODES_RIDGE,
+        ridge=1e-5,
     )
     grid = np.column_stack(
         [np.log(np.geomspace(band.lowest, band.highest, sections)), np.full(sections, np.log(damping))]
@@ -204,7 +185,7 @@ def _channel(problem: Problem, outputs: list[Floats], j: int, initial: float) ->
         counts=(),
         delays=problem.delays[j : j + 1],
         longest_delay=0.0,
-        ridge=CHANNEL_RIDGE,
+        ridge=1e-8,
         initial=initial,
     )
 
@@ -217,7 +198,7 @@ def _fit_channel(
     scout = replace(channel, inputs=(channel.inputs[longest],), outputs=(channel.outputs[longest],))
     weights = carried + 1e-6 * max(float(carried.max()), 1e-12)
     best: Point | None = None
-    for _ in range(CHANNEL_STARTS):
+    for _ in range(8):
         drawn = modes[rng.choice(len(modes), channel.order // 2, replace=False, p=weights / weights.sum())]
         drawn[:, 1] = np.clip(drawn[:, 1], *np.log(CHANNEL_DAMPING))
         # An odd order ends in a real pole, of which the sections tell nothing.
@@ -228,9 +209,6 @@ def _fit_channel(
     assert best is not None
     return np.asarray(descend(channel, best.theta, CHANNEL_STEPS[1], deadline).point.theta[0])
 
-
-#: Iterations without a new lowest cost after which there will be none.
-VAIN = 6
 
 #: Iterations at most, and the change of the logarithmic parameters at which Gauss-Newton steps do better.
 MOST_ITERATIONS, NEAR = 30, 0.03
@@ -261,7 +239,7 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
         vain += 1
         if point.cost < best[0]:
             best, vain = (point.cost, theta), 0
-        if change < NEAR or vain == VAIN or time.monotonic() > deadline:
+        if change < NEAR or vain == 6 or time.monotonic() > deadline:
             return Start(best[1], best[0], iteration, change < NEAR)
         refined = refine(problem, point, noisy=iteration == 0)
         if refined is None:

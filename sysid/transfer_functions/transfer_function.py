@@ -21,9 +21,6 @@ from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 #: What has a standard deviation above this part of its value is reported as not determined.
 DETERMINED = 0.5
 
-#: Roots closer to each other than this part of their size are one multiple root, whose place is not differentiable.
-MULTIPLE = 1e-6
-
 Complex = NDArray[np.complex128]
 
 
@@ -65,7 +62,8 @@ def roots_of(polynomial: Floats, covariance: Floats | None) -> tuple[Root, ...]:
     found = []
     for root in sorted(roots, key=lambda r: (abs(r), r.imag)):
         apart = np.abs(roots - root)
-        if np.count_nonzero(apart <= MULTIPLE * max(abs(root), 1e-12)) > 1:
+        # One multiple root, whose place is not differentiable.
+        if np.count_nonzero(apart <= 1e-6 * max(abs(root), 1e-12)) > 1:
             found.append(Root(complex(root), np.full((2, 2), np.inf)))
             continue
         slope = -(root ** np.arange(free - 1, -1, -1)) / np.polyval(derivative, root)

@@ -13,9 +13,6 @@ from sysid.transfer_functions.problem import Problem
 from sysid.transfer_functions.reduction import autoproducts, own_eliminated, sum_of
 from sysid.transfer_functions.separable import Point, reduced_information, sensitivities
 
-#: An autocovariance ends where it stays below this part of the variance.
-FADED = 1e-4
-
 
 def parameter_covariance(problem: Problem, point: Point) -> Floats:
     """Covariance of normalised numerators, poles' parameters and delays, for coloured residuals, at the solution.
@@ -70,7 +67,7 @@ def residual_colour(residuals: Sequence[Floats]) -> Floats:
     past = [-sum(a[i] * gamma[order + j - i] for i in range(j, order)) for j in range(order)]
     following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), np.array(past))
     whole = np.concatenate([gamma[: order + 1], following])[:longest]
-    lasting = np.flatnonzero(np.abs(whole) > FADED * gamma[0])
+    lasting = np.flatnonzero(np.abs(whole) > 1e-4 * gamma[0])
     return np.asarray(whole[: lasting[-1] + 1])
 
 

@@ -32,9 +32,6 @@ RESTARTS = 10.0
 #: tell the error of a long horizon as well as thousands.
 MOST_STEPS = 100_000
 
-#: Samples over which the velocity at the start of a free run is taken, s.
-VELOCITY_SECONDS = 1.0
-
 #: Part of a free run's errors that its drift band should hold, and times at which the band is listed.
 BAND, BAND_POINTS = 0.9, 41
 
@@ -297,7 +294,7 @@ def _rms(error: Floats) -> float:
 
 def _slopes(y: Floats, dt: float) -> Floats:
     """Velocity at every sample from the past second only, by a least-squares line; shape (N,)."""
-    reach = max(round(VELOCITY_SECONDS / dt), 1)
+    reach = max(round(1.0 / dt), 1)
     lag = np.arange(reach + 1)
     weights = (lag.mean() - lag) / (np.sum((lag - lag.mean()) ** 2) * dt)
     padded = np.concatenate([np.full(reach, y[0]), y])

@@ -37,9 +37,6 @@ CHANNELS = (
 #: Error at which a prediction that runs away is held.
 _WORST = 1e6
 
-#: By how much errors must be below those of the simplest prediction to count as better.
-_MARGIN = 0.1
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateErrors:
@@ -170,7 +167,7 @@ def _verdict(state: str, unit: str, errors: Sequence[StateErrors]) -> StateVerdi
         ours = float(np.mean([row.model for row in here]))
         simple = float(np.mean([min(row.held, row.carried_on or row.held) for row in here]))
         judged.append((horizon, ours, simple))
-    good = [row for row in judged if row[1] < (1.0 - _MARGIN) * row[2]]
+    good = [row for row in judged if row[1] < 0.9 * row[2]]
     horizon, ours, simple = (good or judged)[-1]
     return StateVerdict(state=state, unit=unit, useful=bool(good), horizon=horizon, model=ours, simple=simple)
 

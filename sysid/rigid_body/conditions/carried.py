@@ -51,9 +51,6 @@ _FACTORS = (3.0, 3.0, 2.0, 2.0)
 #: Evaluations of the likelihood in one search, and how near the best it has to end.
 _MOST_EVALUATIONS, _NEAR = 300, 0.05
 
-#: First steps of the search for the strengths' logarithms, and of the search from where it ended.
-_STRIDES = (1.0, 0.5)
-
 
 @dataclass(frozen=True, slots=True)
 class Wander:
@@ -106,7 +103,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
 
     # A simplex may close on a ridge: it is opened again where it ended.
     found = known
-    for stride in _STRIDES:
+    for stride in (1.0, 0.5):
         simplex = np.vstack([found, found + stride * np.eye(len(found))])
         found = scipy.optimize.minimize(
             cost,
@@ -134,9 +131,6 @@ SETTLING_SECONDS = 30.0
 
 #: Parameters of the craft that are below zero in none.
 _POSITIVE = np.array([name.startswith(("drag", "climb")) for name in THETA])
-
-#: Steps of robust least squares to where the filter is linearised, and linearisations of the filter.
-_START_STEPS, _LINEARISATIONS = 5, 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +189,7 @@ def _settled(
     """Find where a flight is linearised, (4,), and what wanders, from its beginning."""
     early = flight.cut(0, min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t)))
     own = _start(early, shared, law, mean, sigma)
-    for _ in range(_LINEARISATIONS):
+    for _ in range(2):
         blocks = velocity_increments(early, np.concatenate([shared, own]), law)
         wander = fit_wander(blocks, mean - own, sigma, float(np.hypot(*own[len(OWN) :])))
         states, _ = _filtered(blocks, mean - own, sigma, wander, doubt)
@@ -222,7 +216,7 @@ def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander, d
 def _start(flight: Motion, shared: Floats, law: int, mean: Floats, sigma: Floats) -> Floats:
     """Return exponent, thrust scale and wind by robust least squares, the exponent as known beforehand."""
     own, weight, free = np.clip(mean, LOWEST, HIGHEST), sigma[1:] ** -2.0, slice(1, None)
-    for _ in range(_START_STEPS):
+    for _ in range(5):
         blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
         noise = np.maximum(np.sqrt(np.median(blocks.missed**2, axis=0) / 0.4549), 1e-3)
         scaled = blocks.missed / noise

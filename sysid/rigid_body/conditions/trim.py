@@ -24,19 +24,10 @@ from sysid.rigid_body.methods.systematic import THRUST_AT_BEST, wind_error
 from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
-#: Departure of a thrust scale from 1, in standard deviations of what air temperature explains, that is a finding.
-UNUSUAL = 2.5
-
 #: Standard deviations that exponent and wind of a flight have at best: where the ground is and how the wind grows with
 #: height above it are not known better. The wind's is in parts of its speed, but for this, m/s: winds carried through
 #: 13 firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm.
 _EXPONENT_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 0.02, 0.002
-
-#: Time between the points of a path that a free run is matched at, and how well positions are known at best, m.
-PATH_SECONDS, SMALLEST_SIGMA = 1.0, 1e-4
-
-#: Step of thrust scale and wind, m/s, that the slopes of a path are differences over.
-_STEP = 1e-5
 
 #: Place of the first wind coefficient among the parameters of a flight.
 _WIND = len(OWN)
@@ -138,14 +129,14 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     """
     shapes = wind_shapes(flight.t, knots)
     gust = TURBULENCE * max(float(np.hypot(*start[_WIND:])), LIGHT)
-    every = max(round(PATH_SECONDS / flight.dt), 1)
+    every = max(round(1.0 / flight.dt), 1)
     first = np.concatenate([start[1:], np.zeros(2 * len(knots))])
 
     def missed(own: Floats) -> Floats:
         run = flight.run(np.concatenate([shared, start[:1], own]), shapes, law)
         return np.asarray((run[::every, :3] - flight.position[::every]).ravel())
 
-    spread = max(float(np.sqrt(np.mean(missed(first) ** 2))), SMALLEST_SIGMA) if len(knots) else 1.0
+    spread = max(float(np.sqrt(np.mean(missed(first) ** 2))), 1e-4) if len(knots) else 1.0
 
     def weighted(own: Floats) -> Floats:
         return np.concatenate([missed(own) / spread, own[3:] / gust])
@@ -154,7 +145,7 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
     scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
-    slopes = scipy.optimize.approx_fprime(first, weighted, _STEP)
+    slopes = scipy.optimize.approx_fprime(first, weighted, 1e-5)
 
     def slope(_: Floats) -> Floats:
         return slopes
@@ -172,7 +163,7 @@ def known_at_best(wind: Floats) -> Floats:
 def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:
     """Return a finding where the thrust scale of a flight is not what air temperature explains."""
     departure, sigma = trim.thrust_scale - 1.0, float(np.hypot(AIR_SIGMA, trim.thrust_scale_sigma))
-    if abs(departure) <= UNUSUAL * sigma:
+    if abs(departure) <= 2.5 * sigma:
         return None
     heavier = "less" if departure < 0.0 else "more"
     return Finding(

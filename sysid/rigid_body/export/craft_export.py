@@ -28,9 +28,6 @@ _OUTFLOW = 24.08
 #: The simulator's default momentum drag coefficient; it acts only in a product with the root of disc_area.
 _MDRAG = 0.2
 
-#: Speed of the reference flight that drag is told by, m/s.
-_REFERENCE_SPEED = 10.0
-
 
 @dataclass(frozen=True, slots=True)
 class FrameExport:
@@ -206,7 +203,7 @@ def _drag(sheet: _Sheet, model: RigidBodyModel, mass: float, disc_area: float | 
 
 def _reference_flight(mass: float, area_cd: float, mdrag: float, disc_area: float) -> tuple[float, float]:
     """Speed and lean angle [rad] that the simulator turns back into this drag."""
-    speed = _REFERENCE_SPEED
+    speed = 10.0
 
     def surplus(angle: float) -> float:
         cosine = math.cos(angle)

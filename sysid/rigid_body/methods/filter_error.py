@@ -39,27 +39,19 @@ HUBER = 3.0
 #: short as the outputs' sampling show what is hidden between samples.
 SHORTEST_STEP, LONGEST_STEP = 0.1, 0.2
 
-#: Length of a cluster of innovations whose scores are taken together, s.
-CLUSTER_SECONDS = 10.0
-
 #: Most rounds of parameters and disturbances in turn, and the change of the log-likelihood that ends them; most steps
 #: in a round, and a gain that is not worth one: the noise in a single parameter is worth a half.
 _ROUNDS, _SETTLED = 7, 0.2
 _STEPS, _CONVERGED = 10, 0.01
 
-#: A fit whose cost is farther from a rival's than so many times its last gain will not reach it.
-_HOPELESS = 100.0
-
 #: Limits of gust [m/s^2], its correlation time [s], white part [m/s^2 sqrt(s)] and noise of velocity [m/s]; where the
 #: search starts, and its first steps, as logarithms.
 _LOW, _HIGH = np.log([1e-4, 0.3, 1e-4, 1e-4]), np.log([10.0, 100.0, 3.0, 1.0])
 _START, _STRIDE = np.log([0.1, 5.0, 0.05, 0.02]), 0.7
-_EVALUATIONS = 250
 
 #: Correlation time of gusts beforehand: mean and standard deviation of its logarithm. Dryden's length is some 100 m at
 #: 15 m height; a push that wandered without end would pass for the mean wind.
 _TAU = (np.log(10.0), 1.0)
-
 
 #: Laws of drag in the order of preference.
 LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
@@ -226,7 +218,8 @@ def fit_filter_error(
             if not accepted or time.monotonic() > deadline:
                 break
             gain, values, now, total, parts = total - cost, trial, then, cost, then_parts
-            if gain < max(_CONVERGED, (total - rival) / _HOPELESS):
+            # Farther from a rival than so many times the last gain it will not reach it.
+            if gain < max(_CONVERGED, (total - rival) / 100.0):
                 break
         if time.monotonic() > deadline:
             break
@@ -290,7 +283,7 @@ def _likeliest(left: Floats, dt: float, before: Disturbances) -> Disturbances:
             cost,
             start,
             method="Nelder-Mead",
-            options={"maxfev": _EVALUATIONS, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex},
+            options={"maxfev": 250, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex},
         )
         return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
 
@@ -321,7 +314,7 @@ def _linearised(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Dis
     costs, scores, flights = [], [], []
     for flight, ((left, jacobian, dt), both) in enumerate(zip(parts, disturbances, strict=True)):
         places = np.r_[np.arange(SHARED), np.arange(n)[flight_slice(flight)]]
-        starts = np.arange(0, max(len(left) - 1, 1), max(round(CLUSTER_SECONDS / dt), 1))
+        starts = np.arange(0, max(len(left) - 1, 1), max(round(10.0 / dt), 1))
         spent, own = np.zeros(len(starts)), np.zeros((len(starts), n))
         for axis, noise in enumerate((both[0], both[0], both[1])):
             columns = np.column_stack([left[:, axis], jacobian[:, axis]])

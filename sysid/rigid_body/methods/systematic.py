@@ -29,9 +29,6 @@ APART = 0.002
 #: Part of the variance of the attitude's error that goes with the craft, with north, and with the speed, each.
 ATTITUDE_PART = 1.0 / 3.0
 
-#: Slowest usual speed for this, m/s.
-_SLOWEST = 0.3
-
 #: Part to which thrust is known at best: firmware craft that are shaken by chirps err by 1 to 3 times as much.
 THRUST_AT_BEST = 1e-3
 
@@ -42,9 +39,6 @@ CLIMB_FORM, LAG_FORM = 0.003, 0.006
 #: Part by which the steepness of thrust over command errs: commands between the lines of a log (10 Hz) are smoother
 #: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
 STEEPNESS = 0.01
-
-#: Part of the band of slow rows of motor outputs, at its upper end, by whose power the folded part is told.
-_TOP = 0.2
 
 #: Time over which a command's own mean is left out where its variation counts, s, and time of correlation beyond which
 #: gusts are too slow for the height controller to answer as to news, s.
@@ -87,7 +81,7 @@ def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats
     tilt = np.sqrt(ATTITUDE_PART * np.mean([np.mean(m.attitude_sigma[:2] ** 2) for m in motions]) / len(motions))
     here[[THETA.index("tilt_x"), THETA.index("tilt_y")]] = tilt
     for place, axis in enumerate("xyz"):
-        speed = max(usual_speed(motions, place), _SLOWEST)
+        speed = max(usual_speed(motions, place), 0.3)
         linear, square = (THETA.index(f"drag_{law}_{axis}") for law in ("linear", "quadratic"))
         drag = DRAG_PART * (values[linear] * speed + values[square] * speed**2)
         # An error of attitude that goes with the speed, by an unknown part of it between -1 and 1, is drag.
@@ -133,7 +127,8 @@ def folded(motions: Sequence[Motion], values: Floats) -> float:
         rows = _varying(motion, values)[:: max(every, 1)]
         power = np.abs(np.fft.rfft(rows * np.hanning(len(rows)))) ** 2
         if every > 1:
-            fold += float(power[round((1.0 - _TOP) * len(power)) :].mean()) * len(power)
+            # The upper fifth of the band tells the power of the folded part.
+            fold += float(power[round(0.8 * len(power)) :].mean()) * len(power)
         whole += float(power.sum())
     return min(fold / max(whole, 1e-12), 1.0)
 

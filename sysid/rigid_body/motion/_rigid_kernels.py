@@ -21,7 +21,6 @@ from core.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 
-
 #: Linear drag goes with the rotors' speed, sqrt(density thrust); else with density.
 ROTOR_DRAG = 1
 

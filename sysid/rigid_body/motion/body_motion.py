@@ -46,9 +46,6 @@ _ANGLES = ("roll", "pitch", "yaw")
 _VELOCITY = ("v_n", "v_e", "v_d")
 _ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
 
-#: Longest time between logged motor outputs that is told apart, s.
-_LONGEST_INTERVAL = 1.0
-
 #: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
 ATTITUDE_SIGMA = np.radians(0.1)
 
@@ -130,7 +127,7 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
     context = record.context
     if context is None or not context[list(_ANGLES)].notna().all(axis=None):
         raise MissingDataError(f"{record.name}: no attitude, which the rigid body needs as an input; estimate it first")
-    interval = min(1.0 / logged_rate(record.u, record.dt), _LONGEST_INTERVAL)
+    interval = min(1.0 / logged_rate(record.u, record.dt), 1.0)
     outputs = record.u
     if joined:
         # What motors have in common is slower than rows come; their differences, which turn the craft, are not.

@@ -53,7 +53,6 @@ SHARED = len(THETA)
 #: Parameters of one further input: acceleration along x, y, z and angular acceleration about x, y, z.
 PER_INPUT = 6
 
-
 #: Numbers of a state: position, velocity, rotation by rows, rates.
 STATES = 18
 

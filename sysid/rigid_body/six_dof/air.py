@@ -18,9 +18,6 @@ from sysid.rigid_body.six_dof.body_record import BodyRecord, drives
 from sysid.rigid_body.six_dof.correction import upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 
-#: Length of the runs that are compared, s; attitude is measured throughout.
-RUN_SECONDS = 0.2
-
 #: Length of the windows of the wind, and of a trim, s: manoeuvres, during which the model errs this way and that, are
 #: shorter than these.
 WIND_SECONDS, TRIM_SECONDS = 1.0, 5.0
@@ -29,13 +26,6 @@ WIND_SECONDS, TRIM_SECONDS = 1.0, 5.0
 #: not hold at every speed, and by a level that is off by 0.3 deg where no trim is given. In a tunnel, flown by two
 #: controllers, known winds of 0 to 12 m/s were 0.2 m/s off with a trim, 0.25 without; 0.1 m/s^2 are 0.24 m/s there.
 _LAW, _LEVEL = 0.1, 0.05
-
-#: Windows farther from the median than so many median distances are unlike the others; three standard deviations.
-_UNLIKE = 4.4
-
-#: Passes of Gauss-Newton.
-_PASSES = 12
-
 
 #: What is sought of a window, two horizontal numbers and the thrust over the model's: known before, and its spread.
 _Sought = tuple[Floats, Floats]
@@ -87,7 +77,8 @@ def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
 def _usual(values: Floats) -> float:
     """Mean of the values that are near their median."""
     away = np.abs(values - np.median(values))
-    return float(values[away <= _UNLIKE * np.median(away) + 1e-12].mean())
+    # Three standard deviations, in median distances.
+    return float(values[away <= 4.4 * np.median(away) + 1e-12].mean())
 
 
 def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | None = None) -> WindTrack:
@@ -160,7 +151,7 @@ class _Runs:
 
 def _runs(model: SixDofModel, experiment: Experiment, window: float) -> _Runs:
     record = model.record(experiment)
-    steps = max(round(RUN_SECONDS / record.dt), 1)
+    steps = max(round(0.2 / record.dt), 1)
     size = max(round(window / record.dt), steps)
     windows = (len(record.t) - steps) // size
     if windows < 1:
@@ -189,7 +180,7 @@ def _solve(
     number = np.bincount(owner, minlength=blocks)
     mean, sigma = sought
     value = np.tile(mean if first is None else first, (blocks, 1))
-    for _ in range(_PASSES):
+    for _ in range(12):
         base = errors(np.repeat(value, spread, axis=0))
         slopes = np.empty((*base.shape, 3))
         for k, step in enumerate(_DIFFERENCE * sigma):

@@ -19,9 +19,6 @@ from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 MIXER = ("thrust", "roll", "pitch", "yaw")
 _MIXER_ALIASES = {"throttle": "thrust"}
 
-#: Commands are 0 to 1; what reaches beyond this is in another unit.
-_MOST_COMMAND = 2.0
-
 _ATTITUDE = ("roll", "pitch", "yaw")
 _QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 
@@ -122,7 +119,7 @@ def input_kinds(record: Experiment) -> InputKinds:
     units = {record.units.get(names[k], "") for k in used}
     quantity = Quantity.SPEED if units == {"rad/s"} else Quantity.PWM if units == {"us"} else Quantity.COMMAND
     largest = float(np.nanmax(np.abs(record.u[:, list(motors)]), initial=0.0))
-    if quantity is Quantity.COMMAND and largest > _MOST_COMMAND:
+    if quantity is Quantity.COMMAND and largest > 2.0:
         raise ExperimentError(
             f"{record.name}: the unit of the motors is not known, and {names[motors[0]]} ... reach {largest:.4g}, "
             "which no command from 0 to 1 does; give the experiment units, such as units={'m1': 'us', ...} or 'rad/s'"

@@ -23,9 +23,6 @@ from sysid.records.filtering import lfilter
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 
-#: Length of the past below which nothing is held, s.
-_ENOUGH = 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class Observer:
@@ -66,15 +63,12 @@ def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
         known = lfilter([1.0 - keep], [1.0, -keep], np.r_[0.0, np.ones(len(missed) - 1)])
         # The past is short at first: a second of it is a mean, one sample is not.
         mean = lfilter([1.0 - keep], [1.0, -keep], missed[:, columns]) / np.maximum(known, 1e-12)[:, None]
-        out[:, columns] = mean * (np.arange(len(missed)) * dt > min(_ENOUGH, memory))[:, None]
+        out[:, columns] = mean * (np.arange(len(missed)) * dt > min(1.0, memory))[:, None]
     return out
 
 
 #: Time constants of the means of what was missed before a start, in parts of the memory.
 _MEANS = (1 / 40, 1 / 16, 1 / 6, 1 / 2.5)
-
-#: Samples of the horizon at which the direction of thrust is a feature, where attitude is an input.
-_POINTS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +168,7 @@ def features(
         level = np.einsum("nji,nj->ni", upright, state[:, 3:6])
         parts += [level, speed * level, level[:, :2] * level[:, 2:], level * now, now]
         lift = (record.inputs**2).mean(axis=1)
-        for step in np.linspace(0, steps, _POINTS + 1).astype(int)[1:]:
+        for step in np.linspace(0, steps, 6).astype(int)[1:]:
             down = np.einsum("nji,nj->ni", upright, record.states[starts + step][:, [8, 11, 14]])
             parts += [down * lift[starts + step, None], down[:, :2]]
     else:

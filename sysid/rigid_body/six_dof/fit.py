@@ -28,14 +28,8 @@ from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, st
 #: Horizons at which runs are compared with the record, s.
 HORIZONS = (0.05, 0.15, 0.3, 0.5)
 
-#: Runs that are fitted, over all records: more cost time and add little, as neighbours overlap.
-MOST_RUNS = 5000
-
 #: Length of the blocks whose errors count as independent, s.
 BLOCK_SECONDS = 4.0
-
-#: Largest standard error of what is called determined, as a part of the estimate; see `Family.limit`.
-RELATIVE = 0.2
 
 
 class Family(NamedTuple):
@@ -123,7 +117,7 @@ def fit_six_dof(
     indoors: bool = False,
     winds: Mapping[str, tuple[float, float]] | None = None,
     horizons: Sequence[float] = HORIZONS,
-    most_runs: int = MOST_RUNS,
+    most_runs: int = 5000,
     attitude: str = "state",
     name: str = "rigid body, six degrees of freedom",
 ) -> SixDofModel:
@@ -359,7 +353,7 @@ def _parameters(
         family, name, value = unknown.shared, unknown.name, float(found.values[k])
         floor = FLOOR_SAMPLES * dt if family.unit == "s" else family.part * abs(value) + family.amount
         error = float(np.hypot(spread[k], floor))
-        limit, reason = max(RELATIVE * abs(value), family.limit), ""
+        limit, reason = max(0.2 * abs(value), family.limit), ""
         if np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0:
             reason = "the records hardly move it"
         elif not error < limit:

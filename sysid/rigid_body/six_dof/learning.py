@@ -19,9 +19,6 @@ _PASSES, _FLOOR = 3, 0.3
 #: which take 8 bytes each.
 _RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
 
-#: Groups of records that are left out in turn, and by how many percent errors of most must become smaller.
-_FOLDS, _WORTH = 4, 1.0
-
 #: Horizontal, vertical, and all of a position.
 _PARTS = (slice(0, 2), slice(2, 3), slice(0, 3))
 
@@ -132,7 +129,7 @@ def learn_correction(
         goals.append(errors.reshape(len(starts), steps, 4, 3))
     states = (0, 1) if model.attitude_given else (0, 1, 2, 3)
     gains = gains_of_order(table, goals, states, ridge)
-    kept = {_STATES[state]: gain for state, gain in zip(states, gains, strict=True) if gain > _WORTH}
+    kept = {_STATES[state]: gain for state, gain in zip(states, gains, strict=True) if gain > 1.0}
     if not kept:
         return model
     x, goal = np.concatenate(table), np.concatenate(goals)
@@ -160,7 +157,7 @@ def gains_of_order(
     """
     every = max(sum(map(len, table)) // _TRIED, 1)
     gains = np.zeros((len(table), len(states)))
-    for out in np.array_split(np.arange(len(table)), min(_FOLDS, len(table))):
+    for out in np.array_split(np.arange(len(table)), min(4, len(table))):
         known = [k for k in range(len(table)) if k not in out]
         x = np.concatenate([table[k][::every] for k in known])
         centre, width = _scaling(x)

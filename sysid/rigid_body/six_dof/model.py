@@ -94,8 +94,6 @@ def _below_zero(each: BodyParameter) -> bool:
     return each.value is not None and each.sigma is not None and each.value < -_BEYOND * each.sigma
 
 
-#: Longest step of the integration, s.
-LONGEST_STEP = 0.011
 #: Units of the shared parameters; T is 1 in the mean of the records fitted.
 UNITS: Mapping[str, str] = {
     "thrust": "m/s^2 at the mean strength of the rotors",
@@ -346,7 +344,7 @@ class SixDofModel(Summarised):
 
 def substeps(dt: float) -> int:
     """Return the number of integration steps in one sample interval."""
-    return max(int(np.ceil(dt / LONGEST_STEP)), 1)
+    return max(int(np.ceil(dt / 0.011)), 1)
 
 
 def _outputs(states: Floats) -> Floats:

@@ -18,9 +18,6 @@ from sysid.records.experiment import Floats
 #: Smallest part of the usual error by which a run is divided.
 _FLOOR = 0.3
 
-#: Relative change of the cost below which the search ends.
-_ENOUGH = 1e-4
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShootingFit:
@@ -112,7 +109,7 @@ def minimise(
         if not improved:
             break
         values, errors, damping = trial, trial_errors, 0.1 * damping
-        if cost - trial_cost < _ENOUGH * cost:
+        if cost - trial_cost < 1e-4 * cost:
             break
     scales = spreads(errors)
     weights = [_weights(each, scales) for each in errors]

@@ -84,8 +84,6 @@ _LIMITED, _BEYOND = 0.25, 2.0
 #: Loss of a motor at its limit, and part of all moments that it must explain: 0.41 to 0.96 and 0.51 to 0.99 where one
 #: failed. One that works harder in all of a flight lacks 0.26 more at full throttle and 45 deg (peterbarker 1.BIN).
 _LOSS_AT_LIMIT, _EXPLAINED = 0.3, 0.4
-#: Time over which gusts are one, s.
-_GUST = 0.5
 
 
 def find_at_limit(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
@@ -94,7 +92,7 @@ def find_at_limit(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
     usual, last = slice(half), moments.t > moments.t[-1] - LAST
     if half < FEWEST or not moments.limited[last].any():
         return None
-    size = max(round(_GUST / moments.step), 1)
+    size = max(round(0.5 / moments.step), 1)
     hits, power, whole = np.zeros_like(moments.thrust), np.zeros_like(moments.thrust), np.zeros(len(t))
     for asked, columns, factors in zip(moments.asked, moments.columns, moments.factors, strict=True):
         used = columns[:, OF_A_FALL]
@@ -137,14 +135,10 @@ def find_at_limit(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
     )
 
 
-#: Shortest time before and after a step [s].
-_BEFORE, _AFTER = 3.0, 0.4
 #: Chance that noise makes as large a score by itself. Shortly after the take-off noise is hardly known: its variance
 #: then comes from as many independent pieces as there were times `MEMORY` before the change, and Student's
 #: distribution asks for more than `SURE` in the first 18 s.
 _BY_CHANCE = 1e-4
-#: The same score with the change itself still in the noise.
-_LIKELY = 3.0
 #: Time around the change in which it must show by itself [s], with this score and this part of the whole loss: a slow
 #: failure is no step (erlerobot 11-2-2015_112 in the middle of its 40 s).
 _AROUND, _SHARP, _SHARE = 8.0, 5.0, 0.5
@@ -153,10 +147,10 @@ _AROUND, _SHARP, _SHARE = 8.0, 5.0, 0.5
 def find_step(moments: Moments, vehicle: Vehicle) -> MotorFault | None:
     """Find the lasting loss that explains most; None where none is sure."""
     left, t, rows = Remainder.of(moments), moments.t, np.arange(len(moments.t))
-    allowed = (t >= t[0] + _BEFORE) & (t <= t[-1] - _AFTER)
+    allowed = (t >= t[0] + 3.0) & (t <= t[-1] - 0.4)
     variances = variances_of(left.residuals, moments)
     # Noise before a change is known contains the change itself: what is likely is found first, then judged without it.
-    for sure, one_motor in ((_LIKELY, 0.5 * ONE_MOTOR), (SURE, ONE_MOTOR)):
+    for sure, one_motor in ((3.0, 0.5 * ONE_MOTOR), (SURE, ONE_MOTOR)):
         fits = left.fits(variances, rows, np.full_like(rows, len(rows)))
         gain = np.where(allowed[:, None] & (fits.loss > SMALLEST), fits.gain, 0.0)
         row, column = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
@@ -285,10 +279,6 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
     return sorted(named, key=lambda one: one.t)
 
 
-#: Part of the fastest turn after a sudden failure that is its first.
-_TURNS = 0.25
-#: Specific force of a blow, m/s^2.
-_BLOW = 30.0
 #: Time before a landing in which the ground pushes, s; a log has none whose outputs end within `_CUT` seconds of the
 #: flight, unless the autopilot said so within `_LANDED` seconds before.
 _GROUND, _CUT, _LANDED, _LANDINGS = 2.0, 0.3, 4.0, ("LAND_COMPLETE", "LAND_COMPLETE_MAYBE", "DISARMED")
@@ -323,7 +313,7 @@ def _suddenly(fault: MotorFault, tables: Tables, vehicle: Vehicle, step: float) 
     if len(t) < 4:
         return fault.t
     turned = np.diff(towards)
-    first = int(np.argmax(turned >= _TURNS * turned.max()))
+    first = int(np.argmax(turned >= 0.25 * turned.max()))
     return float(0.5 * (t[first] + t[first + 1]))
 
 
@@ -333,7 +323,7 @@ def _end(tables: Tables, stop: float) -> float:
         return stop
     outputs = tables.motors.index.to_numpy(np.float64)
     last = tables.imu.loc[stop - LAST : stop + _CUT, ["accel_x", "accel_y", "accel_z"]]
-    blows = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > _BLOW]
+    blows = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > 30.0]
     if len(blows):
         # No output whose interval the blow is in.
         return min(float(blows[0]) - float(np.median(np.diff(outputs))), stop)

@@ -27,15 +27,9 @@ from sysid.records.motor_scaling import curve, motor_commands
 
 #: Slowest motor outputs and rates [Hz] that tell a change, fewest rows, and fastest outputs that tell more.
 _SLOWEST, FEWEST, _FASTEST = 4.0, 30, 25.0
-#: Time after lift-off [s] in which the ground pushes.
-_LIFT_OFF = 2.0
-#: Part of the range of PWM below the upper limit that counts as being at it.
-_NEAR = 0.01
 #: Columns of `Moments.columns` that a craft out of control keeps: its airspeed is unlike any before.
 OF_A_FALL = (0, 1, 2, 3)
 
-#: Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.
-_WILD = 1e4
 #: Time over which noise may be correlated, s.
 MEMORY = 3.0
 
@@ -87,11 +81,13 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         raise MissingDataError("outputs of all motors of the frame are needed to find one that fails")
     if tables.imu is None:
         raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
-    outputs = tables.motors.loc[start + _LIFT_OFF : stop, names].dropna()
+    # The ground pushes for two seconds.
+    outputs = tables.motors.loc[start + 2.0 : stop, names].dropna()
     if len(outputs) > FEWEST:
         outputs = outputs.iloc[:: max(round(1.0 / (_FASTEST * np.median(np.diff(outputs.index)))), 1)]
     motion = tables.imu.loc[start : stop + 0.5, ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
-    measured = (motion.abs() < _WILD).all(axis=1)
+    # Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.
+    measured = (motion.abs() < 1e4).all(axis=1)
     if not measured.all():  # a copy of a long log's IMU is half as large as the log
         motion = motion[measured]
     t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
@@ -121,7 +117,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         t=t,
         thrust=thrust,
         pwm=pwm,
-        limited=command >= 1.0 - _NEAR / (vehicle.spin_max - vehicle.spin_min),
+        limited=command >= 1.0 - 0.01 / (vehicle.spin_max - vehicle.spin_min),
         factors=factors[axes],
         columns=[
             np.column_stack([np.ones(len(t)), mean, felt[:, a], turned[:, a], felt[:, 3], felt[:, 4], elapsed * mean])

@@ -30,8 +30,6 @@ _FEWEST = 20
 #: How much better another order must explain the outputs, and part of their movement that it must explain: firmware
 #: gives what it is asked for within 0.3 %, and no order but the right one comes near that.
 _BETTER, _EXPLAINED = 4.0, 0.5
-#: Largest output of a rate controller in any firmware's scale; beyond are flipped bits.
-_MOST_ASKED = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,8 @@ def _asked(tables: Tables, start: float, stop: float) -> pd.DataFrame:
         known = {name: column for name, column in known.items() if column.notna().sum() > 1}
         if {"roll", "pitch", "yaw"} <= set(known):
             rows = pd.DataFrame(known).loc[start - 1.0 : stop + 1.0]
-            sound: pd.DataFrame = rows[(np.abs(rows.to_numpy()) <= _MOST_ASKED).all(axis=1)]
+            # Beyond the outputs of any firmware's scale are flipped bits.
+            sound: pd.DataFrame = rows[(np.abs(rows.to_numpy()) <= 1e5).all(axis=1)]
             return sound
     raise MissingDataError("the order of motors needs the rate controller's outputs (RATE)")
 
