@@ -44,6 +44,8 @@ _PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
 _LIFTED, _LIFTING = 0.3, 0.5
 #: Specific force [m/s^2] of a contact with the ground: 20 to 160 at hard landings and crashes.
 _SHOCK = 25.0
+#: Modes in which motors carry a QuadPlane, and time [s] for which they must not in others: descents pass sooner.
+_ON_MOTORS, _WINGS = ("QSTABILIZE", "QHOVER", "QLOITER", "QLAND", "QAUTOTUNE", "QACRO"), 3.0
 #: Time [s] beside a flight in which the height of the ground is read, and in which a rate of descent is.
 _GROUND = 2.0
 #: Shortest flight, and least interval of readings [s].
@@ -126,6 +128,8 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
         return () if height is None else tuple(_by_height(height, tables.events))
     readings, shocks = _readings(tables, thrust, height)
     runs = [_run(readings, *each) for each in _intervals(readings.t, readings.thrust > idle, _PAUSE)]
+    if not runs and tables.parameters.get("Q_ENABLE") and height is not None:
+        return tuple(_by_height(height, tables.events))  # a QuadPlane that took off and landed on its wheels
     sure = [run.thrust for run in runs if run.flown]
     carries = float(np.median(sure)) if sure else np.nan
     flights = []
@@ -136,6 +140,29 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             around = _airborne(readings.between(first, last), run)
             flights += [_contact(each, shocks) for each in around if each.start < run.stop and each.stop > run.start]
     return tuple(flights)
+
+
+def wing_borne(tables: Tables) -> list[tuple[float, float]]:
+    """Return when wings carried a QuadPlane: what its motors gave upwards would not have kept it in the air."""
+    height = next((height for _, height in heights(tables)), None)
+    if height is None or tables.motors is None:
+        return []
+    tilting, levels = int(tables.parameters.get("Q_TILT_MASK", 0.0)), pwm_range(tables.parameters)
+    upright = [not tilting >> (int(str(name)[1:]) - 1) & 1 for name in tables.motors]
+    pulses = tables.motors.loc[:, upright if any(upright) else slice(None)].dropna(how="all")
+    t = pulses.index.to_numpy(np.float64)
+    thrust = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
+    flown = np.zeros(len(t), np.bool_)
+    for flight in _by_height(height, tables.events):
+        flown |= (t >= flight.start) & (t <= flight.stop)
+    on_motors = np.zeros(len(t), np.bool_)
+    if tables.modes is not None and len(tables.modes):
+        modes = np.append("", tables.modes["mode"].to_numpy(str))
+        on_motors = np.isin(modes[np.searchsorted(tables.modes.index.to_numpy(), t, side="right")], _ON_MOTORS)
+    running = flown & (thrust > levels.thrust(np.array(idle_level(tables.parameters))))
+    carries = float(np.median(thrust[running])) if running.any() else np.inf
+    weak = flown & ~on_motors & (thrust < (1.0 - _CARRIED) * carries)
+    return [(start, stop) for start, stop in _intervals(t, weak, _GROUND) if stop - start > _WINGS]
 
 
 def idle_level(parameters: Mapping[str, float]) -> float:
@@ -150,6 +177,8 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
     if tables.motors is not None:
         pulses = tables.motors.dropna(how="all")
         above = idle_level(tables.parameters) + _ABOVE_IDLE * (levels.pwm_max - levels.pwm_min)
+        if tables.parameters.get("Q_ENABLE"):  # while wings carry it, as in hover: what motors carried is carried on
+            pulses = tables.motors.fillna(tables.motors[tables.motors > above].median())
         means = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
         thrust, idle = pd.Series(means, index=pulses.index, dtype=np.float64), float(levels.thrust(np.array(above)))
     elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward

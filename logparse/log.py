@@ -19,6 +19,7 @@ from core.lazy import lazy
 from core.summary import Summarised, listed
 from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
+from logparse.craft.quadplane import HoveringSource
 from logparse.messages import Messages, PassingMessages
 from logparse.source import Boot, MessageSource
 from logparse.tables import COLUMNS
@@ -273,7 +274,8 @@ def read_log(path: str | Path, boot: int | None = None, *, kind: type[FlightLog]
     if opener is None:
         raise LogError(f"{path.name} is not a flight log: {_what_it_is(head)}")
     try:
-        source = opener(buffer)
+        opened = opener(buffer)
+        source = opened if opened.format == "ulog" else HoveringSource(opened)
     except LogError as error:
         raise LogError(f"{path.name}: {error}") from error
     boots = source.boots

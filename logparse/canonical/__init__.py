@@ -1,16 +1,20 @@
 """Canonical tables: one meaning, unit and frame per column, from the messages of any autopilot and age."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from core.findings import Finding, Severity, warning
+import numpy as np
+import pandas as pd
+
+from core.findings import Finding, Severity, info, warning
 from logparse.canonical import actuators, control, events, sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
+from logparse.flights import wing_borne
 from logparse.source import LONG
 from logparse.tables import COLUMNS, LongTable, Tables
 
@@ -46,8 +50,10 @@ def gather_tables(
     said: dict[str, Remarks] = {}  # Of long tables, when they are built.
     kind = {"ulog": Kind.PX4}.get(format, Kind.DATAFLASH if format.startswith("dataflash") else Kind.TELEMETRY)
     messages = Sender(messages) if kind is Kind.TELEMETRY else messages
-    long = _long_tables(messages, said) if kind is Kind.DATAFLASH else {}
+    long: Mapping[str, LongTable] = _long_tables(messages, said) if kind is Kind.DATAFLASH else {}
     tables = _build(messages, kind, parameters, vehicle, remarks, long)
+    if vehicle.firmware == "ArduPlane" and vehicle.motors and (wings := wing_borne(tables)):
+        tables, long = _without_wings(tables, long, wings, remarks)
     # A table without a row says no more than a missing one.
     empty = {name: None for name in COLUMNS if (table := getattr(tables, name)) is not None and len(table) == 0}
     tables = replace(tables, **empty) if empty else tables  # type: ignore[arg-type]
@@ -64,6 +70,43 @@ def gather_tables(
         return together.findings()
 
     return tables, findings
+
+
+#: What is measured of rates, whatever carries the craft.
+_MEASURED = ("w_x", "w_y", "w_z", "a_up")
+
+
+def _without_wings(
+    tables: Tables, long: Mapping[str, LongTable], wings: Sequence[tuple[float, float]], remarks: Remarks
+) -> tuple[Tables, Mapping[str, LongTable]]:
+    """Drop what controllers and motors of a QuadPlane's hover put out while its wings carried it."""
+
+    def hover(rows: pd.DataFrame) -> pd.DataFrame:
+        t, inside = rows.index.to_numpy(np.float64), np.zeros(len(rows), np.bool_)
+        for start, stop in wings:
+            inside |= (t >= start) & (t <= stop)
+        return rows.mask(inside[:, None] & ~rows.columns.isin(_MEASURED))
+
+    def columns(wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+        assert rates.columns is not None
+        return (hover(each.to_frame())[each.name] for each in rates.columns(wanted))
+
+    if (found := long.get("rates")) is not None:
+        rates = found
+        whole = LongTable(lambda: (hover(table) if (table := rates.build()[0]) is not None else None, ()))
+        long = {**long, "rates": replace(whole, columns=columns if rates.columns is not None else None)}
+    motors, measured = tables.motors, tables.rates if "rates" not in long else None
+    assert motors is not None  # without them no wing was seen
+    seconds = sum(stop - start for start, stop in wings)
+    remarks.add(
+        info(
+            "wing-borne",
+            f"Wings carried the craft for {seconds:.0f} s, from {wings[0][0]:.0f} s on: its motors and their "
+            "controllers are looked at in hover only, the fixed wing's are not.",
+            seconds=seconds,
+        )
+    )
+    return replace(tables, motors=hover(motors), rates=None if measured is None else hover(measured)), long
 
 
 def _long_tables(messages: Messages, said: dict[str, Remarks]) -> dict[str, LongTable]:

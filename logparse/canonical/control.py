@@ -252,7 +252,7 @@ def throttle_output(messages: Messages, vehicle: Vehicle) -> pd.DataFrame | None
     if frame is None or not has(frame, "ThO | ThrOut"):
         return None
     output = value(frame, "ThO | ThrOut")
-    if vehicle.firmware in _PERCENT:
+    if vehicle.firmware in _PERCENT and vehicle.other_craft:
         output = output / 100.0
     elif np.max(np.abs(output), initial=0.0, where=np.isfinite(output)) > 2.0:
         output = output / 1000.0

@@ -109,8 +109,8 @@ class Vehicle:
 
     @property
     def other_craft(self) -> bool:
-        """Whether the firmware is that of a robot that is no multirotor."""
-        return self.firmware in OTHER_CRAFT
+        """Whether it is a robot that is no multirotor; a QuadPlane is one in hover."""
+        return self.firmware in OTHER_CRAFT and not self.motors
 
 
 # Yaw factors: a clockwise propeller turns the craft to the left.

@@ -49,6 +49,8 @@ def pwm_range(parameters: Mapping[str, float]) -> PwmRange:
         return _px4_pwm_range(parameters)
     low, high = get("MOT_PWM_MIN"), get("MOT_PWM_MAX")
     if not _pulses(low, high):
+        low, high = get("Q_THR_MIN_PWM"), get("Q_THR_MAX_PWM")  # QuadPlanes before 4.2
+    if not _pulses(low, high):
         channel = int(get("RCMAP_THROTTLE") or 3)
         low, high = get(f"RC{channel}_MIN"), get(f"RC{channel}_MAX")
     if low is None or high is None or not _pulses(low, high):

@@ -19,6 +19,7 @@ from logparse.craft.frames import (
     servo_function_motor,
 )
 from logparse.craft.pwm_range import pwm_range
+from logparse.craft.quadplane import lifted_by_motors
 
 
 def describe(
@@ -37,7 +38,7 @@ def describe(
     frame_class: str | None = None
     frame_type: str | None = None
     source: str | None = None
-    if firmware in (None, *_COPTERS):
+    if firmware in (None, *_COPTERS) or lifted_by_motors(firmware, parameters):
         frame_class, frame_type, source = _frame(messages, texts, parameters)
     motors: tuple[Motor, ...] = ()
     if frame_class is not None:
@@ -217,7 +218,7 @@ def _frame(
     beats = vehicle_heartbeats(messages)
     kinds = pd.Series(dtype=float) if beats is None else beats["type"].mode()
     beat = int(kinds.iloc[0]) if len(kinds) else None
-    if beat in _NO_MULTIROTORS:
+    if beat in _NO_MULTIROTORS and not parameters.get("Q_ENABLE"):
         return None, None, None
     declared = FRAME_CLASSES.get(int(parameters.get("FRAME_CLASS", 0)))
     if declared is not None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from core.parameter import Parameter
 from estimation import estimate
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
+from logparse.craft.quadplane import own_name
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
 from sysid.autopilot.motor_lines import NO_BATCHES
@@ -154,6 +156,8 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         rotation = survey(with_rates, tuple(AXES))
         values += feed_forward(rotation, flown)
         values += stick_values(tuning, rotation, flown)
+    if flights[0].vehicle.firmware == "ArduPlane":
+        values = [replace(each, name=own_name(each.name)) for each in values]
     proposed = {each.file for each in values if each.proposed.value is not None}
     remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])
     return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))

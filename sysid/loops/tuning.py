@@ -16,6 +16,7 @@ import numpy as np
 
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
+from logparse.craft.quadplane import own_name
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.criteria import identified, sheet
@@ -92,7 +93,8 @@ class Tuning(Summarised):
     def reasons(self) -> dict[str, str]:
         """Return of each proposed parameter what its axis keeps with all that are proposed."""
         kept = {AXES[each.axis]: f"{each.axis}: {each.promise}" for each in self.axes if each.tuned is not None}
-        return {name: kept.get(name.split("_")[2], "serves all axes") for name in self.proposed}
+        axes = {name: next((each for each in name.split("_") if each in kept), "") for name in self.proposed}
+        return {name: kept.get(axis, "serves all axes") for name, axis in axes.items()}
 
     def _file(self, what: str, values: Mapping[str, float], reasons: Mapping[str, str], *more: str) -> str:
         if self.refused is not None:
@@ -185,6 +187,8 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
             f"{listed(kept)} changed after the flight: both files hold what flew, without which nothing is sure"
         )
     proposed, before, flown = ({**kept, **each} for each in (proposed, before, flown))
+    if flights[0].vehicle.firmware == "ArduPlane":
+        proposed, before, flown = ({own_name(n): v for n, v in each.items()} for each in (proposed, before, flown))
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 

@@ -114,7 +114,8 @@ def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
 
 def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
-    gaps = [flight for flight in having(flights, "gap-in-table") if flight.format not in TELEMETRY]
+    winged = having(flights, "wing-borne")  # their gaps are flight on wings
+    gaps = [each for each in having(flights, "gap-in-table") if each.format not in TELEMETRY and each not in winged]
     if not gaps:
         return
     px4 = all(flight.format == "ulog" for flight in gaps)

@@ -1,0 +1,99 @@
+"""QuadPlanes: in hover a multirotor like any other, on their wings none."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation import estimate
+from logparse import read_log
+from logparse.craft.quadplane import copter_name, own_name
+from sysid import Experiment, fit_thrust
+from sysid.loops import tune
+from tests.logparse.quadplanes import quadplane
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "sample_logs/quad01_davos_esc.bin"
+VTOL = ROOT.parent / "shared/logs/real/uavlogviewer__vtol.tlog"
+
+
+@pytest.fixture(scope="module")
+def copter():
+    return read_log(SAMPLE)
+
+
+@pytest.fixture(scope="module")
+def winged(tmp_path_factory):
+    """Return the same flight as a QuadPlane's, on its wings from 55 to 70 s."""
+    path = tmp_path_factory.mktemp("quadplane") / "winged.bin"
+    path.write_bytes(quadplane(SAMPLE.read_bytes(), on_wings=(55.0, 70.0)))
+    return read_log(path)
+
+
+def test_what_lifts_has_the_names_of_a_copter(copter, winged):
+    vehicle = winged.vehicle
+    assert (vehicle.firmware, vehicle.frame_class, vehicle.frame_type) == ("ArduPlane", "quad", "x")
+    assert [motor.channel for motor in vehicle.motors] == [5, 6, 7, 8]
+    assert vehicle.thrust_expo == copter.vehicle.thrust_expo
+    assert winged.parameters["ATC_RAT_RLL_P"] == copter.parameters["ATC_RAT_RLL_P"]
+    assert {"CTUN", "RATE"} <= set(winged.messages)
+    assert "QTUN" not in winged.messages
+    pd.testing.assert_series_equal(winged.tables.setpoints["throttle"], copter.tables.setpoints["throttle"])
+
+
+def test_names_come_back_for_the_files_that_it_loads():
+    for name in ("Q_A_RAT_RLL_P", "Q_M_THST_HOVER", "Q_FRAME_CLASS", "INS_GYRO_FILTER"):
+        assert own_name(copter_name(name)) == name
+
+
+def test_motors_and_controllers_count_in_hover_only(copter, winged):
+    tables, on_wings = winged.tables, slice(55.0, 70.0)
+    assert tables.motors.loc[on_wings].isna().all(axis=None)
+    assert tables.rates.loc[on_wings, "out_roll"].isna().all()
+    assert tables.rates.loc[on_wings, "w_x"].notna().all()  # measured whatever carries it
+    hover = slice(35.0, 54.0)
+    pd.testing.assert_frame_equal(tables.motors.loc[hover], copter.tables.motors.loc[hover])
+    (flight,), (same,) = winged.flights, copter.flights
+    assert (flight.start, flight.stop) == (same.start, same.stop)
+    (told,) = [each for each in winged.findings if each.id == "wing-borne"]
+    assert told.evidence["seconds"] == pytest.approx(15.0, abs=0.3)
+
+
+def test_hover_has_the_thrust_of_the_copter(copter, winged):
+    thrust = []
+    for log in (copter, winged):
+        record = Experiment.from_flight(log, estimate(log.tables, date=log.start_utc))
+        thrust.append(fit_thrust(record).common)
+    whole, part = thrust
+    assert part.per_mass == pytest.approx(whole.per_mass, abs=2.0 * np.hypot(whole.sigma, part.sigma))
+
+
+def test_gains_are_proposed_by_the_craft_s_own_names(tmp_path):
+    chirped = tmp_path / "chirped.bin"
+    chirped.write_bytes(quadplane((ROOT / "sample_logs/quad02_delft_systemid.bin").read_bytes()))
+    assert "PIDR" in read_log(chirped).messages
+    tuned = tune(chirped)
+    assert "Q_A_RAT_RLL_P," in tuned.proposed_file()
+    assert "Q_A_RAT_RLL_P," in tuned.rollback_file()
+
+
+def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):
+    path = tmp_path / "tailsitter.bin"
+    data = quadplane(SAMPLE.read_bytes())
+    path.write_bytes(data.replace(b"COMPASS_AUTODEC\0", b"Q_TAILSIT_ENABLE"))  # is 1
+    log = read_log(path)
+    assert log.vehicle.other_craft
+    assert log.flights
+
+
+@pytest.mark.skipif(not VTOL.is_file(), reason="the shared logs are not here")
+def test_a_tilting_tricopter_of_2018():
+    """Motors 1 and 2 tilt and pull it forward from 652 to 732 s; it landed at 778.3 s."""
+    log = read_log(VTOL)
+    assert [motor.number for motor in log.vehicle.motors] == [1, 2, 4]
+    (flight,) = log.flights
+    assert flight.stop == pytest.approx(778.3, abs=0.5)
+    aloft = log.tables.motors["m4"].loc[flight.start : flight.stop]
+    on_wings = aloft[aloft.isna()].index
+    assert (on_wings[0], on_wings[-1]) == pytest.approx((652.0, 732.0), abs=1.5)
