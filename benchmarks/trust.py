@@ -77,7 +77,7 @@ class Complaint:
 def complaints(trajectory: Trajectory) -> list[Complaint]:
     """Return share refused and NIS of every sensor."""
     withdrawn = any(f.id == "trajectory-inconsistent" for f in trajectory.findings)
-    named = {f.evidence.get("sensor") for f in trajectory.findings if f.id == "sensor-refused"}
+    named = {f.evidence.get("sensor") for f in trajectory.findings if f.id == "sensor-doubtful"}
     found = []
     for sensor, s in trajectory.diagnostics.get("innovations", {}).items():
         share, nis = s["refused"] / (s["count"] + s["refused"]), s.get("nis", float("nan"))

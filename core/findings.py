@@ -1,7 +1,7 @@
 """Verdicts on a log, a flight, a trajectory or a fit, as values: never a print, never a silent drop."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -34,6 +34,8 @@ class Finding:
     #: First and last moment of what happened in a flight, s on the log's boot clock; None for what has no time.
     t: float | None = None
     end: float | None = None
+    #: What it was gathered from, where several findings are of one kind.
+    parts: tuple["Finding", ...] = ()
 
     @property
     def notable(self) -> bool:
@@ -51,14 +53,40 @@ def warning(identifier: str, reason: str, advice: str = "", **evidence: str | in
     return Finding(identifier, Severity.WARNING, reason, advice, evidence)
 
 
-def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return what differs in numbers only once, in order: the first keeps its words and gains a `count`."""
-    alike: dict[tuple[str, str], list[Finding]] = {}
+def gathered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return one finding of each kind, gravest first, with the sentences and advice of all of the kind, each once."""
+    kinds: dict[str, dict[str, list[Finding]]] = {}
+    for finding in sorted(apart(findings), key=lambda each: WORST_FIRST.index(each.severity)):
+        # What differs in numbers only, or is of the same thing, is said once.
+        alike = str(finding.evidence.get("what") or _NUMBER.sub("", finding.reason))
+        kinds.setdefault(finding.id, {}).setdefault(alike, []).append(finding)
+    return tuple(_one_of(kind.values()) for kind in kinds.values())
+
+
+def sentence(text: str) -> str:
+    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop."""
+    first, _, _ = text.partition(" ")
+    if first.islower() and first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if not text or text[-1] in ".!?" else f"{text}."
+
+
+def apart(findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield the parts of which gathered findings were made."""
     for finding in findings:
-        alike.setdefault((finding.id, _NUMBER.sub("", finding.reason)), []).append(finding)
-    return tuple(first if not more else _counted(first, len(more)) for first, *more in alike.values())
+        yield from finding.parts or (finding,)
 
 
-def _counted(first: Finding, more: int) -> Finding:
-    again = f"{first.reason.rstrip('.')}; {more} more such."
-    return replace(first, reason=again, evidence={**first.evidence, "count": 1 + more})
+def _one_of(alike: Iterable[Sequence[Finding]]) -> Finding:
+    several = list(alike)
+    parts = tuple(each for same in several for each in same)
+    if len(parts) == 1:
+        return parts[0]
+    reasons = (sentence(same[0].reason.rstrip(".") + _more(same)) for same in several)
+    advice = dict.fromkeys(sentence(same[0].advice) for same in several if same[0].advice)
+    return replace(parts[0], reason=" ".join(reasons), advice=" ".join(advice), parts=parts)
+
+
+def _more(same: Sequence[Finding]) -> str:
+    others = {each.reason for each in same if _NUMBER.sub("", each.reason) == _NUMBER.sub("", same[0].reason)}
+    return f"; {len(others) - 1} more such" if len(others) > 1 else ""

@@ -70,7 +70,7 @@ def _during(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> np.ndarray:
 def _frozen(what: str, while_: str, spans: list[tuple[float, float]], left_out: str, look: str, **more: int) -> Finding:
     seconds = sum(last - first for first, last in spans)
     return warning(
-        "sensor-refused",
+        "sensor-doubtful",
         f"The GPS repeats one {what} to the last digit while the craft {while_}, {seconds:.0f} s in all from "
         f"t = {spans[0][0]:.1f} s: {left_out} not used.",
         f"Look at the receiver's {look}.",

@@ -308,7 +308,7 @@ def estimate_low_rate(
     innovations = _innovations([part[3] for part in parts])
     doubts = [*doubtful_sensors(innovations), *contradicted_receiver(tables, states, origin, 0.0, velocities=False)]
     finding = warning(
-        "signals-lacking",
+        "not-logged",
         "No IMU fast enough to integrate: the trajectory comes from the autopilot's attitude and "
         f"{source} at telemetry rate; accelerations faster than about 1 Hz are missing.",
         "Analyse the .bin log of the same flight where there is one.",

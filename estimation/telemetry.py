@@ -245,7 +245,7 @@ def reversed_climb(tables: Tables) -> tuple[Finding, ...]:
     used = "is used with its sign reversed" if sign < 0.0 else "is not used"
     return (
         warning(
-            "sensor-refused",
+            "sensor-doubtful",
             f"The autopilot's height changes against its vertical speed, which therefore {used}; firmware of 2013 "
             "sends it with the wrong sign.",
             "Analyse the .bin log of the same flight, or update the firmware.",

@@ -97,7 +97,7 @@ def _suspect(name: str, share: float, nis: float) -> Finding:
         "square)"
     )
     return warning(
-        "sensor-refused",
+        "sensor-doubtful",
         f"{share:.0%} of the {SPOKEN[name]} were refused{others if fused else ''}.",
         "Look at that sensor: its mounting, cables, and what is switched on near it.",
         sensor=name,
@@ -204,7 +204,7 @@ def doubtful_settings(noise: SensorNoise, yaw_scale: float) -> Iterator[Finding]
     """Name sensors whose noise or scale, as the log itself shows them, are far from their class."""
     if (share := noise.gps_height_share) >= SWINGING:
         yield warning(
-            "sensor-refused",
+            "sensor-doubtful",
             f"The heights of the GPS swing by {share:.1f} times the accuracy that it states (or that of its class): "
             "height rests on the barometer.",
             "Look at the receiver's antenna, satellites and HDOP.",
@@ -309,7 +309,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> Iterator[Finding]:
         start, stop = float(before.index[-1]), float(after.index[0])
         if stop - start > LONGEST_HOLE:
             yield warning(
-                "gap-in-table",
+                "log-gaps",
                 f"No IMU samples for {stop - start:.1f} s from t = {start:.1f} s; the trajectory has no rows there.",
                 "Check that the logger keeps up, and that it goes on while disarmed.",
                 start=start,
@@ -358,7 +358,7 @@ def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> li
         start, stop = when[run[[0, -1]]].tolist()
         findings.append(
             warning(
-                "sensor-refused",
+                "sensor-doubtful",
                 f"GPS positions up to {size:.0f} m off were refused from t = {start:.1f} to {stop:.1f} s.",
                 "Look at satellites and HDOP there; a mast and distance from power cables help.",
                 sensor="gps_position",

@@ -173,7 +173,7 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
         if count:
             where = float(t[int(np.argmax(gaps))])
             yield warning(
-                "gap-in-table",
+                "log-gaps",
                 f"The table {name} has {count} gap{'s' if count > 1 else ''} in flight, the longest of "
                 f"{gaps.max():.1f} s at t = {where:.1f} s.",
                 "The telemetry link lost frames; use the autopilot's own log."

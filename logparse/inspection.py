@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from core.findings import Finding
+from core.findings import Finding, gathered
 from core.summary import Summarised, listed
 from logparse import completeness
 from logparse.craft.frames import Vehicle
@@ -82,7 +82,6 @@ def inspect(log: "FlightLog") -> Inspection:
     """Summarise a log; of one that `FlightLog.of_flight` made, the tables and the findings of that flight."""
     duration = log.duration
     counts = sorted(log.messages.counts.items(), key=lambda item: (-item[1], item[0]))
-    worst_first = {"error": 0, "warning": 1, "info": 2}
     flights = log.flights
     shown = slice(None)
     if log.of_one_flight and log.flight is not None:
@@ -106,7 +105,7 @@ def inspect(log: "FlightLog") -> Inspection:
         messages=tuple(
             MessageSummary(name, rows, rows / log.duration if log.duration > 0.0 else math.nan) for name, rows in counts
         ),
-        findings=tuple(sorted(findings, key=lambda finding: worst_first[finding.severity.value])),
+        findings=gathered(findings),
     )
 
 

@@ -105,7 +105,7 @@ def _dropped_by_autopilot(chain: "Chain") -> Iterator[Finding]:
         counts[boot] = max(counts.get(boot, 0), count)
     if dropped := sum(counts.values()):
         yield warning(
-            "messages-dropped",
+            "log-gaps",
             f"The autopilot itself dropped {dropped} messages because its card was too slow (DSF.Dp).",
             "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK).",
             messages=dropped,

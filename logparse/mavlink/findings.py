@@ -91,7 +91,7 @@ def _frames_lost(scan: Scan, autopilot: int) -> Iterator[Finding]:
     senders = listed(f"{lost[k]} of {lost[k] + frames[k]} from {k >> 8}/{k & 0xFF}" for k in links)
     share = float(lost[autopilot] / max(1, lost[autopilot] + frames[autopilot]))
     yield (warning if share > _LOSSY else info)(
-        "messages-dropped",
+        "log-gaps",
         f"By their sequence numbers frames were lost on the way (system/component): {senders}.",
         "The log on the autopilot's own card has what the radio lost." if share > _LOSSY else "",
         frames=int(lost[autopilot]),

@@ -218,7 +218,7 @@ class UlogSource(MessageSource):
         if dropouts := [dropout.duration / 1e3 for dropout in self._log.dropouts]:
             total, longest = sum(dropouts), max(dropouts)
             yield warning(
-                "messages-dropped",
+                "log-gaps",
                 f"The autopilot's logger stopped {len(dropouts)} times for {total:.2f} s in all, {longest:.2f} s at "
                 "most, because its card was too slow.",
                 "Use a faster card or log fewer topics (SDLOG_PROFILE).",

@@ -12,7 +12,7 @@ import scipy
 import estimation
 import logparse
 import sysid
-from core.findings import once
+from core.findings import gathered
 from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, Severity, Tables, completeness
 from pipeline.config import AnalysisConfig
 from pipeline.execution import second
@@ -238,7 +238,7 @@ def _analyze(
         timings=stages.timings,
     )
     advice = present(stages.run("advice", lambda _: for_flight(result)))
-    result = replace(result, advice=advice or (), findings=once((*result.findings, *stages.findings[known:])))
+    result = replace(result, advice=advice or (), findings=gathered((*result.findings, *stages.findings[known:])))
     return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
 
 

@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 
+from core.findings import apart
 from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.flight_parameters import flight_parameters, response_curves
@@ -62,7 +63,7 @@ def flight_entry(
 def _findings(result: FlightResult) -> tuple[Finding, ...]:
     """List what the log and the fits had to say, each once."""
     fits = (finding for model in result.models for finding in model.findings)
-    return tuple({(finding.id, finding.reason): finding for finding in (*result.findings, *fits)}.values())
+    return tuple({(finding.id, finding.reason): finding for finding in (*apart(result.findings), *fits)}.values())
 
 
 def partition(craft: str, frame_class: str | None) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from core.findings import WORST_FIRST
+from core.findings import gathered
 from core.serialization import cleaned
 from pipeline.flight.excitation import BAND, in_band
 from pipeline.flight.purposes import summarise, uses_of
@@ -44,7 +44,6 @@ from sysid.rotors.thrust_record import ThrustModel
 from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
 
 if TYPE_CHECKING:
-    from logparse import Finding
     from pipeline.results.verdict import Verdict
     from sysid import Model, PhysicalParameters, Validation
     from sysid.records.excitation import Coherence
@@ -72,7 +71,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             rotation=present(result.rotation),
             answer=present(result.answer),
             advice=result.advice,
-            findings=_findings(result.findings),
+            findings=gathered(result.findings),
             missing=result.missing,
             timings_s=result.timings,
         ),
@@ -103,7 +102,7 @@ def craft_report(group: GroupResult) -> CraftReport:
             drift=present(group.drift),
             autopilot=group.autopilot,
             advice=group.advice,
-            findings=_findings(group.findings),
+            findings=gathered(group.findings),
             missing=group.missing,
             timings_s=group.timings,
         ),
@@ -153,7 +152,7 @@ def model_report(
         coherence=_coherence(result.coherence),
         kind="" if record is None else str(record.__struct_config__.tag),
         model=None if record is None else _without_covariance(record),
-        findings=_findings(result.findings),
+        findings=gathered(result.findings),
         missing=result.missing,
     )
 
@@ -326,9 +325,3 @@ def _trajectory(result: FlightResult) -> TrajectoryReport | None:
         sigma_median={str(name): float(value) for name, value in sigma.items()},
         diagnostics=dict(trajectory.diagnostics),
     )
-
-
-def _findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """List findings, worst first, each once."""
-    once = {(finding.id, finding.reason): finding for finding in findings}.values()
-    return tuple(sorted(once, key=lambda finding: WORST_FIRST.index(finding.severity)))

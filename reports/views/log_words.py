@@ -1,5 +1,6 @@
 """What logs, firmware and frames are called: all that showing a log needs, without the results of an analysis."""
 
+from core import findings
 from logparse import Vehicle
 
 FORMATS = {
@@ -31,12 +32,5 @@ def frame(vehicle: Vehicle) -> str:
 
 
 def sentence(text: str) -> str:
-    """Make a clause a sentence: a capital first letter, unless the word is a name such as ``m1``, and a full stop.
-
-    Powers in units are raised: findings, which are plain text, write ``m/s^2``.
-    """
-    text = text.replace("^2", "²").replace("^3", "³")
-    first, _, _ = text.partition(" ")
-    if first.islower() and first.isalpha():
-        text = text[0].upper() + text[1:]
-    return text if not text or text[-1] in ".!?" else f"{text}."
+    """Make a clause of plain text, which writes ``m/s^2``, a sentence with raised powers."""
+    return findings.sentence(text.replace("^2", "²").replace("^3", "³"))

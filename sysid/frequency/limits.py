@@ -25,12 +25,12 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
     if 1.0 / slowest < FOLDING:
         findings.append(
             Finding(
-                "signals-lacking",
+                "not-logged",
                 Severity.WARNING,
                 f"The rate loop was logged at {1.0 / slowest:.0f} Hz: what happens above {0.5 / slowest:.0f} Hz folds "
                 "into the frequencies below.",
                 _sentence(Need.FAST_RATES, logs[0]) if logs else "",
-                {"rate_hz": 1.0 / slowest},
+                {"what": "fast rates", "rate_hz": 1.0 / slowest},
             )
         )
     for log in logs:
@@ -38,7 +38,7 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
             unknown = "RCOU" in log.messages and not log.vehicle.motors
             findings.append(
                 Finding(
-                    "signals-lacking",
+                    "not-logged",
                     Severity.INFO,
                     f"{log.path.name} {'does not tell which outputs are motors' if unknown else 'has no motor outputs'}"
                     ": whether motors were at their limits, which makes gains "

@@ -301,7 +301,7 @@ def _longest_piece(
         stop,
         [
             Finding(
-                "gap-in-table",
+                "log-gaps",
                 Severity.WARNING,
                 f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
                 "",

@@ -157,7 +157,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
         signals = signals.assign(throttle=np.where(inside, values, np.nan))
         findings.append(
             Finding(
-                "signals-lacking",
+                "not-logged",
                 Severity.INFO,
                 "RATE does not log the throttle; it is taken from CTUN, which is slower",
                 "log the rate controller at the rate of the loop (rotorid inspect names the setting)",

@@ -69,7 +69,7 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
 def too_slow(method: str, source: str) -> Finding:
     """Explain why nothing about rotation is determined."""
     return Finding(
-        "signals-lacking",
+        "not-logged",
         Severity.WARNING,
         f"{method}: {source} are logged too slowly for rotation ({ENOUGH:g} Hz or more show it), so that inertia and "
         "yaw torque are not determined",

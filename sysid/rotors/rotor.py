@@ -190,7 +190,7 @@ def _choose(records: Sequence[Experiment], vehicle: Vehicle, rmse: Mapping[Law, 
     )
     return Law.COMMAND, [
         Finding(
-            "signals-lacking",
+            "not-logged",
             Severity.WARNING,
             f"what the ESCs report as speed is not taken for the rotors': {why}; thrust is modelled from PWM instead",
             "check motor pole count and ESC telemetry (a simulator's ESC reports the command)",

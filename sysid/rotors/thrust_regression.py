@@ -371,8 +371,9 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
 def mass_unknown() -> Finding:
     """Report what is missing without a mass."""
     return Finding(
-        "mass-unknown",
+        "conditions-assumed",
         Severity.INFO,
         "motion gives forces per unit of mass only; the take-off mass gives newtons",
         "give the take-off mass (--mass)",
+        {"what": "mass"},
     )

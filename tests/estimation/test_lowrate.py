@@ -42,7 +42,7 @@ def trajectory(telemetry) -> Trajectory:
 
 def test_telemetry_at_four_hertz(flight, trajectory):
     assert trajectory.method == "low-rate"
-    assert [f.id for f in trajectory.findings] == ["signals-lacking"]
+    assert [f.id for f in trajectory.findings] == ["not-logged"]
     error = compare(trajectory, flight.truth[flight.truth.index > 10.0])
     assert error.horizontal_position < 0.12
     assert error.horizontal_velocity < 0.15
@@ -66,7 +66,7 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
     for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
         change = (spiked.states[column] - trajectory.states[column]).abs()
         assert (change < trajectory.sigma[column]).all(), column
-    assert ("sensor-refused" in [f.id for f in spiked.findings]) == (share > 0.05)
+    assert ("sensor-doubtful" in [f.id for f in spiked.findings]) == (share > 0.05)
 
 
 @pytest.mark.parametrize("climb_known", [True, False])
@@ -91,7 +91,7 @@ def test_a_receiver_that_contradicts_itself_is_named(telemetry):
     gps = telemetry.gps.copy()
     for column in ("v_n", "v_e", "v_d"):
         gps[column] += rng.normal(0.0, 4.0 * gps["s_acc"].to_numpy(), len(gps))
-    found = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-refused"]
+    found = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-doubtful"]
     assert [f.evidence["sensor"] for f in found] == ["gps_position"]
     assert found[0].evidence["nis"] > 2.0
 
@@ -101,15 +101,15 @@ def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
     result = estimate(replace(telemetry, ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
-    assert [f.id for f in result.findings] == ["signals-lacking", "sensor-refused"]
+    assert [f.id for f in result.findings] == ["not-logged", "sensor-doubtful"]
     error = errors(result, flight.truth[flight.truth.index > 10.0])
     assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
     right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
-    assert [f.id for f in right.findings] == ["signals-lacking"]
+    assert [f.id for f in right.findings] == ["not-logged"]
     pd.testing.assert_frame_equal(result.states, right.states)
     noise = np.random.default_rng(0).normal(0.0, 3.0, len(ekf))
     unrelated = estimate(replace(telemetry, ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)
-    assert "not used" in next(f.reason for f in unrelated.findings if f.id == "sensor-refused")
+    assert "not used" in next(f.reason for f in unrelated.findings if f.id == "sensor-doubtful")
 
 
 def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight, telemetry):

@@ -112,7 +112,7 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     columns = ["lat", "lon", "alt", "v_n", "v_e", "v_d"]
     gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
     result = estimate(replace(flight.tables, gps=gps), rate=10.0)
-    finding = next(f for f in result.findings if f.id == "sensor-refused")
+    finding = next(f for f in result.findings if f.id == "sensor-doubtful")
     assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
     assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 3.0
     # One fix tells the place and nothing of the flight: as without a receiver.
@@ -126,7 +126,7 @@ def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(fligh
     old = (gps.index > 40.0) & (gps.index < 70.0)
     gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
     result = estimate(replace(flight.tables, gps=gps), rate=10.0)
-    assert [f.id for f in result.findings] == ["sensor-refused"]
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 2.0
 
 
@@ -279,5 +279,5 @@ def test_a_sensor_that_lies_for_long_withdraws_the_trajectory(flight, what):
         table.iloc[rows, table.columns.get_loc("alt")] += rng.uniform(30.0, 90.0, len(rows))
     result = estimate(replace(flight.tables, **{what: table}), rate=10.0)
     assert "trajectory-inconsistent" in [f.id for f in result.findings]
-    assert "sensor-refused" in [f.id for f in result.findings]
+    assert "sensor-doubtful" in [f.id for f in result.findings]
     assert result.inconsistency.endswith("neither speeds nor models are stated.")

@@ -358,7 +358,7 @@ def test_dropped_messages_of_the_autopilot_are_told() -> None:
     for k, dropped in enumerate((0, 3, 12)):
         writer.write("DSF", 1_000_000 * k, dropped, 0, 0, 0, 0, 0)
     (finding,) = DataflashSource(stream.getvalue()).findings
-    assert (finding.id, finding.evidence["messages"]) == ("messages-dropped", 12)
+    assert (finding.id, finding.evidence["messages"]) == ("log-gaps", 12)
 
 
 def test_damaged_definitions_of_the_units_are_survived() -> None:

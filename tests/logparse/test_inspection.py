@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from core.findings import apart
 from core.serialization import plain
 from logparse import read_log
 from logparse.craft.vehicle import describe
@@ -69,7 +70,7 @@ def log_of(messages, parameters=None, kind="dataflash"):
 
 
 def by_id(inspection):
-    return {str(finding.evidence.get("what", finding.id)): finding for finding in inspection.findings}
+    return {str(finding.evidence.get("what", finding.id)): finding for finding in apart(inspection.findings)}
 
 
 def test_extent_rate_and_gaps_of_tables_and_messages():
@@ -128,7 +129,7 @@ def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
 def test_a_hole_in_flight_is_named_with_its_length():
     messages = flight_messages()
     messages["IMU"] = messages["IMU"].drop(messages["IMU"].loc[20.0:23.0].index)
-    (gap,) = [each for each in inspect(log_of(messages)).findings if each.id == "gap-in-table"]
+    (gap,) = [each for each in inspect(log_of(messages)).findings if each.id == "log-gaps"]
     assert gap.reason.startswith("The table imu has 1 gap in flight")
     assert gap.evidence["longest"] == pytest.approx(3.1, abs=0.11)
 
@@ -144,7 +145,7 @@ def test_a_hole_in_flight_is_named_with_its_length():
         ("real/Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log", {"no-flight"}, {"imu"}),
         ("real/peterbarker-dataflash-logs__5.BIN", {"motors", "imu", "baro"}, {"gps"}),
         ("real/code-lever-mavlink-log__2013-10-13_18-50-10.tlog", {"fast motors", "fast imu"}, {"no-flight"}),
-        ("sitl/paper01.BIN", {"fast rates"}, {"no-flight", "gap-in-table"}),
+        ("sitl/paper01.BIN", {"fast rates"}, {"no-flight", "log-gaps"}),
         ("sitl/octa09_systemid_mixer.BIN", set(), {"fast rates"}),
     ],
 )

@@ -143,7 +143,7 @@ def test_frames_lost_as_counted_independently():
     """The inventory of the logs counts 3051 and 3829 vehicle frames lost by sequence number."""
     for name, lost in (("mbiuki", 3051), ("pypi-fasttlogparser", 3829)):
         (path,) = (path for path in TELEMETRY if path.name.startswith(name))
-        (finding,) = (f for f in TlogSource(path.read_bytes()).findings if f.id == "messages-dropped")
+        (finding,) = (f for f in TlogSource(path.read_bytes()).findings if f.id == "log-gaps")
         assert finding.evidence["frames"] == lost
 
 

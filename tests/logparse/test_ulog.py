@@ -81,7 +81,7 @@ def test_parameters_are_the_last_values():
 
 def test_dropouts_are_a_finding():
     (finding,) = UlogSource(small_log()).findings
-    assert finding.id == "messages-dropped"
+    assert finding.id == "log-gaps"
     assert finding.evidence == {"dropouts": 1, "seconds": 0.25, "longest": 0.25}
 
 

@@ -74,6 +74,9 @@ def found(name, /, severity="warning", **evidence):
     return Finding(name, Severity(severity), "", "", evidence)
 
 
+WITHOUT_MASS = found("conditions-assumed", what="mass")
+
+
 def only(*flights, **more):
     (advice,) = for_craft(flights, **more)
     return advice
@@ -201,7 +204,7 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
 
 def test_a_weakening_motor_comes_first():
     flights = hovering(np.random.default_rng(3), "octa", 10, weak=5, loss=0.02)
-    flights = [dataclasses.replace(good(f.name, findings=("mass-unknown",)), trims=f.trims) for f in flights]
+    flights = [dataclasses.replace(good(f.name, findings=(WITHOUT_MASS,)), trims=f.trims) for f in flights]
     advice = for_craft(flights, None, follow(flights))
     assert advice[0].id == "look-at-motor-weakening"
     assert advice[0].do.startswith("Check motor 5")
@@ -216,11 +219,16 @@ def test_the_list_is_short_sorted_and_json():
         known=False,
         findings=(
             *(lacking(name, NEEDS[name], 0.0) for name in BRINGS),
-            *("gap-in-table", "mass-unknown", "uneven-motor"),
+            *("log-gaps", WITHOUT_MASS, "uneven-motor"),
         ),
         health={"position_sigma": {"median": 9.0, "max": 30.0}},
     )
-    slow = good("slow", told=(), findings=("mass-unknown",), excitation={"headings": 1, "speed_std": [0.1, 0.1]})
+    slow = good(
+        "slow",
+        told=(),
+        findings=(WITHOUT_MASS,),
+        excitation={"headings": 1, "speed_std": [0.1, 0.1]},
+    )
     advice = for_craft([everything, slow])
     assert len(advice) == 7 <= MOST
     assert [each.rank for each in advice] == sorted(each.rank for each in advice)

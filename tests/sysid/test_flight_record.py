@@ -58,7 +58,7 @@ def test_gaps_in_the_motor_outputs_end_the_record():
     kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
     record = Experiment.from_flight(*made(motors=kept))
     assert record.t[0] >= 25.0
-    assert [finding.id for finding in record.findings] == ["gap-in-table"]
+    assert [finding.id for finding in record.findings] == ["log-gaps"]
     assert "24.9 of 39.8 s" in record.findings[0].reason
 
 

@@ -62,7 +62,7 @@ def test_throttle_of_ctun_serves_where_rate_has_none():
     tables = Tables(rates=rates(out_thrust=np.full_like(T, np.nan)), setpoints=setpoints(throttle=0.3 + 0.001 * T))
     record = Experiment.from_flight(*made(tables), inputs="rate_outputs")
     np.testing.assert_allclose(record.u[:, 3], 0.3 + 0.001 * record.t, atol=1e-12)
-    assert [finding.id for finding in record.findings] == ["signals-lacking"]
+    assert [finding.id for finding in record.findings] == ["not-logged"]
 
 
 def test_reference_less_position_is_the_error_of_the_loop():
@@ -99,7 +99,7 @@ def test_only_the_time_in_which_a_position_is_held_is_used():
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.t[0] >= 30.0
     assert record.t[-1] == pytest.approx(50.0, abs=0.1)
-    assert [finding.id for finding in record.findings] == ["gap-in-table"]
+    assert [finding.id for finding in record.findings] == ["log-gaps"]
     assert "20.0 of 40.0 s" in record.findings[0].reason
 
 
@@ -117,7 +117,7 @@ def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_st
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.duration == pytest.approx(40.0 if pieces == 1 else 20.0, abs=0.2)
     (told,) = record.findings
-    assert told.id == ("reference-doubtful" if pieces == 1 else "gap-in-table")
+    assert told.id == ("reference-doubtful" if pieces == 1 else "log-gaps")
     assert ("jump" in told.reason) == (pieces == 1)
 
 

@@ -102,7 +102,7 @@ def test_slow_motor_outputs_say_nothing_about_rotation():
     model = fit_kim2017([replace(record, u=slow)], 4.3)
     assert not model.rotation
     assert model.torque_per_inertia is None
-    assert "signals-lacking" in {f.id for f in model.findings}
+    assert "not-logged" in {f.id for f in model.findings}
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 

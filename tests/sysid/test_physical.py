@@ -148,7 +148,7 @@ def test_firmware_in_the_loop(name, turned, sitl):
     for method in ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, stacked"):
         assert found.table.loc[("thrust over mass", method), "si_value"] == pytest.approx(expected, rel=0.02), method
     if name.startswith("octa11"):
-        assert "signals-lacking" in {f.id for f in found.rotor.findings}
+        assert "not-logged" in {f.id for f in found.rotor.findings}
     for axis, label in (("roll", "Ixx"), ("pitch", "Iyy")):
         row = found.table.loc[(f"{axis} inertia over mass and arm", "Refinement 2020, stacked")]
         if turned:

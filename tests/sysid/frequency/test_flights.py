@@ -188,7 +188,7 @@ class TestBadInput:
 
     def test_ten_hertz_is_said_to_fold(self, tmp_path: Path) -> None:
         frf = frequency.response(flown(tmp_path, CHIRP, rate=10.0), "roll")
-        assert any(f.id == "signals-lacking" and "fold" in f.reason for f in frf.findings)
+        assert any(f.id == "not-logged" and "fold" in f.reason for f in frf.findings)
         assert frf.hz[-1] <= 4.5
 
     def test_an_unknown_axis_is_named(self, chirped: FlightLog) -> None:
