@@ -167,7 +167,7 @@ def _from_log(
             record = sysid.Experiment.from_flight(
                 log,
                 trajectory,
-                rate=stored.record.rate_hz if isinstance(stored.record, FunctionsRecord) else kind.rate or 10.0,
+                rate=stored.record.rate if isinstance(stored.record, FunctionsRecord) else kind.rate or 10.0,
                 inputs=kind.inputs,
                 outputs="position",
                 frame=kind.frame,

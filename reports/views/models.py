@@ -18,7 +18,7 @@ PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}
 
 def functions_intro(model: FunctionsRecord) -> str:
     """Explain what the formulae of a model stand for."""
-    units = {model.units.get(name, "") for name in model.inputs}
+    units = {model.units.get(name, "") for name in model.input_names}
     unit = {"us": "µs"}.get(next(iter(units)), next(iter(units))) if len(units) == 1 else ""
     # A closed loop takes targets as they are.
     trimmed = "about its mean" if isinstance(model, TransferFunctionsRecord) else ""

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -37,12 +37,12 @@ from sysid.records.experiment import (
     require_alike,
     require_signals,
 )
-from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
+from sysid.transfer_functions.disturbance import fit_disturbance
 from sysid.transfer_functions.model_record import ClosedLoopRecord, FitReport
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
 from sysid.transfer_functions.search import Progress
-from sysid.transfer_functions.transfer_function import FunctionsModel, TransferFunction
+from sysid.transfer_functions.transfer_function import FunctionsModel, TransferFunction, held_alike
 
 #: Outputs that share a transfer function, by the last letter of their names.
 _SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
@@ -76,50 +76,16 @@ class ClosedLoopModel(FunctionsModel):
 
     def record(self) -> ClosedLoopRecord:
         """Return what files hold of the model."""
-        return ClosedLoopRecord(
-            name=self.name,
-            structure=self.structure,
-            poles=self.poles,
-            zeros=self.zeros,
-            hold=self.hold,
-            rate_hz=self.rate,
-            inputs=self.input_names,
-            outputs=self.output_names,
-            units=self.units,
-            training=self.training,
-            transfer_functions={
-                name: {name: self.transfer_functions[name][name].record()} for name in self.output_names
-            },
-            offset_trust=self.offset_trust,
-            following_rms=self.following,
-            disturbance={name: value.record() for name, value in self.disturbance.items()},
-            fits=self.reports,
-            findings=self.findings,
-        )
+        functions = {name: {name: self.transfer_functions[name][name].record()} for name in self.output_names}
+        held = held_alike(self, ClosedLoopRecord.__struct_fields__)
+        return ClosedLoopRecord(**held | {"transfer_functions": functions})
 
     @classmethod
     def from_record(cls, record: ClosedLoopRecord) -> ClosedLoopModel:
         """Make the model again from its record, all but the findings."""
-        nothing = TransferFunction(np.zeros(1), np.ones(1))
-        own = {name: TransferFunction.from_record(record.transfer_functions[name][name]) for name in record.outputs}
-        return cls(
-            name=record.name,
-            transfer_functions={
-                output: {name: function if name == output else nothing for name in record.outputs}
-                for output, function in own.items()
-            },
-            input_names=record.inputs,
-            output_names=record.outputs,
-            units=record.units,
-            poles=record.poles,
-            zeros=record.zeros,
-            rate=record.rate_hz,
-            disturbance={name: Disturbance.from_record(each) for name, each in record.disturbance.items()},
-            reports=record.fits,
-            offset_trust=record.offset_trust,
-            following=record.following_rms,
-            training=record.training,
-        )
+        own = {n: TransferFunction.from_record(record.transfer_functions[n][n]) for n in record.output_names}
+        held = held_alike(record, [each.name for each in fields(cls)])
+        return cls(**held | {"transfer_functions": _diagonal(own), "findings": ()})
 
 
 def fit_closed_loop(
@@ -194,7 +160,6 @@ def _model(
     zeros: int,
 ) -> ClosedLoopModel:
     names = records[0].output_names
-    nothing = TransferFunction(np.zeros(1), np.ones(1))
     errors = {
         name: [record.y[:, column] - _respond(functions[name], record.u[:, column], record.dt) for record in records]
         for column, name in enumerate(names)
@@ -224,9 +189,7 @@ def _model(
     )
     return ClosedLoopModel(
         name=f"reference -> {', '.join(names)}, closed loop, {poles} poles {zeros} zeros",
-        transfer_functions={
-            output: {name: functions[output] if name == output else nothing for name in names} for output in names
-        },
+        transfer_functions=_diagonal(functions),
         input_names=names,
         output_names=names,
         units=records[0].units,
@@ -240,6 +203,15 @@ def _model(
         training=tuple(record.name for record in records),
         findings=(*findings, summary),
     )
+
+
+def _diagonal(functions: Mapping[str, TransferFunction]) -> dict[str, dict[str, TransferFunction]]:
+    """Return a function from every input to every output: those to others than its own are nothing."""
+    nothing = TransferFunction(np.zeros(1), np.ones(1))
+    return {
+        output: {name: function if name == output else nothing for name in functions}
+        for output, function in functions.items()
+    }
 
 
 def _error_record(record: Experiment, column: int, group: str) -> Experiment:

@@ -38,14 +38,20 @@ class FunctionRecord:
     covariance: tuple[tuple[float | None, ...], ...] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DisturbanceRecord:
-    """How what the model does not explain carries on, see `sysid.transfer_functions.disturbance.Disturbance`."""
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """How what the model does not explain carries on: a level and a slope driven by white noise.
 
+    They are tracked by a steady Kalman filter (alpha-beta filter, Kalata 1984). With the model's response taken off,
+    this is the innovation form of an output-error model whose process noise enters at the output: an integrated random
+    walk, a random walk, white noise, or, with a finite memory, a first-order process that returns to the model.
+    """
+
+    #: Gains on level and on slope times step.
     alpha: float
     beta: float
-    memory_seconds: float | None = None
-    fade_seconds: float
+    memory_seconds: float | None = None  #: Time constant with which it returns to the model; None: it wanders off.
+    fade_seconds: float = 10.0  #: Time over which an extrapolated slope fades: long beside horizons, short in a flight.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,28 +73,38 @@ class FitReport:
     undetermined: int  #: Of these, how many have a standard deviation above half their value.
 
 
-class FunctionsRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What models made of transfer functions have in common."""
+#: How files call the fields of models.
+_NAMES = {"rate": "rate_hz", "input_names": "inputs", "output_names": "outputs", "reports": "fits"}
+
+
+class FunctionsRecord(msgspec.Struct, frozen=True, kw_only=True, rename=_NAMES):
+    """What models made of transfer functions have in common; fields as those of the models."""
 
     name: str
     structure: str = ""
     poles: int
     zeros: int
     hold: str
-    rate_hz: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    rate: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
     units: Mapping[str, str]
     training: tuple[str, ...]
     transfer_functions: Mapping[str, Mapping[str, FunctionRecord]]  #: By output and input.
     #: By output.
-    disturbance: Mapping[str, DisturbanceRecord]
-    fits: Mapping[str, FitReport]
+    disturbance: Mapping[str, Disturbance]
+    reports: Mapping[str, FitReport]
     findings: tuple[Finding, ...] = ()  #: In models.json only.
 
 
 class TransferFunctionsRecord(
-    FunctionsRecord, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="transfer-functions"
+    FunctionsRecord,
+    frozen=True,
+    kw_only=True,
+    omit_defaults=True,
+    rename=_NAMES,
+    tag_field="kind",
+    tag="transfer-functions",
 ):
     """See `sysid.TransferFunctionModel`."""
 
@@ -98,9 +114,15 @@ class TransferFunctionsRecord(
 
 
 class ClosedLoopRecord(
-    FunctionsRecord, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="closed-loop"
+    FunctionsRecord,
+    frozen=True,
+    kw_only=True,
+    omit_defaults=True,
+    rename=_NAMES | {"following": "following_rms"},
+    tag_field="kind",
+    tag="closed-loop",
 ):
     """See `sysid.ClosedLoopModel`."""
 
     offset_trust: Mapping[str, float]
-    following_rms: Mapping[str, float]
+    following: Mapping[str, float]

@@ -19,9 +19,9 @@ from threadpoolctl import ThreadpoolController
 from sysid.records.excitation import Excitation, examine
 from sysid.records.experiment import Experiment, Floats, ModelOrderError, require_alike
 from sysid.transfer_functions._kernels import compile_kernels
-from sysid.transfer_functions.disturbance import Disturbance, fit_disturbance
+from sysid.transfer_functions.disturbance import fit_disturbance
 from sysid.transfer_functions.fit_findings import few_samples, remarks
-from sysid.transfer_functions.model_record import FitReport
+from sysid.transfer_functions.model_record import Disturbance, FitReport
 from sysid.transfer_functions.problem import Problem, denominators_of_orders, resolvable_band
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search

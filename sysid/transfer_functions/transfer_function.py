@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,8 +15,14 @@ from scipy.special import chdtri as chi2_isf
 from core.summary import Summarised, listed
 from logparse import Finding
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
-from sysid.transfer_functions.disturbance import Disturbance
-from sysid.transfer_functions.model_record import FitReport, FunctionRecord, TransferFunctionsRecord
+from sysid.transfer_functions.disturbance import carried_on
+from sysid.transfer_functions.model_record import (
+    Disturbance,
+    FitReport,
+    FunctionRecord,
+    FunctionsRecord,
+    TransferFunctionsRecord,
+)
 from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
 
 #: What has a standard deviation above this part of its value is reported as not determined.
@@ -268,7 +275,7 @@ class FunctionsModel(Summarised):
         result = simulated.copy()
         for column, output in enumerate(self.output_names):
             residual = experiment.y[:, column] - simulated[:, column]
-            result[:, column] += self.disturbance[output].predict(residual, experiment.dt, steps)
+            result[:, column] += carried_on(self.disturbance[output], residual, experiment.dt, steps)
         return result
 
 
@@ -334,50 +341,27 @@ class TransferFunctionModel(FunctionsModel):
 
     def record(self) -> TransferFunctionsRecord:
         """Return what files hold of the model."""
+        functions = {output: _records(row) for output, row in self.transfer_functions.items()}
+        held = held_alike(self, TransferFunctionsRecord.__struct_fields__)
         return TransferFunctionsRecord(
-            name=self.name,
-            structure=self.structure,
-            poles=self.poles,
-            zeros=self.zeros,
-            hold=self.hold,
-            rate_hz=self.rate,
-            inputs=self.input_names,
-            outputs=self.output_names,
-            units=self.units,
-            initial_seconds=INITIAL_SECONDS,
-            training=self.training,
-            input_trim=self.input_trim,
-            transfer_functions={
-                output: {name: function.record() for name, function in row.items()}
-                for output, row in self.transfer_functions.items()
-            },
-            disturbance={output: value.record() for output, value in self.disturbance.items()},
-            initial_energy=self.initial_energy,
-            fits=self.reports,
-            findings=self.findings,
+            **held | {"transfer_functions": functions, "initial_seconds": INITIAL_SECONDS},
         )
 
     @classmethod
     def from_record(cls, record: TransferFunctionsRecord) -> TransferFunctionModel:
         """Make the model again from its record, all but the initial states of the training records and the findings."""
-        return cls(
-            name=record.name,
-            transfer_functions={
-                output: {name: TransferFunction.from_record(function) for name, function in row.items()}
-                for output, row in record.transfer_functions.items()
-            },
-            input_names=record.inputs,
-            output_names=record.outputs,
-            units=record.units,
-            structure=record.structure,
-            poles=record.poles,
-            zeros=record.zeros,
-            hold=record.hold,
-            rate=record.rate_hz,
-            disturbance={output: Disturbance.from_record(each) for output, each in record.disturbance.items()},
-            initial_energy=record.initial_energy,
-            initial_states={},
-            reports=record.fits,
-            training=record.training,
-            input_trim=record.input_trim,
-        )
+        functions = {
+            output: {name: TransferFunction.from_record(each) for name, each in row.items()}
+            for output, row in record.transfer_functions.items()
+        }
+        held = held_alike(record, [each.name for each in fields(cls)])
+        return cls(**held | {"transfer_functions": functions, "initial_states": {}, "findings": ()})
+
+
+def held_alike(of: FunctionsModel | FunctionsRecord, names: Iterable[str]) -> dict[str, Any]:
+    """Return what a model, or its record, has under the same names as the other."""
+    return {name: getattr(of, name) for name in names if hasattr(of, name)}
+
+
+def _records(row: Mapping[str, TransferFunction]) -> dict[str, FunctionRecord]:
+    return {name: function.record() for name, function in row.items()}

@@ -14,26 +14,21 @@ from sysid import (
     Validation,
 )
 from sysid.rigid_body.six_dof.model import SixDofReport
-from sysid.transfer_functions.disturbance import Disturbance
 from sysid.transfer_functions.model_record import (
     ClosedLoopRecord,
-    DisturbanceRecord,
     FunctionRecord,
     TransferFunctionsRecord,
 )
 from sysid.validation.report import OrdersReport, ValidationReport
-
-FUNCTIONS = {"rate": "rate_hz", "input_names": "inputs", "output_names": "outputs", "reports": "fits"}
 
 
 @pytest.mark.parametrize(
     ("kind", "record", "renamed", "left_out"),
     [
         # What training records started from serves their own plots alone.
-        (TransferFunctionModel, TransferFunctionsRecord, FUNCTIONS, {"initial_states"}),
-        (ClosedLoopModel, ClosedLoopRecord, FUNCTIONS | {"following": "following_rms"}, set()),
+        (TransferFunctionModel, TransferFunctionsRecord, {}, {"initial_states"}),
+        (ClosedLoopModel, ClosedLoopRecord, {}, set()),
         (TransferFunction, FunctionRecord, {}, set()),
-        (Disturbance, DisturbanceRecord, {"memory": "memory_seconds"}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
         (OrderScan, OrdersReport, {"rows": "table"}, {"findings"}),
