@@ -20,8 +20,10 @@ from core.lazy import exports
 if TYPE_CHECKING:
     from core.errors import RotoridError
     from pipeline.config import AnalysisConfig
+    from pipeline.fleet.result import Craft
+    from pipeline.fleet.result import FleetResult as Fleet
     from rotorid import fit, plot
-    from rotorid.analysis import Craft, Fleet, analyze, compare
+    from rotorid.analysis import analyze, compare
     from rotorid.flight_log import FlightLog, inspect, load
     from rotorid.simulated_flight import simulate
     from rotorid.validation import Comparison, validate

@@ -10,7 +10,6 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.metadata import version
 from itertools import groupby, islice
 from multiprocessing.connection import Connection
 from pathlib import Path, PurePath
@@ -29,11 +28,11 @@ from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
 from pipeline.execution.stages import overall
+from pipeline.fleet.result import FleetResult
 from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
-from pipeline.results.report import FleetReport
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
 
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
     from pipeline.results.flight import FlightResult
     from pipeline.storage import dataset
     from pipeline.storage import store as store_of
-    from reports.files import fleet as reports_fleet
     from reports.files import folder as reports_folder
     from sysid import loops as sysid_loops
     from sysid.loops import Tuning
@@ -54,7 +52,7 @@ else:
     sysid, store_of = lazy("sysid"), lazy("pipeline.storage.store")
     dataset, reports_folder = lazy("pipeline.storage.dataset"), lazy("reports.files.folder")
     fleet_crafts, flight_summary = lazy("pipeline.fleet.crafts"), lazy("pipeline.flight.summary")
-    reports_fleet, kinds = lazy("reports.files.fleet"), lazy("pipeline.flight.kinds")
+    kinds = lazy("pipeline.flight.kinds")
     sysid_loops = lazy("sysid.loops")
 
 _log = logging.getLogger("rotorid.api")
@@ -284,8 +282,7 @@ def _join(task: Task, progress: Progress) -> None:
         raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
     progress("report", 0.99)
     craft = found.entries[0].folder
-    facts = FleetReport(rotorid=version("rotorid"), config=config, groups=(), flights=(), findings=(), timings_s={})
-    reports_fleet.compose(scratch, [], [f"crafts/{craft}"], facts)
+    reports.write_fleet(FleetResult(flights=(), groups=found.entries[:1], failures=(), config=config, store=scratch))
     for file in [each for each in joint.iterdir() if each.is_file() and not each.name.startswith(".")]:
         file.rename(task.folder / file.name)
     body = next((each.model for each in found.fitted[craft].models if each.key == kinds.RIGID_BODY_KEY), None)

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
+from core.lazy import lazy
+from core.serialization import plain
 from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.fleet import GroupResult, LogFailure
-from pipeline.storage.manifest import Manifest
-from pipeline.storage.store import Store
+from pipeline.results.model_report import ParameterRow
+from pipeline.storage.manifest import CRAFTS, FLIGHTS, Manifest
+from pipeline.storage.store import Store, TemporaryStore
+
+if TYPE_CHECKING:
+    import pandas as pd
+else:
+    pd = lazy("pandas")  # an unchanged folder must not wait for it
 
 #: Why a flight is left out of the joint fit, and not counted twice.
 ANOTHER_RECORDING = "another recording of a flight that is here too, left out of the joint fit"
@@ -27,6 +36,43 @@ class Crafts:
     unstored: tuple[GroupEntry, ...] = ()  #: Their entries.
     #: Those of this run by folder, as `pipeline.FleetResult` has them.
     fitted: Mapping[str, GroupResult] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Craft(Summarised):
+    """One aircraft of a folder of logs.
+
+    Attributes
+    ----------
+    name : str
+        The craft in words.
+    training, held_out : tuple of str
+        Names of the flights fitted jointly, and of those kept to validate.
+    parameters : DataFrame
+        Index ``parameter``; columns ``value sigma unit method reason`` (reason: why not determined).
+    """
+
+    name: str
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    parameters: pd.DataFrame
+
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this craft."""
+        known = self.parameters.index[self.parameters["value"].notna()].unique().tolist()
+        return {
+            "craft": self.name,
+            "training": listed(self.training),
+            "held out": listed(self.held_out) or "none",
+            "determined": listed(known, 5) or "nothing",
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameters:
+    """Of a report.json, what a `Craft` shows."""
+
+    parameters: tuple[ParameterRow, ...] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -55,8 +101,34 @@ class FleetResult(Summarised):
         return {
             "flights": f"{len(self.flights)}: {listed([flight.name for flight in self.flights])}",
             "craft with several flights": listed([group.name for group in self.groups]) or "none",
-            "failures": listed([failure.file for failure in self.failures]) or "none",
+            "failures": listed([f"{failure.file} ({failure.reason})" for failure in self.failures], 2) or "none",
+            "report": self.report or "not kept; give out=FOLDER",
         }
+
+    @property
+    def report(self) -> str:
+        """Path or URL of report.html; empty when nothing is kept."""
+        return "" if isinstance(self.store, TemporaryStore) else f"{self.store.url.rstrip('/')}/report.html"
+
+    @property
+    def crafts(self) -> tuple[Craft, ...]:
+        """The craft as the reports in the store have them, those with most flights first, single flights last."""
+        grouped = {name for group in self.groups for name in (*group.training, *group.held_out)}
+        alone = (flight for flight in self.flights if flight.name not in grouped)
+        return (
+            *(
+                self._craft(f"{CRAFTS}/{group.folder}", group.name, group.training, group.held_out)
+                for group in self.groups
+            ),
+            *(self._craft(f"{FLIGHTS}/{each.folder}", each.craft_name, (each.name,), ()) for each in alone),
+        )
+
+    def _craft(self, folder: str, name: str, training: tuple[str, ...], held_out: tuple[str, ...]) -> Craft:
+        found = self.store.read_as(f"{folder}/report.json", _Parameters)
+        shown = ["value", "sigma", "unit", "method", "note"]
+        rows = pd.DataFrame(plain(() if found is None else found.parameters or ()), columns=["parameter", *shown])
+        table = rows.set_index("parameter").rename(columns={"note": "reason"})
+        return Craft(name=name, training=training, held_out=held_out, parameters=table)
 
     @property
     def reported(self) -> bool:

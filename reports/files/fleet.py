@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import Any, Protocol
+from typing import Any
 
 from scipy.io import loadmat, savemat
 
@@ -20,6 +20,8 @@ from pipeline.names import printable
 from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import ModelsFile
 from pipeline.results.report import CommonFinding, CraftReport, FleetReport, FlightReport, LeftOut
+from pipeline.storage.manifest import CRAFTS, FLIGHTS
+from pipeline.storage.store import Store
 from reports.figures.drawn import CraftFigures
 from reports.files.fleet_markdown import fleet_markdown
 from reports.files.folder import FIGURES, SHARED_SCRIPT, page_or_excuse, rmse_table
@@ -27,52 +29,19 @@ from reports.pages import html
 from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
 
 
-class Products(Protocol):
-    """Files by their paths, such as ``flights/paper01/report.json``."""
-
-    def read(self, path: str) -> bytes:
-        """Read a file."""
-        ...
-
-    def write(self, path: str, content: bytes) -> None:
-        """Write a file in place of what was there."""
-        ...
-
-
 def write_fleet(fleet: FleetResult) -> None:
-    """Compose the report on all flights in the store of a fleet.
+    """Compose the report on all flights from the products in the store of a fleet, unless it is there already.
 
     ``report.html`` (complete in itself but for the pages of flights and crafts, which it links), ``craft1.html`` and
     so on with the models of each craft, ``report.json`` (crafts in full, flights in short), ``report.md``;
     ``rmse.csv``, ``coefficients.csv`` and ``parameters.csv`` of all; ``models.json`` and ``models.mat`` with the
     models of crafts and of those flights that belong to none; ``plotly.min.js`` for the other pages.
     """
-    compose(
-        fleet.store,
-        [f"flights/{entry.folder}" for entry in fleet.flights],
-        [f"crafts/{entry.folder}" for entry in fleet.groups],
-        FleetReport(
-            rotorid=version("rotorid"),
-            config=fleet.config,
-            groups=(),
-            flights=(),
-            findings=(),
-            failures=_reasons(fleet.failures),
-            passed_over=_reasons(fleet.passed_over),
-            duplicates=_reasons(fleet.duplicates),
-            removed=_reasons(fleet.removed),
-            again=fleet.again,
-            timings_s=fleet.timings,
-        ),
-    )
-
-
-def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
-    return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
-
-
-def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], facts: FleetReport) -> FleetReport:
-    """Compose the report on all flights from the folders of their products."""
+    if fleet.reported:
+        return
+    store = fleet.store
+    flights = [f"{FLIGHTS}/{entry.folder}" for entry in fleet.flights]
+    crafts = [f"{CRAFTS}/{entry.folder}" for entry in fleet.groups]
     found = _told_apart([_craft(store, folder) for folder in crafts])
     rows = [row for craft in found for row in craft.report.rmse]
     short: list[FlightReport] = []
@@ -83,11 +52,18 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
         findings[report.name] = report.findings
         rows += report.rmse
     numbers = cleaned(
-        replace(
-            facts,
+        FleetReport(
+            rotorid=version("rotorid"),
+            config=fleet.config,
             groups=tuple(craft.report for craft in found),
             flights=tuple(short),
             findings=_common_findings(findings),
+            failures=_reasons(fleet.failures),
+            passed_over=_reasons(fleet.passed_over),
+            duplicates=_reasons(fleet.duplicates),
+            removed=_reasons(fleet.removed),
+            again=fleet.again,
+            timings_s=fleet.timings,
         ),
         FleetReport,
         printable,
@@ -108,7 +84,11 @@ def compose(store: Products, flights: Sequence[str], crafts: Sequence[str], fact
         page = page_or_excuse(partial(craft_models_page, craft, numbers, place, script_file), craft_file(place))
         store.write(craft_file(place), page.encode())
     store.write("report.html", page_or_excuse(lambda: fleet_page(numbers, found), "report.html").encode())
-    return numbers
+    fleet.confirm_report()
+
+
+def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
+    return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
 
 
 def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:
@@ -132,7 +112,7 @@ def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFi
     return tuple(sorted(found.values(), key=lambda each: (WORST_FIRST.index(each.severity), -len(each.flights))))
 
 
-def _craft(store: Products, folder: str) -> Craft:
+def _craft(store: Store, folder: str) -> Craft:
     drawn = from_json(store.read(f"{folder}/{FIGURES}"), CraftFigures)
     report = from_json(store.read(f"{folder}/report.json"), CraftReport)
     return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
@@ -151,7 +131,7 @@ def _told_apart(crafts: Sequence[Craft]) -> list[Craft]:
     return apart
 
 
-def _models(store: Products, folders: Iterable[str]) -> ModelsFile:
+def _models(store: Store, folders: Iterable[str]) -> ModelsFile:
     every = [from_json(store.read(f"{folder}/models.json"), ModelsFile) for folder in folders]
     return ModelsFile(
         rotorid=version("rotorid"),
@@ -160,7 +140,7 @@ def _models(store: Products, folders: Iterable[str]) -> ModelsFile:
     )
 
 
-def _matlab(store: Products, crafts: Sequence[str], flights: Sequence[str]) -> bytes:
+def _matlab(store: Store, crafts: Sequence[str], flights: Sequence[str]) -> bytes:
     """Write the models of crafts as structs ``craft1 ...`` and of flights as ``flight1 ...``, in the report's order."""
     structs = {}
     for kind, folders in (("craft", crafts), ("flight", flights)):
@@ -179,7 +159,7 @@ def _loaded(content: bytes) -> dict[str, Any]:
     return dict(loadmat(file))
 
 
-def _joined(store: Products, folders: Sequence[str], name: str) -> bytes:
+def _joined(store: Store, folders: Sequence[str], name: str) -> bytes:
     """Join tables that have the same head."""
     lines: list[bytes] = []
     for folder in folders:

@@ -352,7 +352,6 @@ def _several_logs(
             if not fleet.reported:
                 progress("writing the report", 0.99)
                 reports.write_fleet(fleet)
-                fleet.confirm_report()
         except OSError as error:
             _list_failures(fleet.failures)
             kept = "what is done is kept; make room and run the same command again"

@@ -205,7 +205,6 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
     out = tmp_path / "out"
     fleet, analyzed = run(logs, out, publish=reports.publish)
     reports.write_fleet(fleet)
-    fleet.confirm_report()
     assert len(analyzed) == 4
     before = {each: each.read_text() for each in out.rglob("report.json")}
     written = {each: each.stat().st_mtime_ns for each in out.rglob("report.html")}
@@ -428,7 +427,6 @@ def test_the_report_is_written_again_only_when_something_is_other(logs, tmp_path
     fleet, _ = run(logs, out, publish=reports.publish)
     assert not fleet.reported
     reports.write_fleet(fleet)
-    fleet.confirm_report()
     assert run(logs, out, publish=reports.publish)[0].reported
     os.utime(logs / "octa1.bin", ns=(0, 0))
     assert run(logs, out, publish=reports.publish)[0].reported, "a new date of the same content changes nothing"

@@ -13,13 +13,14 @@ import sysid
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
+from pipeline.fleet.result import FleetResult
 from pipeline.flight.answer import compose_answer
 from pipeline.names import folder_names
+from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.failure import Failure
-from pipeline.results.report import FleetReport
+from pipeline.results.fleet import LogFailure
 from pipeline.storage.store import open_store
-from reports import publish
-from reports.files.fleet import compose
+from reports import publish, write_fleet
 from tests.reports.accounts import account, signals
 from tests.reports.made import made
 
@@ -189,7 +190,7 @@ def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
     )
 
 
-FAILURES = [{"file": "notes.bin", "reason": "not a flight log: text without a single FMT row"}]
+FAILURES = (LogFailure("notes.bin", "not a flight log: text without a single FMT row"),)
 
 
 def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[GroupResult] = (), **facts) -> Path:
@@ -199,11 +200,14 @@ def composed(folder: Path, flights: Sequence[FlightResult], crafts: Sequence[Gro
         publish(flight, folder / "flights" / names[flight.name])
     for number, group in enumerate(crafts):
         publish(group, folder / "crafts" / f"craft{number}")
-    compose(
-        open_store(folder),
-        [f"flights/{name}" for name in names.values()],
-        [f"crafts/craft{number}" for number in range(len(crafts))],
-        made(FleetReport, config=flights[0].config if flights else AnalysisConfig(), **{"failures": FAILURES} | facts),
+    write_fleet(
+        FleetResult(
+            flights=tuple(made(FlightEntry, folder=name) for name in names.values()),
+            groups=tuple(made(GroupEntry, folder=f"craft{number}") for number in range(len(crafts))),
+            config=flights[0].config if flights else AnalysisConfig(),
+            store=open_store(folder),
+            **{"failures": FAILURES} | facts,
+        )
     )
     return folder / "report.html"
 

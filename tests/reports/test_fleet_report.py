@@ -5,10 +5,11 @@ import re
 import shutil
 from dataclasses import replace
 
+from pipeline import AnalysisConfig, FleetResult
 from pipeline.names import folder_names
-from pipeline.results.report import FleetReport
+from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.storage.store import open_store
-from reports.files.fleet import compose
+from reports import write_fleet
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
 from tests.reports.made import made
@@ -25,8 +26,16 @@ def test_two_hundred_flights_fold_and_stay_small(fleet, tmp_path):
         folder = tmp_path / "flights" / f"copy{number:03d}"
         shutil.copytree(fleet / "flights" / "flight01", folder)
         (folder / "report.json").write_text(json.dumps(numbers | {"name": folder.name}), encoding="utf-8")
-        folders.append(f"flights/{folder.name}")
-    compose(open_store(tmp_path), folders, ["crafts/craft0"], made(FleetReport))
+        folders.append(folder.name)
+    write_fleet(
+        FleetResult(
+            flights=tuple(made(FlightEntry, folder=name) for name in folders),
+            groups=(made(GroupEntry, folder="craft0"),),
+            failures=(),
+            config=AnalysisConfig(),
+            store=open_store(tmp_path),
+        )
+    )
     page = (tmp_path / "report.html").read_text("utf-8")
     assert f"<details><summary>Table of {FLIGHTS} flights</summary>" in page
     assert len(page) < 4_000_000

@@ -19,6 +19,7 @@ from core.quantity import column
 from logparse import Finding, Severity
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
+from pipeline.results.fleet import LogFailure
 from pipeline.results.model_report import RmseRow
 from reports.files import folder as files
 from reports.files.folder import rmse_table
@@ -235,8 +236,8 @@ def test_a_page_that_cannot_be_drawn_costs_only_itself(flight, other, tmp_path, 
 
 
 def test_what_was_passed_over_is_named_everywhere(flight, tmp_path):
-    unused = [{"file": f"{k}.txt", "reason": "no flight log"} for k in range(7)]
-    copies = [{"file": "again.bin", "reason": "a copy of flight01.BIN"}]
+    unused = tuple(LogFailure(f"{k}.txt", "no flight log") for k in range(7))
+    copies = (LogFailure("again.bin", "a copy of flight01.BIN"),)
     page = composed(tmp_path, [flight], passed_over=unused, duplicates=copies).read_text("utf-8")
     line = "Passed over: 0.txt, 1.txt, 2.txt, 3.txt, 4.txt and 2 more (no flight log)."
     assert line in page
