@@ -30,7 +30,7 @@ from api.store.database import Database, NewerDatabaseError
 from api.web.middleware import LOOPBACK, PatientProtocol
 from api.work.jobs import Runner, work_until_told
 from core.lazy import lazy
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.storage.store import open_store
 
 if TYPE_CHECKING:

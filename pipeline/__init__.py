@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from core.lazy import exports
 
 if TYPE_CHECKING:
-    from pipeline.config import AnalysisConfig
-    from pipeline.errors import ConfigError
+    from pipeline.config import AnalysisConfig, ConfigError
     from pipeline.fleet.analysis import analyze_fleet
     from pipeline.fleet.result import FleetResult
     from pipeline.flight.analysis import analyze, analyze_flights

@@ -7,7 +7,11 @@ import math
 from dataclasses import dataclass, fields
 from typing import Annotated, get_type_hints
 
-from pipeline.errors import ConfigError
+from logparse import RotoridError
+
+
+class ConfigError(RotoridError):
+    """An analysis was asked for with a setting that cannot be; the message names the setting and what it may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ class AnalysisConfig:
         float, Setting("Of a single flight, the part to fit on; the rest judges.", least=0.1, most=0.95)
     ] = 0.7
     #: Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
-    #: (`pipeline.fleet.split`).
+    #: (`pipeline.fleet.crafts`).
     training: Annotated[
         tuple[str, ...],
         Setting(

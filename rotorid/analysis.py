@@ -15,8 +15,7 @@ import pipeline
 import reports
 from core.serialization import plain
 from core.summary import listed
-from pipeline.config import AnalysisConfig
-from pipeline.errors import ConfigError
+from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import processes
 from pipeline.execution.stages import Progress
 from pipeline.fleet.result import FleetResult

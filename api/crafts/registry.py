@@ -8,7 +8,6 @@ from typing import Any
 from sqlalchemy import delete, func, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
-from api.crafts.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert
 from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id
@@ -22,7 +21,7 @@ from api.store.records import (
     LogRecord,
     NoteRecord,
 )
-from api.store.resources import State
+from api.store.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert, State
 from api.work.craft_flights import lose, new_craft, touch
 
 #: Joint models are made anew when a craft has this many times the flights that they are of: what refits cost together

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.results.advice import Advice
-from pipeline.results.craft_review import Alert
-from pipeline.results.drift import History
+from pipeline.results.answer import Advice
+from pipeline.results.drift import Alert, History
 from pipeline.results.quantity import HealthEvent, ParameterChange, Quantity
 
 #: What stands in every answer where there is no number.

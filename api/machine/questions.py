@@ -30,7 +30,7 @@ from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin
 from pipeline.flight.spectrum import rotor_speeds
-from pipeline.results.craft_review import CraftReview, Note
+from pipeline.results.drift import CraftReview, Note
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange
 from pipeline.results.span import Span

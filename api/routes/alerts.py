@@ -8,9 +8,8 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import problems
-from api.crafts.resources import RaisedAlert
 from api.problems import ProblemError
-from api.store.resources import Page
+from api.store.resources import Page, RaisedAlert
 from api.web.dependencies import After, HookId, Limit, Owner, PartsOf, page
 from api.web.page_templates import render
 

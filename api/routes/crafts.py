@@ -9,11 +9,10 @@ from pydantic import BaseModel, Field
 
 from api import problems
 from api.crafts.models import FILES, LeastTrust, latest
-from api.crafts.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note
 from api.problems import ProblemError
 from api.store.owned import missing
 from api.store.records import CraftRecord
-from api.store.resources import Page
+from api.store.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note, Page
 from api.web.dependencies import After, CraftId, FileName, Limit, NoteId, Owner, PartsOf, page
 from api.web.results import file_response, local_copy
 

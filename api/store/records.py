@@ -160,7 +160,7 @@ class CraftRecord(Record):
     #: Counts what changed about its flights and notes, and up to where that was looked at.
     revision: Mapped[int] = mapped_column(default=1)
     reviewed: Mapped[int] = mapped_column(default=0)
-    review: Mapped[dict[str, Any] | None]  #: `pipeline.results.craft_review.CraftReview`.
+    review: Mapped[dict[str, Any] | None]  #: `pipeline.results.drift.CraftReview`.
     #: Names of the flights that its last joint models were made of; empty before there are any, or where one is gone.
     joint_of: Mapped[list[Any]] = mapped_column(default=list)
     joint_lost: Mapped[str] = mapped_column(String(300), default="")  #: Why earlier joint models do not hold any more.

@@ -12,14 +12,13 @@ from api.access import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
 from api.crafts.hooks import Feeds, Hooks
 from api.crafts.registry import Crafts
-from api.crafts.resources import Craft, RaisedAlert
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog
 from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
 from api.settings import Access, Settings
 from api.store.database import Database
-from api.store.resources import Analysis, Log, Page
+from api.store.resources import Analysis, Craft, Log, Page, RaisedAlert
 from api.store.scratch import Incoming, Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from core.serialization import plain, restored
 from logparse import Vehicle
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.entry import FlightEntry
 from pipeline.results.model_report import ModelReport

@@ -23,8 +23,7 @@ from typing import Any, TypeVar
 
 import pebble
 
-from pipeline.execution.machine import available_memory, pin_threads, processors
-from pipeline.execution.memory import collect_seldom, trim_heap
+from pipeline.execution.machine import available_memory, collect_seldom, pin_threads, processors, trim_heap
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
-from pipeline.execution.memory import trim_heap
+from pipeline.execution.machine import trim_heap
 from pipeline.results.failure import Failure
 
 Progress = Callable[[str, float], None]

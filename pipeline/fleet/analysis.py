@@ -17,15 +17,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
-from pipeline.config import AnalysisConfig
-from pipeline.errors import ConfigError
+from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
-from pipeline.storage.inventory import READERS, index_sources
+from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
 from pipeline.storage.manifest import (
     FLIGHTS,
     LogRecord,
@@ -37,7 +36,6 @@ from pipeline.storage.manifest import (
     software,
     stored_flights,
 )
-from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import Store, TemporaryStore, open_store
 

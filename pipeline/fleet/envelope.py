@@ -8,9 +8,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from core.quantity import readable
 from logparse import Finding, Severity
 from pipeline.flight.training import position_good
-from pipeline.results.coverage import Cell, Coverage, Distribution
+from pipeline.results.coverage import (
+    Cell,
+    Coverage,
+    Distribution,
+    Envelope,
+    EnvelopeMap,
+    Excursion,
+    FlightWind,
+    RangeFlown,
+)
 from pipeline.results.entry import FlightEntry
-from pipeline.results.envelope import Envelope, EnvelopeMap, Excursion, FlightWind, RangeFlown
 
 #: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
 MARGIN = 0.005

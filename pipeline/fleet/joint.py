@@ -25,9 +25,8 @@ from pipeline.flight.identification import compare_parameters, identify, without
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure, findings_of, present
-from pipeline.results.fleet import GroupResult
+from pipeline.results.fleet import GroupResult, Split
 from pipeline.results.flight import ModelResult, Prediction
-from pipeline.results.split import Split
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.store import open_store
 from sysid.autopilot.values import over_flights

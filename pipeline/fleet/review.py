@@ -20,14 +20,12 @@ import numpy as np
 
 from core.quantity import uncertain
 from logparse import Severity
-from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import FEWEST
-from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.fleet.meta_analysis import corrected, difference, holm, meta_regression
 from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
-from pipeline.results.craft_review import Alert, CraftReview, Note
-from pipeline.results.drift import Drift, History, Point
+from pipeline.results.drift import Alert, CraftReview, Drift, History, Note, Point
 from pipeline.results.entry import FlightEntry
 from pipeline.results.quantity import ParameterChange
 from sysid.autopilot.values import over_flights

@@ -15,7 +15,7 @@ import logparse
 import sysid
 from core.serialization import from_json
 from logparse import MissingDataError, RotoridError, Vehicle
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.execution.stages import Progress, silent
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from pipeline.results.entry import FlightEntry
-from pipeline.results.split import Exclusion, TrainingExclusion
+from pipeline.results.fleet import Exclusion, TrainingExclusion
 
 #: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
 POOR_POSITION = 5.0

@@ -1,11 +1,16 @@
-"""The first screen of a flight: a line for each purpose with a word, a number with its error and a few words."""
+"""The first screen of a flight: a line for each purpose with a word, a number and a few words; and advice."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from pipeline.results.span import Span
+
+if TYPE_CHECKING:
+    from pipeline.results.entry import FlightEntry
 
 #: What predicts shorter [s] than a person needs to react is of use to a filter only.
 HOLDS = 1.0
@@ -55,3 +60,37 @@ class Answer:
     picture: Picture  #: The plot to show beside them.
     around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
     next: str = ""  #: What to do next, in a sentence or two.
+
+
+#: Flights that a sentence names.
+_MOST_NAMED = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """What to do next time."""
+
+    id: str  #: Stable kebab-case name.
+    #: Lower is more useful: below 10 nothing can be identified without it, below 20 results are wrong or at risk, below
+    #: 30 a parameter or an axis stays unknown, above that it is better known.
+    rank: int
+    do: str  #: In the imperative.
+    why: str  #: What these flights lacked, in numbers.
+    gain: str  #: What it brings.
+    #: Parameters of the autopilot to set; those that hold bits are whole numbers.
+    settings: Mapping[str, int | float] = field(default_factory=dict)
+    flights: tuple[str, ...] = ()  #: That it is about; empty when about all.
+
+
+def names_of(flights: Sequence[FlightEntry], total: int) -> str:
+    """Name flights in a sentence; all of several are not listed."""
+    if len(flights) == total:
+        return f"all {total} flights" if total > 1 else "this flight"
+    names = [flight.name for flight in flights[:_MOST_NAMED]]
+    more = len(flights) - len(names)
+    return ", ".join(names) + (f" and {more} more" if more else "")
+
+
+def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:
+    """Choose the flights with one of these findings."""
+    return [flight for flight in flights if any(finding.id in findings for finding in flight.findings)]

@@ -1,9 +1,10 @@
-"""Results over several logs: a craft identified jointly, and logs that gave nothing."""
+"""Results over several logs: which train and which judge, a craft identified jointly, and logs that gave nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +14,9 @@ from pipeline.results.failure import Failure, reasons
 
 if TYPE_CHECKING:
     from logparse import Finding, Vehicle
-    from pipeline.results.advice import Advice
+    from pipeline.results.answer import Advice
+    from pipeline.results.coverage import Envelope
     from pipeline.results.drift import Drift
-    from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult, ModelResult
     from sysid import PhysicalParameters, ThrustModel
     from sysid.autopilot import AutopilotValues
@@ -75,3 +76,32 @@ class GroupResult(Summarised):
 #: ``publish(result, folder)`` writes what people and programs read of a result. Without a result it draws the pages of
 #: a folder anew, or raises FileNotFoundError where the folder does not hold what that takes.
 Publish = Callable[["FlightResult | GroupResult | None", Path], object]
+
+
+class Exclusion(StrEnum):
+    """Why a flight is excluded from training."""
+
+    POSITION_UNKNOWN = "position-unknown"
+    POSITION_POOR = "position-poor"
+    EXCITATION_UNKNOWN = "excitation-unknown"
+    LITTLE_EXCITATION = "little-excitation"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingExclusion:
+    """A flight that must not train: the kind of reason, and the reason with its numbers, as a clause."""
+
+    exclusion: Exclusion
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """Names of flights that train and that judge, in order of name."""
+
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    judging: tuple[str, ...]  #: Those held out that models are judged on.
+    unused: Mapping[str, str] = field(default_factory=dict)  #: Flights that do neither, and why.
+    never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)  #: Flights that judge only, and why.
+    sentence: str = ""  #: How the two were chosen, with the numbers.

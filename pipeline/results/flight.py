@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import Finding, Tables, Vehicle
     from pipeline.results.account import Account
-    from pipeline.results.advice import Advice
-    from pipeline.results.answer import Answer
+    from pipeline.results.answer import Advice, Answer
     from pipeline.results.coverage import Coverage
     from pipeline.results.rotation import RotationResult
     from pipeline.results.signals import FlightSignals

@@ -13,11 +13,9 @@ from typing import Literal
 from logparse import Finding, Severity, Vehicle
 from pipeline.config import AnalysisConfig
 from pipeline.results.account import Account
-from pipeline.results.advice import Advice
-from pipeline.results.answer import Answer
-from pipeline.results.coverage import Coverage
+from pipeline.results.answer import Advice, Answer
+from pipeline.results.coverage import Coverage, Envelope
 from pipeline.results.drift import Drift
-from pipeline.results.envelope import Envelope
 from pipeline.results.model_report import (
     ModelReport,
     ParameterRow,

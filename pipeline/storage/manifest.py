@@ -25,7 +25,7 @@ from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
     from logparse import Finding
-    from pipeline.results.split import Split
+    from pipeline.results.fleet import Split
 
 MANIFEST = "manifest.json"
 

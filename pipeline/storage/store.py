@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 from core.lazy import lazy
 from core.serialization import plain, restored
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 
 if TYPE_CHECKING:
     import fcntl

@@ -9,10 +9,8 @@ from typing import Any
 
 from core.quantity import per_degree, with_unit
 from pipeline.results.answer import Tone
-from pipeline.results.coverage import MAP, QUANTITIES
-from pipeline.results.craft_review import Note
-from pipeline.results.drift import Drift, History, MotorWork, Point
-from pipeline.results.envelope import Envelope, RangeFlown
+from pipeline.results.coverage import MAP, QUANTITIES, Envelope, RangeFlown
+from pipeline.results.drift import Drift, History, MotorWork, Note, Point
 from pipeline.results.report import FlightReport
 from reports.figures.figure import (
     COLORS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from core.parameter import Parameter
-from pipeline.results.craft_review import CraftReview
+from pipeline.results.drift import CraftReview
 from pipeline.results.quantity import HealthEvent, Provenance, Quantity
 from pipeline.results.report import FlightReport
 from pipeline.results.rotation import AxisRotation

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from core.serialization import restored
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.results.report import FleetReport, FlightReport
 
 _KINDS: dict[object, type[FlightReport] | type[FleetReport]] = {"flight": FlightReport, "fleet": FleetReport}

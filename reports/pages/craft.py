@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from core.quantity import counted, uncertain
-from pipeline.results.craft_review import CraftReview, Note
+from pipeline.results.drift import CraftReview, Note
 from reports.figures.fleet import drift_figures
 from reports.pages import html
 from reports.views import summary

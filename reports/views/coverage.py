@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from core.quantity import alike, number, per_degree
 from core.table import Row, Table
-from pipeline.results.coverage import Coverage
-from pipeline.results.envelope import Envelope, RangeFlown
+from pipeline.results.coverage import Coverage, Envelope, RangeFlown
 
 #: Flights outside of what was fitted that are named one by one.
 MOST_OUTSIDE = 12

@@ -156,7 +156,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     """Analyse tables of other origin and write their report."""
     from core.serialization import as_json as to_text
     from logparse.foreign.files import is_table
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.flight.table_analysis import analyze_tables
     from reports.pages.tables import tables_page
     from reports.terminal.summary import answer_rows
@@ -193,7 +193,7 @@ def _refuse_tables(paths: Sequence[str]) -> None:
     from logparse import LogError
     from logparse.foreign.files import is_table
     from logparse.log import check_is_log
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
 
     for path in filter(is_table, files):
         try:
@@ -208,7 +208,7 @@ def _existing(paths: Sequence[str]) -> Sequence[str]:
 
     missing = [path for path in paths if not is_url(path) and not Path(path).exists()]
     if missing:
-        from pipeline.errors import ConfigError
+        from pipeline.config import ConfigError
 
         raise ConfigError(f"{', '.join(missing)}: no such file or folder")
     return paths
@@ -216,7 +216,7 @@ def _existing(paths: Sequence[str]) -> Sequence[str]:
 
 def _require_files(found: "Found", paths: Sequence[str]) -> None:
     if not found.sources and not found.failures:
-        from pipeline.errors import ConfigError
+        from pipeline.config import ConfigError
 
         closed = (f"{each.source}: {each.reason}" for each in found.passed_over)
         raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
@@ -311,7 +311,7 @@ def _announce_all(logs: "Sequence[FlightLog]") -> None:
 @contextmanager
 def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -> "Iterator[Executor]":
     """Return the workers of a cluster, when they have shown that they can do this work."""
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.execution.cluster import Cluster, SchedulerError
 
     if jobs is not None:

@@ -58,7 +58,7 @@ def craft(
     import logparse
     import sysid
     from estimation import estimate
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
     from pipeline.names import file_name
     from reports.pages.parameters import parameters_page

@@ -14,7 +14,7 @@ import typer
 from typer.completion import install_callback, show_callback
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from pipeline.execution.memory import collect_seldom
+from pipeline.execution.machine import collect_seldom
 from rotorid.cli.analyze import analyze
 from rotorid.cli.craft import bench, bifilar, craft
 from rotorid.cli.look import export, inspect, plot
@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         fail("interrupted", INTERRUPTED)
     except Exception as error:
         from logparse import MissingDataError, RotoridError
-        from pipeline.errors import ConfigError
+        from pipeline.config import ConfigError
 
         # A log that was read and lacks what is asked of it is no failure.
         statuses = {ConfigError: WRONG_USAGE, MissingDataError: NOT_POSSIBLE, RotoridError: SOME_FAILED}

@@ -51,7 +51,7 @@ def console() -> "Console":
 
 def prepare(out: str | Path) -> None:
     """Make the folder for the results and try to write there: before the work, not after it."""
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.storage.store import open_store
 
     try:

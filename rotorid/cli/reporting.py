@@ -18,7 +18,7 @@ def report(
 
     Example: rotorid report out/flight --open
     """
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from reports.numbers.reading import read_report
     from reports.terminal import summary as terminal
 

@@ -146,9 +146,9 @@ def mcp(
 
     Example: rotorid mcp out
     """
-    from api.machine.mcp_server import server_of
+    from api.machine.tools import server_of
     from api.server import open_folder, open_service
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
 
     try:
         with open_service(owner) if folder is None else open_folder(folder) as tools:

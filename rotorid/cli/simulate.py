@@ -69,7 +69,7 @@ def simulate(
         run_models(Path(case), inputs, model, out, trim)
         return
     import simulation
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
 
     if show_list or case == "list":
@@ -152,7 +152,7 @@ def _shown(value: object) -> str:
 
 def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path, trim: str | None = None) -> None:
     """Run stored models with the inputs of a log or a CSV table; write a page and a table of each prediction."""
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
     from pipeline.flight.replay import Trim, replay
     from pipeline.results.failure import present

@@ -27,9 +27,9 @@ def frequency(
 
     Example: rotorid frequency chirps.bin sticks.bin --axis roll --out frequency
     """
-    from pipeline.errors import ConfigError
+    from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
-    from reports.pages.frequency import frequency_page, sentences, terminal_table
+    from reports.pages.loops import frequency_page, sentences, terminal_table
     from sysid.frequency.axes import AXES
     from sysid.frequency.export import survey_json, write
     from sysid.frequency.survey import survey

@@ -19,7 +19,7 @@ from api.server import open_folder
 from api.work.craft_flights import keep
 from api.work.outcome import Flown
 from core.serialization import as_json
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import FlightReport
 from tests.api import flights, standins

@@ -18,7 +18,7 @@ from pipeline.fleet import job
 from pipeline.names import flight_name
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure
-from pipeline.results.split import Split
+from pipeline.results.fleet import Split
 from tests.reports.conftest import made_flight
 
 #: Names of the flights that were analysed in this process.

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from logparse import read_log
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from rotorid.cli.main import app
 
 RUN = CliRunner()

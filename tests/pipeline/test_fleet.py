@@ -13,7 +13,7 @@ import pytest
 import reports
 from pipeline import AnalysisConfig, ConfigError, analyze_fleet
 from pipeline.fleet import analysis as fleet_module
-from pipeline.fleet import homogeneity, job, joint, split
+from pipeline.fleet import crafts, homogeneity, job, joint
 from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
@@ -121,7 +121,7 @@ def test_flights_of_another_payload_are_a_build_of_their_own(logs, tmp_path, mon
             if len(apart) < len(flights)
         }
 
-    for module in (split, homogeneity):
+    for module in (crafts, homogeneity):
         monkeypatch.setattr(module, "unlike_flights", heavy)
     fleet, _ = run(logs, tmp_path / "out")
     assert [(group.name, group.folder) for group in fleet.groups] == [

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from logparse import RotoridError
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from rotorid.cli.main import app
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"

@@ -10,7 +10,7 @@ import reports
 import sysid
 from core.serialization import plain
 from logparse import RotoridError
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.flight.replay import Trim, choose, load_models, replay
 from reports import write_replay
 from tests.reports.conftest import made_flight

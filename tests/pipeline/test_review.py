@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.fleet.review import RATE, review
-from pipeline.results.craft_review import Note
+from pipeline.results.drift import Note
 from tests.pipeline.builders import START, hovering
 from tests.pipeline.histories import flights_of, series
 

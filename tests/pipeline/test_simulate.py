@@ -6,7 +6,7 @@ import re
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from rotorid.cli.main import app
 from simulation import CASES, ArrivalError
 from tests.reports.builders import unpack

@@ -9,7 +9,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.storage.store import ENTRY, SCRATCH, ObjectStore, Store, TemporaryStore, open_store
 
 

@@ -8,8 +8,7 @@ import pytest
 import yaml
 
 from core.serialization import as_json
-from pipeline.config import AnalysisConfig
-from pipeline.errors import ConfigError
+from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.flight.table_analysis import analyze_tables
 from reports.numbers.schema import schema
 from reports.pages.tables import tables_page

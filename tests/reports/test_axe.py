@@ -8,7 +8,7 @@ import pytest
 
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
-from pipeline.results.craft_review import Note
+from pipeline.results.drift import Note
 from reports.pages.craft import craft_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters

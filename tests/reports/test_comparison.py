@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from core.serialization import as_json
-from pipeline.errors import ConfigError
-from pipeline.fleet.change import SIGNIFICANCE
+from pipeline.config import ConfigError
+from pipeline.fleet.meta_analysis import SIGNIFICANCE
 from pipeline.results.report import FleetReport
 from reports.numbers.comparison import compare_reports
 from reports.pages.comparison import comparison_markdown, comparison_page

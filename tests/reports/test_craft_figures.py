@@ -10,10 +10,9 @@ import pytest
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.results.account import Account, MotorsReading
-from pipeline.results.coverage import QUANTITIES
+from pipeline.results.coverage import QUANTITIES, Envelope
 from pipeline.results.drift import Drift
 from pipeline.results.entry import FlightEntry, FlightParameter
-from pipeline.results.envelope import Envelope
 from reports.figures.fleet import coverage_figures, drift_figures
 from reports.views.coverage import coverage_table, outside
 from reports.views.drift import drift_sentences, drift_table

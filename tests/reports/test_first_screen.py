@@ -14,13 +14,12 @@ from core.parameter import Parameter
 from logparse import Vehicle
 from pipeline.flight.answer import compose_answer
 from pipeline.results.account import Reading
-from pipeline.results.advice import Advice
-from pipeline.results.answer import Picture, Tone
+from pipeline.results.answer import Advice, Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
-from reports.figures.first_screen import first_figures
+from reports.figures.drawn import first_figures
 from reports.numbers.flight import flight_report
 from reports.pages.fleet import Craft, fleet_page
 from reports.terminal.summary import overview

@@ -19,7 +19,7 @@ import sysid
 from core.summary import Summarised
 from logparse import RotoridError
 from logparse.signals import SignalError
-from pipeline.errors import ConfigError
+from pipeline.config import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
 
 ROOT = Path(__file__).parents[2]

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from core.quantity import joined, readable
 from pipeline.flight.training import exclusion_of, position_good, position_sigma
-from pipeline.results.advice import Advice, names_of
-from pipeline.results.split import Exclusion
+from pipeline.results.answer import Advice, names_of
+from pipeline.results.fleet import Exclusion
 from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
+    from pipeline.results.coverage import Envelope
     from pipeline.results.entry import FlightEntry
-    from pipeline.results.envelope import Envelope
 
 #: Relative error at which drag is worth having; the speeds that give it follow from the gusts.
 DRAG_ERROR = 0.15

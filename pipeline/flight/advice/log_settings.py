@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from logparse.craft.log_settings import TELEMETRY, Bit, LogSetting, mask
-from pipeline.results.advice import Advice, having, names_of
+from pipeline.results.answer import Advice, having, names_of
 
 if TYPE_CHECKING:
     from pipeline.results.coverage import LoggedRate

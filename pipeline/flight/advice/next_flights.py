@@ -16,14 +16,14 @@ from pipeline.flight.advice.log_settings import logging
 from pipeline.flight.craft import in_order
 from pipeline.flight.flight_parameters import WIND_AS_DRAG
 from pipeline.flight.summary import flight_entry
-from pipeline.results.advice import Advice
+from pipeline.results.answer import Advice
 from pipeline.results.failure import Failure
 from sysid.frequency.axes import SID_AXES
 
 if TYPE_CHECKING:
+    from pipeline.results.coverage import Envelope
     from pipeline.results.drift import Drift
     from pipeline.results.entry import FlightEntry
-    from pipeline.results.envelope import Envelope
     from pipeline.results.flight import FlightResult
     from pipeline.results.rotation import AxisRotation
     from sysid import PhysicalParameters
