@@ -48,154 +48,119 @@ PWM = profile(
 HEIGHT = profile(T, (0, 0), (14, 0), (18, 10), (70, 10), (80, 0), (100, 0))
 
 
-def test_a_flight_is_from_lift_off_to_touch_down():
-    (flight,) = find_flights(flown(T, PWM, HEIGHT))
-    assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.4)
-    assert flight.duration == flight.stop - flight.start
+def cut(kept, **more):
+    """Return the flight with some of its rows only."""
+    return flown(T[kept], PWM[kept], HEIGHT[kept], **more)
 
 
-def test_landing_elsewhere_is_measured_from_the_ground_there():
-    height = profile(T, (0, 0), (14, 0), (18, 10), (70, 10), (80, -30), (100, -30))
-    (flight,) = find_flights(flown(T, PWM, height, air=(T > 14) & (T < 80)))
-    assert flight.stop == pytest.approx(80.0, abs=0.4)
-
-
-def test_two_flights_in_one_log():
-    t = np.arange(0.0, 200.0, 0.1)
-    twice = flown(t, np.concatenate((PWM, PWM)), np.concatenate((HEIGHT, HEIGHT)))
-    first, second = find_flights(twice)
-    assert (first.start, second.start) == pytest.approx((14.0, 114.0), abs=0.4)
-
-
-def test_a_landing_between_ends_a_flight_though_the_motors_go_on():
-    """Pilots touch down for two seconds at low throttle and go on; a bump of half a second is part of the flight."""
-    pwm = np.where((T > 40) & (T < 43), 1250.0, PWM)
-    height = profile(T, (0, 0), (14, 0), (18, 10), (30, 10), (40, 0), (43, 0), (47, 10), (70, 10), (80, 0), (100, 0))
-    first, second = find_flights(flown(T, pwm, height))
-    assert (first.stop, second.start) == pytest.approx((40.0, 43.0), abs=0.5)
-    bumped = np.where((T > 40) & (T < 40.5), 1250.0, PWM)
-    assert len(find_flights(flown(T, bumped, height))) == 1
-
-
-def test_a_log_that_begins_and_ends_in_the_air():
-    (flight,) = find_flights(flown(T, np.full(len(T), 1500.0), 10.0 + np.sin(T)))
-    assert (flight.start, flight.stop) == pytest.approx((T[0], T[-1]))
-
-
-def test_a_log_that_ends_at_touch_down():
-    ended = T <= 80.8
-    (flight,) = find_flights(flown(T[ended], PWM[ended], HEIGHT[ended]))
-    assert flight.stop == pytest.approx(80.0, abs=0.4)
-
-
-def test_a_fall_with_the_motors_off_is_still_flying():
-    """Thrust and specific force are nothing until the ground: firmware that disarmed 8 m up fell for 1.3 s."""
-    fallen = (T >= 60.0) & (T < 61.4)
-    pwm = np.where(T < 60.0, PWM, 1000.0)
-    height = np.where(T < 60.0, HEIGHT, np.maximum(10.0 - 4.9 * (T - 60.0) ** 2, 0.0))
-    (flight,) = find_flights(flown(T, pwm, height, air=(T > 14) & ((T < 60) | fallen)))
-    assert flight.stop == pytest.approx(61.4, abs=0.4)
-
-
-def test_dropping_with_closed_throttle_is_still_flying():
-    pwm = np.where((T > 40) & (T < 43), 1150.0, PWM)
-    (flight,) = find_flights(flown(T, pwm, HEIGHT))
-    assert flight.duration > 60.0
-
-
-def test_after_a_crash_the_motors_that_run_on_are_no_flight():
-    """A craft upside down turned its motors for minutes: 289 s of flight for 78."""
-    pwm = np.where(T > 60.0, 1300.0, PWM)
-    height = profile(T, (0, 0), (14, 0), (18, 10), (58, 10), (60, 0), (100, 0))
-    (flight,) = find_flights(flown(T, pwm, height))
-    assert flight.stop == pytest.approx(60.0, abs=0.4)
-
-
-def test_the_flight_ends_at_the_first_shock_though_the_motors_run_on():
-    """A craft hit the ground with 57 m/s^2 and stood there at hover's throttle for two seconds."""
+def struck():
+    """Return a craft that hits the ground with 57 m/s^2 and stands there at hover's throttle for two seconds."""
     log = flown(T, np.where((T > 80.0) & (T < 81.5), HOVER, PWM), HEIGHT)
-    struck = log.imu["accel_z"].where(np.abs(T - 80.0) > 0.05, -57.0)
-    (flight,) = find_flights(dataclasses.replace(log, imu=log.imu.assign(accel_z=struck)))
-    assert flight.stop == pytest.approx(80.0, abs=0.1)
+    force = log.imu["accel_z"].where(np.abs(T - 80.0) > 0.05, -57.0)
+    return dataclasses.replace(log, imu=log.imu.assign(accel_z=force))
 
 
-def test_a_gap_in_the_log_ends_a_flight():
-    kept = (T < 40) | (T > 55)
-    first, second = find_flights(flown(T[kept], PWM[kept], HEIGHT[kept]))
-    assert first.stop < 40.1
-    assert second.start > 54.9
+def shaken():
+    """Return a craft whose |acc| was 9 at rest and 5.6 in flight: the ground seemed to carry one and a half craft."""
+    log = flown(T, PWM, HEIGHT)
+    return dataclasses.replace(log, imu=log.imu.assign(accel_z=log.imu["accel_z"] * np.where(HEIGHT > 0.05, 0.6, 1.0)))
 
 
-def test_a_craft_that_sinks_into_a_hole_of_the_log_lands_by_its_rate_of_descent():
-    """Telemetry leaves off below trees: the last rows are 2 m up, the next ones minutes later on the ground."""
-    kept = (T < 78) | (T > 90)
-    (flight,) = find_flights(flown(T[kept], PWM[kept], HEIGHT[kept]))
-    assert flight.stop == pytest.approx(80.0, abs=0.4)
+#: Landing 30 m below the place of the take-off.
+ELSEWHERE = profile(T, (0, 0), (14, 0), (18, 10), (70, 10), (80, -30), (100, -30))
+T2 = np.arange(0.0, 200.0, 0.1)
+TOUCHED = profile(T, (0, 0), (14, 0), (18, 10), (30, 10), (40, 0), (43, 0), (47, 10), (70, 10), (80, 0), (100, 0))
+#: Firmware that disarmed 8 m up fell for 1.3 s.
+FALLEN = np.where(T < 60.0, HEIGHT, np.maximum(10.0 - 4.9 * (T - 60.0) ** 2, 0.0))
+DRIFT = profile(T, (0, 0), (14, 0), (70, 3), (80, 0), (100, 0))
+DRIVEN = PWM + np.where(PWM > 1200, 150.0 * np.sign(np.sin(2.0 * np.pi * T / 3.0)), 0.0)
+LIVELY = PWM + np.where(PWM > 1450, 40.0 * np.sin(T), 0.0)
+RISING = profile(T, (0, 0), (99, 5))
+NOWHERE = np.zeros(len(T), bool)
+LOST = -(HEIGHT + 3.0 * (T - 14).clip(0))
+#: Firmware 3.2 with THR_MIN 190 over 1100..1900 us idles at 1252 us; a flight is above that.
+OLD = {"RC3_MIN": 1100, "RC3_MAX": 1900, "THR_MIN": 190, "MOT_SPIN_ARMED": 100}
+
+#: What was logged, and the flights in it: lift-off and touch-down, and how exactly they are found, s.
+SCENES = {
+    "one flight": (flown(T, PWM, HEIGHT), [(14.0, 80.0)], 0.4),
+    "landing elsewhere": (
+        flown(T, PWM, ELSEWHERE, air=(T > 14) & (T < 80)),
+        [(14.0, 80.0)],
+        0.4,
+    ),
+    "two flights": (flown(T2, np.tile(PWM, 2), np.tile(HEIGHT, 2)), [(14.0, 80.0), (114.0, 180.0)], 0.4),
+    # Pilots touch down for two seconds at low throttle and go on; a bump of half a second is part of the flight.
+    "touch-and-go": (flown(T, np.where((T > 40) & (T < 43), 1250.0, PWM), TOUCHED), [(14.0, 40.0), (43.0, 80.0)], 0.5),
+    "bump": (flown(T, np.where((T > 40) & (T < 40.5), 1250.0, PWM), TOUCHED), [(14.0, 80.0)], 0.5),
+    "in the air throughout": (flown(T, np.full(len(T), 1500.0), 10.0 + np.sin(T)), [(T[0], T[-1])], 1e-6),
+    "log ends at touch-down": (cut(T <= 80.8), [(14.0, 80.0)], 0.4),
+    "fall with the motors off": (
+        flown(T, np.where(T < 60.0, PWM, 1000.0), FALLEN, air=(T > 14) & (T < 61.4)),
+        [(14.0, 61.4)],
+        0.4,
+    ),
+    "closed throttle": (flown(T, np.where((T > 40) & (T < 43), 1150.0, PWM), HEIGHT), [(14.0, 80.0)], 0.4),
+    # A craft upside down turned its motors for minutes: 289 s of flight for 78.
+    "crash": (
+        flown(
+            T,
+            np.where(T > 60.0, 1300.0, PWM),
+            profile(T, (0, 0), (14, 0), (18, 10), (58, 10), (60, 0), (100, 0)),
+        ),
+        [(14.0, 60.0)],
+        0.4,
+    ),
+    "shock": (struck(), [(14.0, 80.0)], 0.4),
+    "gap": (cut((T < 40) | (T > 55)), [(14.0, 40.0), (55.0, 80.0)], 0.4),
+    # Telemetry leaves off below trees: the last rows are 2 m up, the next ones minutes later on the ground.
+    "hole at the landing": (cut((T < 78) | (T > 90)), [(14.0, 80.0)], 0.4),
+    "two rows a second": (cut(slice(None, None, 5)), [(14.0, 80.0)], 0.75),
+    "one row a second": (cut(slice(None, None, 10)), [(14.0, 80.0)], 1.5),
+    "shaken accelerometer": (shaken(), [(14.0, 80.0)], 0.5),
+    "lost estimate": (flown(T, PWM, HEIGHT, ekf=table(T, p_n=0.0 * T, p_e=0.0 * T, p_d=LOST)), [(14.0, 80.0)], 0.4),
+    "low hover": (flown(T, LIVELY, 0.08 * HEIGHT), [(14.0, 80.0)], 1.0),
+    "disarmed": (flown(T, np.full(len(T), 1000.0), 0.0 * T), [], 0.0),
+    "idle": (flown(T, np.full(len(T), 1150.0), 0.0 * T), [], 0.0),
+    "idle of old firmware": (flown(T, np.full(len(T), 1252.0), RISING, OLD), [], 0.0),
+    "above idle of old firmware": (flown(T, np.full(len(T), 1300.0), RISING, OLD), [(0.0, 99.9)], 3.0),
+    # The propellers feign a metre of height.
+    "stand": (
+        flown(T, PWM, 1.0 * (PWM > 1300) + np.random.default_rng(3).normal(0.0, 0.05, len(T)), air=NOWHERE),
+        [],
+        0.0,
+    ),
+    # A barometer that drifts by metres made nine minutes of flight of a craft on a bench; its force stood still.
+    "driven hard on a stand": (flown(T, DRIVEN, DRIFT, air=NOWHERE), [], 0.0),
+    "as hard in the air": (flown(T, DRIVEN, DRIFT), [(14.0, 80.0)], 6.0),
+    "nothing": (Tables(), [], 0.0),
+    "no rows": (Tables(motors=table([], m1=[])), [], 0.0),
+    "no numbers": (Tables(motors=table([1.0, 2.0], m1=[np.nan, np.nan])), [], 0.0),
+    "outputs alone": (Tables(motors=table(T, m1=PWM)), [], 0.0),
+    # As flights of years they would be looked at second by second.
+    "rows a minute apart": (flown(610.0 * T, PWM, HEIGHT), [], 0.0),
+    "rows months apart": (flown(1e8 * T, PWM, HEIGHT), [], 0.0),
+}
 
 
-@pytest.mark.parametrize("step", [5, 10])
-def test_telemetry_of_one_or_two_messages_a_second(step):
-    (flight,) = find_flights(flown(T[::step], PWM[::step], HEIGHT[::step]))
-    assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.15 * step)
-
-
-@pytest.mark.parametrize("pwm", [1000.0, 1150.0])
-def test_motors_that_idle_on_the_bench_are_no_flight(pwm):
-    assert find_flights(flown(T, np.full(len(T), pwm), np.zeros(len(T)))) == ()
-
-
-def test_full_throttle_on_a_stand_is_no_flight():
-    # The propellers feign a metre of height (Javiercerna's log does).
-    noise = np.random.default_rng(3).normal(0.0, 0.05, len(T))
-    bench = flown(T, PWM, 1.0 * (PWM > 1300) + noise, air=np.zeros(len(T), bool))
-    assert find_flights(bench) == ()
-
-
-def test_motors_driven_hard_on_a_stand_are_no_flight():
-    """A barometer that drifts by metres made nine minutes of flight of a craft on a bench; its force stood still."""
-    pwm = PWM + np.where(PWM > 1200, 150.0 * np.sign(np.sin(2.0 * np.pi * T / 3.0)), 0.0)
-    drift = profile(T, (0, 0), (14, 0), (70, 3), (80, 0), (100, 0))
-    assert find_flights(flown(T, pwm, drift, air=np.zeros(len(T), bool))) == ()
-    assert len(find_flights(flown(T, pwm, drift))) == 1
+@pytest.mark.parametrize("scene", SCENES)
+def test_flights_are_from_lift_off_to_touch_down(scene):
+    log, expected, within = SCENES[scene]
+    found = find_flights(log)
+    assert len(found) == len(expected)
+    for flight, times in zip(found, expected, strict=True):
+        assert (flight.start, flight.stop) == pytest.approx(times, abs=within)
+        assert flight.duration == flight.stop - flight.start
 
 
 @pytest.mark.parametrize(("output", "flights"), [(1500.0, 2), (1400.0, 1)])
 def test_a_low_run_is_a_flight_where_its_thrust_is_known_to_carry(output, flights):
     """Propellers feign a metre on the ground, and hops are no higher: thrust that carried the craft before tells."""
-    t = np.arange(0.0, 200.0, 0.1)
     hop = np.minimum(0.08 * HEIGHT, 0.8)
     pwm = np.concatenate((PWM, np.where(PWM > 1200, PWM + (output - HOVER) * (PWM - 1150.0) / 350.0, PWM)))
     height = np.concatenate((HEIGHT, hop))
-    found = find_flights(flown(t, pwm, height, air=(height > 0.05) & ((t < 100) | (output == HOVER))))
+    found = find_flights(flown(T2, pwm, height, air=(height > 0.05) & ((T2 < 100) | (output == HOVER))))
     assert len(found) == flights
-
-
-def test_a_low_hover_alone_is_a_flight_where_forces_follow_the_motors():
-    lively = PWM + np.where(PWM > 1450, 40.0 * np.sin(T), 0.0)
-    (flight,) = find_flights(flown(T, lively, 0.08 * HEIGHT))
-    assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=1.0)
-
-
-def test_idle_is_what_the_parameters_of_the_time_say():
-    # Firmware 3.2 with THR_MIN 190 over 1100..1900 us idles at 1252 us; a flight is above that.
-    old = {"RC3_MIN": 1100, "RC3_MAX": 1900, "THR_MIN": 190, "MOT_SPIN_ARMED": 100}
-    rising = profile(T, (0, 0), (99, 5))
-    assert find_flights(flown(T, np.full(len(T), 1252.0), rising, old)) == ()
-    assert len(find_flights(flown(T, np.full(len(T), 1300.0), rising, old))) == 1
-
-
-def test_vibration_that_spoils_the_accelerometer_in_the_air_costs_nothing():
-    """On one craft |acc| was 9 at rest and 5.6 in flight: the ground seemed to carry one and a half craft."""
-    log = flown(T, PWM, HEIGHT)
-    spoiled = log.imu.assign(accel_z=log.imu["accel_z"] * np.where(HEIGHT > 0.05, 0.6, 1.0))
-    (flight,) = find_flights(dataclasses.replace(log, imu=spoiled))
-    assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.5)
-
-
-def test_an_estimate_that_runs_away_gives_way_to_the_barometer():
-    lost = -(HEIGHT + 3.0 * (T - 14).clip(0))
-    (flight,) = find_flights(flown(T, PWM, HEIGHT, ekf=table(T, p_n=0.0 * T, p_e=0.0 * T, p_d=lost)))
-    assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.4)
 
 
 @pytest.mark.parametrize("missing", ["imu", "baro", "motors", "all"])
@@ -208,17 +173,3 @@ def test_a_log_without_one_of_its_sources(missing):
         without = {"motors": None, "imu": None, "baro": None}
     (flight,) = find_flights(dataclasses.replace(log, **without))
     assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.6)
-
-
-def test_nothing_to_go_by_is_no_flight():
-    assert find_flights(Tables()) == ()
-    assert find_flights(Tables(motors=table([], m1=[]))) == ()
-    assert find_flights(Tables(motors=table([1.0, 2.0], m1=[np.nan, np.nan]))) == ()
-    assert find_flights(Tables(motors=table(T, m1=PWM))) == ()
-
-
-@pytest.mark.parametrize("step", [61.0, 4000.0, 1e7])
-def test_rows_that_lie_minutes_or_years_apart_are_no_flight(step):
-    """Such a clock is wrong; as a flight of years it would be looked at second by second."""
-    stretched = flown(10.0 * step * T, PWM, HEIGHT)  # T is in tenths of a second
-    assert find_flights(stretched) == ()

@@ -32,14 +32,6 @@ def test_a_modern_octocopter():
     assert (vehicle.pwm_min, vehicle.pwm_max, vehicle.thrust_expo) == (1100, 1940, 0.6)
 
 
-def test_firmware_before_3_5_prints_its_class():
-    vehicle = describe(
-        texts("APM:Copter V3.3.1 (5b42ed2a)", "Frame: HEXA"), format="dataflash", parameters={"FRAME": 0}
-    )
-    assert (vehicle.firmware, vehicle.version) == ("ArduCopter", "3.3.1")
-    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "plus", 6)
-
-
 def outputs(*amplitudes, seed=1):
     """Make outputs of motors that take off and land together, each with its own share of that, and noise."""
     t = np.linspace(0.0, 60.0, 600)
@@ -61,35 +53,58 @@ def outputs(*amplitudes, seed=1):
 QUAD = (1.0, 1.0, 0.9, 1.1)
 
 
-@pytest.mark.parametrize("rest", [(None,) * 4, (0.0, 0.0, None, None), (-0.5, 0.0, None, None)])
-def test_firmware_before_3_2_does_not_say_but_four_outputs_do(rest):
-    messages = texts("ArduCopter V3.1.1 (681dafcf)") | outputs(*QUAD, *rest)
-    vehicle = describe(messages, format="dataflash-text", parameters={"FRAME": 1})
-    assert (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source) == ("quad", "x", "outputs")
-    assert len(vehicle.motors) == 4
+def beats(*kinds, autopilot=3):
+    """Return heartbeats of the vehicle, and between them those of a ground station."""
+    sender = {"system": [1, 255], "component": [1, 190]}
+    rows = [{"type": [kind, 6], "autopilot": [autopilot, 8], **sender} for kind in kinds]
+    return {"HEARTBEAT": pd.concat([pd.DataFrame(row) for row in rows])}
 
 
-def test_motors_that_fight_each_other_are_four_all_the_same():
-    """On an oscillating quad of 2014 single outputs hardly follow the mean of all; no other output is there."""
-    messages = texts("ArduCopter V3.3-dev (681dafcf)") | outputs(1.0, -0.6, 0.9, -0.4, None, None, None, None)
-    assert describe(messages, format="dataflash", parameters={"FRAME": 1}).frame_class == "quad"
+OLD = "ArduCopter V3.1.1 (681dafcf)"
+
+#: Format, messages and parameters; class, type, where they are from, and the number of motors.
+FRAMES = {
+    "3.3 prints its class": (
+        ("dataflash", texts("APM:Copter V3.3.1 (5b42ed2a)", "Frame: HEXA"), {"FRAME": 0}),
+        ("hexa", "plus", "message", 6),
+    ),
+    "3.1, four outputs": (
+        ("dataflash-text", texts(OLD) | outputs(*QUAD, *(None,) * 4), {"FRAME": 1}),
+        ("quad", "x", "outputs", 4),
+    ),
+    "3.1, a camera mount": (
+        ("dataflash-text", texts(OLD) | outputs(*QUAD, -0.5, 0.0, None, None), {"FRAME": 1}),
+        ("quad", "x", "outputs", 4),
+    ),
+    # On an oscillating quad of 2014 single outputs hardly follow the mean of all; no other output is there.
+    "motors that fight each other": (
+        ("dataflash", texts(OLD) | outputs(1.0, -0.6, 0.9, -0.4, None, None, None, None), {"FRAME": 1}),
+        ("quad", "x", "outputs", 4),
+    ),
+    "helicopter": (("dataflash", outputs(*QUAD), {"FRAME": 1, "H_SV1_POS": -60.0, "SYSID_SW_TYPE": 10}), None),
+    "no outputs": (("dataflash", texts(OLD), {"FRAME": 1}), None),
+    # An octocopter that only its file's name gives away was called a quad x.
+    "octocopter": (("dataflash", texts(OLD) | outputs(*QUAD, *QUAD), {"FRAME": 1}), None),
+    "hexacopter": (("dataflash", texts(OLD) | outputs(*QUAD, 1.0, 1.0, None, None), {"FRAME": 1}), None),
+    "tricopter": (("dataflash", texts(OLD) | outputs(1.0, 1.0, None, 1.0, *(0.0,) * 4), {"FRAME": 1}), None),
+    "telemetry of a hexa": (("tlog", beats(13, 13), {"FRAME": 0}), ("hexa", "plus", "MAV_TYPE", 6)),
+    "telemetry without a type": (("tlog", beats(2), {}), ("quad", None, "MAV_TYPE", 4)),
+    **{
+        f"telemetry of type {kind}": (("tlog", beats(kind), {"FRAME_CLASS": 1, "FRAME_TYPE": 1}), None)
+        for kind in (1, 10, 11, 21)
+    },
+    "aeroplane of PX4": (("ulog", {}, {"CA_AIRFRAME": 2, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13000}), None),
+    "airframe of PX4": (("ulog", {}, {"SYS_AUTOSTART": 6001}), ("hexa", "x", "SYS_AUTOSTART", 6)),
+    "y6": (("dataflash", {}, {"FRAME_CLASS": 5, "FRAME_TYPE": 0}), ("y6", "y6a", "FRAME_CLASS", 6)),
+}
 
 
-def test_a_helicopter_of_old_firmware_is_no_quad():
-    parameters = {"FRAME": 1, "H_SV1_POS": -60.0, "SYSID_SW_TYPE": 10}
-    assert describe(outputs(*QUAD), format="dataflash", parameters=parameters).frame_class is None
-
-
-@pytest.mark.parametrize(
-    "messages",
-    [{}, outputs(*QUAD, *QUAD), outputs(*QUAD, 1.0, 1.0, None, None), outputs(1.0, 1.0, None, 1.0, 0.0, 0.0, 0.0, 0.0)],
-    ids=["no outputs", "octocopter", "hexacopter", "tricopter"],
-)
-def test_what_the_log_does_not_say_is_unknown(messages):
-    """An octocopter that only its file's name gives away was called a quad x."""
-    vehicle = describe(texts("ArduCopter V3.1.1 (681dafcf)") | messages, format="dataflash", parameters={"FRAME": 1})
-    assert (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source) == (None, None, None)
-    assert vehicle.motors == ()
+@pytest.mark.parametrize("craft", FRAMES)
+def test_frames_are_those_that_the_log_tells(craft):
+    (form, messages, parameters), expected = FRAMES[craft]
+    vehicle = describe(messages, format=form, parameters=parameters)
+    found = (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source, len(vehicle.motors))
+    assert found == (expected or (None, None, None, 0))
 
 
 @pytest.mark.parametrize(
@@ -109,48 +124,11 @@ def test_what_is_no_multirotor_has_no_frame(lines, parameters, firmware):
     assert (vehicle.frame_class, vehicle.motors) == (None, ())
 
 
-@pytest.mark.parametrize("kind", [1, 10, 11, 21])
-def test_telemetry_of_what_is_no_multirotor_has_no_frame(kind):
-    beats = pd.DataFrame({"system": [1], "component": [1], "type": [kind], "autopilot": [3]})
-    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={"FRAME_CLASS": 1, "FRAME_TYPE": 1})
-    assert (vehicle.frame_class, vehicle.motors) == (None, ())
-
-
-def test_a_type_that_heartbeats_do_not_tell_is_not_told():
-    beats = pd.DataFrame({"system": [1], "component": [1], "type": [2], "autopilot": [3]})
-    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={})
-    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("quad", None, 4)
-
-
-def test_an_aeroplane_of_px4_with_rotors_is_no_multirotor():
-    parameters = {"CA_AIRFRAME": 2, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13000}
-    vehicle = describe({}, format="ulog", parameters=parameters)
-    assert (vehicle.frame_class, vehicle.motors) == (None, ())
-
-
 def test_motors_are_numbered_by_function_and_not_by_output():
     functions = {5: 33, 6: 34, 7: 36, 8: 35, 1: 9}
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} | {f"SERVO{k}_FUNCTION": f for k, f in functions.items()}
     vehicle = describe({}, format="dataflash", parameters=parameters)
     assert {m.number: m.channel for m in vehicle.motors} == {1: 5, 2: 6, 3: 8, 4: 7}
-
-
-def test_telemetry_names_the_craft_by_its_own_heartbeats():
-    beats = pd.DataFrame(
-        {
-            "system": [1, 255, 1, 255, 1, 255],
-            "component": [1, 190, 1, 190, 1, 190],
-            "type": [13, 6, 13, 6, 13, 6],
-            "autopilot": [3, 8, 3, 8, 3, 8],
-        }
-    )
-    vehicle = describe({"HEARTBEAT": beats}, format="tlog", parameters={"FRAME": 0})
-    assert (vehicle.autopilot, vehicle.frame_class, vehicle.frame_source) == ("ArduPilot", "hexa", "MAV_TYPE")
-
-
-def test_y6_without_a_type_is_the_default_one():
-    vehicle = describe({}, format="dataflash", parameters={"FRAME_CLASS": 5, "FRAME_TYPE": 0})
-    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("y6", "y6a", 6)
 
 
 def test_pwm_range_falls_back_to_the_throttle_channel():
@@ -217,8 +195,3 @@ def test_px4_range_version_and_board():
     newer = {"SYS_AUTOSTART": 4001} | {f"PWM_MAIN_FUNC{k}": 100 + k for k in range(1, 5)}
     newer |= {f"PWM_MAIN_MIN{k}": 1100 for k in range(1, 5)} | {f"PWM_MAIN_MAX{k}": 1900 for k in range(1, 5)}
     assert (pwm_range(newer).pwm_min, pwm_range(newer).pwm_max) == (1100, 1900)
-
-
-def test_px4_airframe_number_where_there_is_no_allocation():
-    vehicle = describe({}, format="ulog", parameters={"SYS_AUTOSTART": 6001})
-    assert (vehicle.frame_class, vehicle.frame_type, len(vehicle.motors)) == ("hexa", "x", 6)

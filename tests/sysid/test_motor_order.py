@@ -6,17 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse import MissingDataError, Motor, Tables, Vehicle
+from logparse import MissingDataError, Tables, Vehicle
+from logparse.craft.frames import motor_table
 from sysid.records.mixer import expectation, known_slope, mixer_differs
 from sysid.records.motor_scaling import command_for, curve, curve_slope, motor_commands, motor_pwm
 from sysid.rotors.motor_faults.outputs import check_outputs
 
-#: Frames as (angles in degrees, spins).
-QUAD_X = ((45.0, 1), (-135.0, 1), (-45.0, -1), (135.0, -1))
-OCTA_PLUS = tuple(
-    (angle, 1 if k in (0, 1, 6, 7) else -1) for k, angle in enumerate((0, 180, 45, 135, -45, -135, -90, 90))
-)
-FRAMES = [QUAD_X, OCTA_PLUS]
+QUAD_X = ("quad", "x")
+FRAMES = [QUAD_X, ("octa", "plus")]
 
 SECONDS, LOOP, EVERY, MOTORS = 60.0, 100.0, 2, 10
 #: Angular acceleration of roll, pitch and yaw, rad/s^2 per unit of the controller's output.
@@ -24,20 +21,9 @@ GAIN = np.array([90.0, 80.0, 15.0])
 
 
 def craft(frame):
-    motors = tuple(
-        Motor(
-            number=k,
-            channel=k,
-            angle=float(np.radians(angle)),
-            spin=-spin,
-            layer=None,
-            roll=-0.5 * float(np.sin(np.radians(angle))),
-            pitch=0.5 * float(np.cos(np.radians(angle))),
-            yaw=0.5 * float(spin),
-        )
-        for k, (angle, spin) in enumerate(frame, start=1)
+    return Vehicle(
+        motors=motor_table(*frame), pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.65
     )
-    return Vehicle(motors=motors, pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, thrust_expo=0.65)
 
 
 def flown(vehicle, seed, yaw_gain=1.0, chirp=False):
@@ -83,22 +69,22 @@ def reordered(tables, order):
     return replace(tables, motors=tables.motors.iloc[:, list(order)].set_axis(tables.motors.columns, axis=1))
 
 
-def orders(frame, seed):
+def orders(vehicle, seed):
     """Two swapped, all rotated by one, reversed."""
-    count = len(frame)
+    count = len(vehicle.motors)
     swapped = list(range(count))
     i, j = np.random.default_rng(seed).choice(count, 2, replace=False)
     swapped[i], swapped[j] = swapped[j], swapped[i]
     return swapped, [*range(1, count), 0], list(range(count))[::-1]
 
 
-def followed(findings, frame):
+def followed(findings, vehicle):
     """Return which motor of the mixer each output follows, from 0, by the one finding that says so."""
     (finding,) = findings
     assert finding.id == "motor-order"
     names = (finding.evidence[key].split(", ") for key in ("motors", "follow"))
     found = dict(zip(*names, strict=True))
-    return [int(found.get(f"m{k + 1}", f"m{k + 1}")[1:]) - 1 for k in range(len(frame))]
+    return [int(found.get(f"m{k + 1}", f"m{k + 1}")[1:]) - 1 for k in range(len(vehicle.motors))]
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -109,8 +95,8 @@ def test_another_order_is_found_and_named(frame, chirp):
     for seed in range(3):
         tables = flown(vehicle, seed, 0.8 if seed % 2 else 1.0, chirp)
         for seen in (tables, without_thrust(tables)):
-            for order in orders(frame, seed):
-                assert followed(check_outputs(reordered(seen, order), vehicle, 0.0, SECONDS), frame) == order
+            for order in orders(vehicle, seed):
+                assert followed(check_outputs(reordered(seen, order), vehicle, 0.0, SECONDS), vehicle) == order
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -120,8 +106,8 @@ def test_rates_as_slow_as_the_motors_tell_the_order_too(frame):
     # Rows of the controller lie between those of the motors, as where both are logged by turns.
     slow = replace(tables, rates=tables.rates.iloc[3::5])
     assert not check_outputs(slow, vehicle, 0.0, SECONDS)
-    for order in orders(frame, 5):
-        assert followed(check_outputs(reordered(slow, order), vehicle, 0.0, SECONDS), frame) == order
+    for order in orders(vehicle, 5):
+        assert followed(check_outputs(reordered(slow, order), vehicle, 0.0, SECONDS), vehicle) == order
 
 
 def test_flights_in_order_raise_nothing():

@@ -92,16 +92,6 @@ def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
     assert pitched.fit.parameters["gain"].value == pytest.approx(pitch.gain, rel=0.03)
 
 
-def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
-    """Taken from the same rows, the instrument shared their gaps: one firmware chirp became 16 % too strong."""
-    log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
-    rows = log.messages["RATE"]
-    kept = rows[np.random.default_rng(3).random(len(rows)) > 0.15]
-    log.messages.replace("RATE", kept)
-    frf = frequency.response(log, "roll")
-    assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.05)
-
-
 def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
     log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
     rows = log.messages["RATE"]

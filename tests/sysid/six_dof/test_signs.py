@@ -26,11 +26,6 @@ def test_drag_that_pushes_is_not_determined_nor_what_leans_on_it():
     assert found["thrust"].determined
 
 
-def test_drag_about_zero_stays():
-    assert refuse_impossible(known(drag_rotor_x=(-0.05, 0.05)))["drag_rotor_x"].determined
-    assert not refuse_impossible(known(roll_damping=(-3.0, 0.5)))["roll_damping"].determined
-
-
 @pytest.mark.parametrize(("value", "severity"), [(-5.5, None), (-13.0, "warning"), (5.0, None)])
 def test_a_gain_below_zero_by_chance_is_no_wrong_turn(value, severity):
     """A tail-sitter that its elevons pitch, with the motors as they are: -5.5 +- 4.6 rad/s^2 was warned of."""
