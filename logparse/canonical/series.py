@@ -89,7 +89,7 @@ def distinct(t: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
 
 def sample(table: pd.DataFrame, t: Array, *, gap: float, angles: bool = False) -> Array:
     """Interpolate columns of a table at other times, (N, columns); NaN beyond `gap` from a sample."""
-    result = np.full((len(t), table.shape[1]), np.nan)
+    result = np.full((len(t), table.shape[1]), np.nan, order="F")  # columns go into tables, each as it is
     source = table.index.to_numpy()
     its_own = np.array_equal(source, t)
     near_all: npt.NDArray[np.bool_] | None = None
@@ -140,13 +140,14 @@ def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -
     if not tables:
         return None
     t = tables[-1].index.to_numpy()
-    values: dict[str, Array] = {name: np.full(len(t), np.nan) for name in columns}
+    missing = np.broadcast_to(np.nan, len(t))  # takes no memory
+    values: dict[str, Array] = dict.fromkeys(columns, missing)
     for table in tables:
         turning = [name for name in table.columns if name in ANGLES]
         others = [name for name in table.columns if name not in ANGLES]
         for some, angles in ((others, False), (turning, True)):
             values |= zip(some, sample(table[some], t, gap=gap, angles=angles).T, strict=True)
-    return pd.DataFrame(values, index=pd.Index(t, name="t", dtype=np.float64))
+    return pd.DataFrame(values, index=tables[-1].index.rename("t"), copy=False)
 
 
 def with_attitude(table: pd.DataFrame, attitude: pd.DataFrame | None, gap: float) -> pd.DataFrame:

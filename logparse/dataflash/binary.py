@@ -268,7 +268,8 @@ class DataflashSource(MessageSource):
             t, mended = mend_times(layout.time(table), boot.t_start, boot.t_end)
             if mended:
                 self._mended[slot.name] = mended
-        index = pd.Index(t, name="t", copy=False)
+        # Tables share the times of their message, which must not hold the memory of all its columns.
+        index = pd.Index(t, name="t", copy=True)
         frame = pd.DataFrame(layout.columns(table), index=index, copy=False)
         frame.attrs["units"] = slot.unit_labels(self._units)
         frame.attrs["multipliers"] = layout.multipliers(table)
