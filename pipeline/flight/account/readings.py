@@ -36,7 +36,8 @@ AEROBATIC = frozenset(["ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL"
 #: distance from the way that the target took within it, so that a stick thrown about is no loss of control.
 _FOLLOWS, _STEPS = 1.0, 10
 #: Interval of rows [s] beyond which a stick thrown about between them is not seen (every fifth row of 29-09-2014_2).
-_BLIND = 0.42
+#: Rows nearer to each other [s] say the same of how an attitude is held: all of them took half of a long log's account.
+_BLIND, _SAME = 0.42, 0.02
 #: Throttle of idling motors (peterbarker 1.BIN, 775 s: a craft left to itself for a second rolls by 50 deg), and share
 #: of an output's range within which it is at a limit.
 _CLOSED, _NEAR = 0.05, 0.01
@@ -143,8 +144,10 @@ class Readings:
         if wanted is None or flown is None or min(len(wanted), len(flown)) < 2:
             return None
         times = wanted.index.to_numpy(np.float64)
-        if float(np.median(np.diff(times))) > _BLIND:
+        usual = float(np.median(np.diff(times)))
+        if usual > _BLIND:
             return None
+        times = times[:: max(int(_SAME / usual), 1)]
         t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
         way = (_axes(wanted, t - lag) for lag in np.linspace(0.0, _FOLLOWS, _STEPS + 1))
         error = _off_the_way(_axes(flown, t), way)

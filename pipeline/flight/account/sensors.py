@@ -223,8 +223,8 @@ def _rise(t: Floats, level: Floats, least: float) -> tuple[float, float, float] 
     for begin in np.arange(t[0] + 10.0, t[-1] - _STAYS, 0.5):
         k = int(np.searchsorted(t, begin))
         later = level[k:][t[k:] < begin + _STAYS]
-        risen, usual = float(np.percentile(later, 20.0)) if len(later) else 0.0, float(np.percentile(level[:k], 95.0))
-        if risen > max(_TIMES * usual, least):
+        risen = float(np.percentile(later, 20.0)) if len(later) else 0.0
+        if risen > least and risen > _TIMES * (usual := float(np.percentile(level[:k], 95.0))):
             quiet = np.flatnonzero((level <= 1.5 * usual) & (t < begin + 0.5))
             since = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
             return usual, float(np.median(level[k:])), since
