@@ -37,9 +37,6 @@ _WIND_PART, _IN_WIND = 0.15, 5.0
 #: changes by 2.2 m/s shows as 1.0 and bends the drag by a quarter, one that changes by 1 as 0.5 and bends it by 5 %.
 _TURNED = 0.6
 
-#: Since ArduCopter 4.7 EKF3's ratio is that of densities; before it was the root of true over equivalent airspeed.
-_RIGHT_RATIO = (4, 7)
-
 
 def drag_values(
     model: RigidBodyModel, records: Sequence[Experiment], version: tuple[int, int], flown: Mapping[str, float]
@@ -61,7 +58,8 @@ def drag_values(
     )
     flown_at = np.sqrt(np.mean(np.concatenate([airspeeds(model, record) ** 2 for record in records]), axis=0))
     s = float(np.median(np.concatenate([relative_density(record) for record in records])))
-    ratio = s if version >= _RIGHT_RATIO else s**-0.25
+    # Since ArduCopter 4.7 the ratio is that of densities; before it was the root of true over equivalent airspeed.
+    ratio = s if version >= (4, 7) else s**-0.25
     linear = values[0] * (np.sqrt(s) if model.rotor_drag else s)
     sigma = np.sqrt(np.diag(covariance))
     found: dict[str, Parameter] = {}

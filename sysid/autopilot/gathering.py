@@ -113,9 +113,6 @@ _ONE_BY_ONE = (
     f"{ParameterFile.GAINS} is for the loops as they flew: load it alone, or load the others and fly the chirps again."
 )
 
-#: Samples per second of the rigid body's records.
-_RATE = 50.0
-
 
 def autopilot_values(logs: GivenLogs) -> AutopilotValues:
     """Propose parameters to the autopilot of a craft, each with its sigma and reason, or say why not.
@@ -197,7 +194,7 @@ def _records(flights: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Experi
     logs, records, failures = [], [], []
     for log in flights:
         try:
-            records.append(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), _RATE))
+            records.append(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), 50.0))
             logs.append(log)
         except RotoridError as error:
             failures.append(str(error))

@@ -19,9 +19,6 @@ from sysid.records.filtering import welch
 #: What is said of a flight without batches.
 NO_BATCHES = "no raw gyro batches"
 
-#: Fewest samples of a batch.
-_SHORTEST = 512
-
 #: Change of throttle within a batch whose lines smear, and departure from hover's throttle that is hover, in parts.
 _STEADY, _HOVERS = 0.03, 0.08
 
@@ -118,7 +115,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
         batches = []
         for _, part in table.loc[flight.start : flight.stop].groupby("batch"):
             times = part.index.to_numpy(np.float64)
-            if len(times) < _SHORTEST:
+            if len(times) < 512:
                 continue
             rate = 1.0 / float(np.median(np.diff(times)))
             samples = part[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(np.float64).T

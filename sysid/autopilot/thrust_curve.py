@@ -48,9 +48,6 @@ _SAME_GAIN, _CLEARLY = 0.03, 3.0
 #: (`expo_quad15_right` read with MOT_SPIN_MIN 0.20).
 _BENDS = 5.0
 
-#: Averaging time of specific force, s, as the rigid body's fit has it; lags whose correlation counts, in blocks.
-_BLOCK, _LAGS = 0.5, 20
-
 #: Hover: vertical speed below, m/s, lean below, rad; shortest time of it, s; change of throttle from first to last
 #: third that is a battery's.
 _STILL, _UPRIGHT, _SHORTEST, _SAGGED = 0.3, 0.1, 5.0, 0.05
@@ -117,7 +114,7 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
     inverse = np.linalg.pinv(every.T @ every)
     a, b, d = inverse @ every.T @ forces
     left = [force - part @ (a, b, d) for part, force in zip(regressors, felt, strict=True)]
-    covariance = inverse @ coloured_information(regressors, autocovariance(left, _LAGS)) @ inverse
+    covariance = inverse @ coloured_information(regressors, autocovariance(left, 20)) @ inverse
     slope = b * b - 4.0 * a * d
     if not (b > 0.0 and slope > 0.0):
         return replace(vehicle, thrust_expo=expo), sigma, np.inf
@@ -145,7 +142,7 @@ def _along_thrust(model: RigidBodyModel, record: Experiment) -> tuple[Floats, Fl
     felt = (-record.context["f_z"].to_numpy(np.float64) - drag) / flight.density
     ones = np.full(len(felt), float(record.u.shape[1]))
     columns = np.column_stack([ones, flight.linear, flight.square, felt])
-    size = max(round(_BLOCK / flight.dt), 1)
+    size = max(round(0.5 / flight.dt), 1)
     means = columns[: len(columns) // size * size].reshape(-1, size, 4).mean(axis=1)
     means = means[np.isfinite(means).all(axis=1)]
     return means[:, :3], means[:, 3]

@@ -53,9 +53,6 @@ _SURE = 2.0
 #: What the limits of slew and of throttle may take of P in a flight without chirps, and the fewest rows that tell it.
 _SCALED, _ROWS = 0.1, 64
 
-#: Time [s] over which signals are faded at the ends of a chirp.
-_TAPER = 0.4
-
 #: Gyro filters [Hz] among which the one that flew is named.
 _CORNERS = np.geomspace(5.0, 250.0, 120)
 
@@ -76,9 +73,7 @@ class _Signals:
         size = scipy.fft.next_fast_len(4 * len(self.chirp))
         grid = np.fft.rfftfreq(size, self.step)
         # An integral drifts: what it has at the ends must not leak into the band.
-        ends = np.clip(
-            np.minimum(np.arange(len(self.chirp)), np.arange(len(self.chirp))[::-1]) * self.step / _TAPER, 0, 1
-        )
+        ends = np.clip(np.minimum(np.arange(len(self.chirp)), np.arange(len(self.chirp))[::-1]) * self.step / 0.4, 0, 1)
         taper = 0.5 - 0.5 * np.cos(np.pi * ends)
         z, x, y = (np.fft.rfft((each - each.mean()) * taper, size) for each in (self.chirp, *self._of(source, answer)))
         response, coherence = np.empty(len(hz), np.complex128), np.empty(len(hz))

@@ -31,18 +31,9 @@ _STARTS, _STOPS, _RIGID = (0.1, 0.15, 0.2, 0.3, 0.4), (1.75, 2.0, 2.5, 3.0, 4.0,
 #: a sweep passes first, and lets it grow towards those that the limits of rate and mixer allow.
 _FADES_IN, FADE_OUT = (1.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0), 1.0
 
-#: Part of its time that a chirp may spend at its start frequency.
-_HELD = 0.3
-
 #: How far past a mode that was found a chirp may go, in parts of its frequency, and where none ends: too near to it to
 #: know it, too near not to be bent by it.
 _PAST_MODE, _ON_MODE = 1.6, (0.7, 1.4)
-
-#: Factor of the least product of both errors up to which a chirp that starts lower is taken.
-_AS_GOOD = 1.3
-
-#: Standard deviation of ln G beyond which a frequency will not be coherent.
-_INCOHERENT = 0.4
 
 #: Length of a chirp, and time over which the first chirp of a craft fades in, s.
 _SECONDS, _FIRST_FADE = 20.0, 3.0
@@ -155,7 +146,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     names = list(structure.names)
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = frf.sigma * np.sqrt(flown_energy(loop) / energy)
-    good = np.isfinite(sigma) & (sigma < _INCOHERENT) & frf.usable & (energy > 0.0)
+    good = np.isfinite(sigma) & (sigma < 0.4) & frf.usable & (energy > 0.0)
     if np.count_nonzero(good) < len(names) + 2:
         return ()
     hz, sigma, worth = frf.hz[good], sigma[good], frf.weight_of_points[good]
@@ -211,7 +202,7 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
     allowed = (_USED_LEAN * np.radians(limits.lean_deg), _USED * np.radians(limits.rate_deg), _USED * limits.mixer)
     found_designs: list[tuple[float, ChirpDesign]] = []
     for start, stop, fade_in in itertools.product(_STARTS, _STOPS, _FADES_IN):
-        low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (_HELD * _SECONDS)):.2g}")
+        low = float(f"{max(start * crossover, loop.hz[0], 2.0 / (0.3 * _SECONDS)):.2g}")
         high = float(f"{min(stop * crossover, highest):.3g}")
         if high < 3.0 * low or fade_in > _SECONDS - FADE_OUT or _ON_MODE[0] * bends < high < _ON_MODE[1] * bends:
             continue
@@ -239,7 +230,8 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
     if not found_designs:
         raise LoopError(f"{loop.axis}: RATE is logged too seldom for a chirp around {crossover:.1f} Hz")
     least = min(badness for badness, _ in found_designs)
-    return min((one for badness, one in found_designs if badness <= _AS_GOOD * least), key=lambda one: one.low)
+    # Of those that err little more, the chirp that starts lowest.
+    return min((one for badness, one in found_designs if badness <= 1.3 * least), key=lambda one: one.low)
 
 
 def first_chirp(settings: LoopSettings, limits: Limits) -> ChirpDesign:

@@ -20,14 +20,8 @@ from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
 from sysid.loops.responses import attitude_loop, rate_transfer
 
-#: Draws of the response from which the errors of a sheet are taken.
-_DRAWS = 30
-
 #: Rejection of disturbances at the attitude that is asked for, rad/s.
 _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
-
-#: Frequencies of a step's spectrum, Hz: resolution and end; band about its end within which a step has settled.
-_FINE, _HIGHEST, _SETTLED = 0.05, 120.0, 0.05
 
 _MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "Tischler et al. 2017, hover"
 _TISCHLER = "Tischler and Remple 2012"
@@ -128,7 +122,7 @@ def identified(loop: RateLoop) -> Iterator[Criterion]:
 
 def _drawn(loop: RateLoop) -> Complexes:
     """Return the craft's response, and some that the data leave possible, shape (draws, n)."""
-    return np.vstack([loop.plant.response, loop.plant.draws[1:_DRAWS]])
+    return np.vstack([loop.plant.response, loop.plant.draws[1:30]])
 
 
 def _known(drawn: Floats, unit: str) -> Parameter:
@@ -167,7 +161,7 @@ def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Float
 
     `transfer` (K, n) at `hz` (n,): one at rest, dying out beyond the band.
     """
-    grid = np.arange(0.0, _HIGHEST, _FINE)
+    grid = np.arange(0.0, 120.0, 0.05)
     spectrum = np.empty((len(transfer), len(grid)), np.complex128)
     low, high = grid < hz[0], grid > hz[-1]
     share = grid[low] / hz[0]
@@ -181,6 +175,6 @@ def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Float
     for k, step in enumerate(steps):
         reached = step.max() >= 0.9
         rise[k] = dt * float(np.argmax(step >= 0.9) - np.argmax(step >= 0.1)) if reached else np.nan
-        outside = np.flatnonzero(np.abs(step - 1.0) > _SETTLED)
+        outside = np.flatnonzero(np.abs(step - 1.0) > 0.05)
         settling[k] = dt * float(outside[-1] + 1) if len(outside) < len(step) else np.nan
     return rise, 100.0 * np.maximum(steps.max(axis=1) - 1.0, 0.0), settling

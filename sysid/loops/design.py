@@ -47,9 +47,6 @@ RELATIVE = "1 (relative)"
 _WIDE = 30.0
 _TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
 
-#: Band [Hz] and period [s] of multisines that a script can play: it runs at 25 to 90 Hz, with gaps up to 0.24 s.
-_SCRIPT_BAND, _SCRIPT_PERIOD = (0.3, 4.5), 20.0
-
 
 @dataclass(frozen=True, slots=True)
 class Expected:
@@ -196,7 +193,8 @@ def _inertia(log: FlightLog, limits: Limits) -> Design:
     for axis in ("roll", "pitch"):
         _check_flown(log, axis)
     loops = {axis: rate_loop(log, axis) for axis in ("roll", "pitch")}
-    sines = orthogonal_multisines(3, *_SCRIPT_BAND, _SCRIPT_PERIOD)
+    # Scripts run at 25 to 90 Hz, with gaps up to 0.24 s.
+    sines = orthogonal_multisines(3, 0.3, 4.5, 20.0)
     scales = [_rate_scale(sine, limits) for sine in sines]
     expected = []
     for (axis, loop), sine, scale in zip(loops.items(), sines, scales, strict=False):

@@ -21,9 +21,6 @@ from sysid.loops.plant import Plant, plant_of
 from sysid.loops.settings import read_settings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, mixer_chirps, plant_response
 
-#: Part of the draws that an interval holds.
-CONFIDENCE = 0.95
-
 #: Slope of ln |L| over ln f below which a crossover is said to be in a level part, and the factor of frequency to both
 #: sides over which it is taken.
 _LEVEL, _LEVEL_REACH = 0.7, 1.1
@@ -204,7 +201,7 @@ def summarise(hz: Floats, response: Complexes, draws: Complexes) -> Margins:
         if not np.isfinite(value) or len(drawn) < 0.5 * len(draws):
             estimates[name] = Parameter(None, None, unit, reason)
             continue
-        half = 0.5 * (1.0 - CONFIDENCE)
+        half = 0.025
         low, high = (float(q) for q in np.quantile(drawn, [half, 1.0 - half]))
         intervals[name] = (min(low, value), max(high, value))
         limit = _level(hz, response, value) if name == "crossover_hz" else ""

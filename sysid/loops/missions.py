@@ -89,9 +89,6 @@ end
 return update()
 """
 
-#: Rounds of the clipping algorithm (Van der Ouderaa et al. 1988) that lowers the peak factor, and where it clips.
-_ROUNDS, _CLIP = 300, 0.85
-
 #: Samples per period in which peaks are looked for.
 _SAMPLES = 4096
 
@@ -168,8 +165,8 @@ def _optimised(harmonics: Floats, period: float) -> Multisine:
 
     best = phase = -np.pi * order * (order - 1) / count
     x = signal = over_a_period(phase)
-    for _ in range(_ROUNDS):
-        limit = _CLIP * np.max(np.abs(signal))
+    for _ in range(300):
+        limit = 0.85 * np.max(np.abs(signal))
         phase = np.angle(np.fft.rfft(np.clip(signal, -limit, limit))[bins]) + 0.5 * np.pi
         signal = over_a_period(phase)
         if _peak_factor(signal) < _peak_factor(x):
@@ -191,9 +188,6 @@ _METRES_PER_DEGREE = 111_320.0
 #: What ordinary logs leave of the mean acceleration of a leg: standard deviation [m/s^2] of a sample, and the time [s]
 #: over which samples are alike.
 _ACCELERATION_NOISE, _ALIKE = 0.15, 2.0
-
-#: Linear and quadratic drag [1/s, 1/m] that errors are computed at: of a usual multirotor.
-_LINEAR, _QUADRATIC = 0.15, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +267,8 @@ def drag_errors(legs: Sequence[Leg]) -> dict[str, float]:
             continue
         velocity = move / distance * leg.speed
         steps = np.diag([1e-5, 1e-5, 1e-4, 1e-4])
-        at = np.array([_LINEAR, _QUADRATIC, 0.5, 0.5])
+        # Drag of a usual multirotor, 1/s and 1/m.
+        at = np.array([0.15, 0.02, 0.5, 0.5])
         base = _deceleration(at, velocity)
         rows.append(np.stack([(_deceleration(at + step, velocity) - base) / step.sum() for step in steps], axis=1))
         seconds = max(distance / leg.speed - 4.0, 1.0)

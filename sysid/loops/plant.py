@@ -17,12 +17,6 @@ DENSITY = 110.0
 #: Half-widths of the local regression in ln f, narrow to wide, and how few points it may hold.
 REACHES, FEWEST = (0.1, 0.2, 0.4, 0.8), 5
 
-#: A wider regression is taken while it stays within this many standard deviations of the narrower ones.
-AGREEMENT = 2.5
-
-#: Standard deviation of ln G beyond which the ends of the band are left out.
-LARGEST = 0.25
-
 #: Draws of the response that intervals are made of, and their seed.
 DRAWS, SEED = 200, 20160516
 
@@ -67,7 +61,7 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     rest = log_g - trend @ coefficients
     dense = np.exp(np.arange(np.log(hz[0]), np.log(hz[-1]), 1.0 / DENSITY))
     smooth, error, reach = _smoothed(np.log(dense), np.log(hz), rest, sigma, independent)
-    known = error < LARGEST
+    known = error < 0.25
     if known.sum() >= FEWEST:
         first, last = int(np.argmax(known)), len(known) - int(np.argmax(known[::-1]))
         dense, smooth = dense[first:last], smooth[first:last]
@@ -95,7 +89,7 @@ def _smoothed(
     for wanted in REACHES[1:]:
         value, error, reach = _local(at, x, y, sigma, independent, wanted)
         for before, narrow in narrower:
-            agrees &= np.abs(value - before) <= AGREEMENT * np.maximum(narrow, error)
+            agrees &= np.abs(value - before) <= 2.5 * np.maximum(narrow, error)
         narrower.append((value, error))
         values, errors = np.where(agrees, value, values), np.where(agrees, error, errors)
         reaches = np.where(agrees, reach, reaches)

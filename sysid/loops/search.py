@@ -48,20 +48,8 @@ _AT_ONCE, _EVERY = 256, 2
 #: bought with a soft loop at low frequency.
 _WANTED_GAIN, _BANDWIDTH_WEIGHT = 0.06, 8.0
 
-#: Corner [Hz] of the gusts' spectrum in that.
-_GUST_HZ = 1.0
-
-#: What the angle loop may add to the controller's gain beyond the band, and rounding.
-_ROUNDED = 1.01
-
-#: Candidates whose worst case is computed, best first.
-_CHECKED = 150
-
 #: Part of an aim by which flown gains may miss it without rejection being given up for it: 43 of 45 deg are kept.
 _TRIFLE = 0.05
-
-#: Part of that loss which the next candidate must have in hand to be looked at.
-_SAME_SPARE = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,7 +287,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
         if noise > aim.noise:
             continue
         checked += 1
-        if checked > _CHECKED:
+        if checked > 150:
             break
         bounds = worst_case(tuned)
         if bounds is None:
@@ -309,7 +297,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
         for name in spare:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):
-                spare[name] = max(spare[name], _SAME_SPARE * short)
+                spare[name] = max(spare[name], 0.8 * short)
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within reach keep {aim.words} for everything that the data leave possible; "
@@ -323,7 +311,7 @@ def _sound(field: _Field, aim: Aim, unseen: float) -> NDArray[np.bool_]:
     nominal = field.nominal
     return np.asarray(
         (field.unseen <= unseen)
-        & (field.noise <= _ROUNDED * aim.noise)
+        & (field.noise <= 1.01 * aim.noise)
         & (field.ending <= AMPLIFIED)
         & nominal.stable
         & keeps(nominal, aim)
@@ -364,8 +352,8 @@ def _within(value: float, flown: float, span: tuple[float, float]) -> bool:
 
 
 def _gust_response(hz: Floats, plant: Complexes, broken: Complexes) -> Floats:
-    """Compute rms attitude under gusts, to a common factor, shape (K,)."""
-    spectrum = plant / (2j * np.pi * hz) / (1.0 + 1j * hz / _GUST_HZ)
+    """Compute rms attitude under gusts whose corner is at 1 Hz, to a common factor, shape (K,)."""
+    spectrum = plant / (2j * np.pi * hz) / (1.0 + 1j * hz)
     return np.asarray(np.sqrt(np.sum(np.abs(spectrum / (1.0 + broken)) ** 2 * np.gradient(hz), axis=1)))
 
 

@@ -27,9 +27,6 @@ from sysid.loops.signals import mixer_chirps
 #: Firmware whose rate controller is the one in `controller`.
 OLDEST, NEWEST = (4, 0), (4, 7)
 
-#: Gyro rate [Hz] of boards that log none (most run their filters at this rate).
-_GYRO_RATE = 1000.0
-
 #: Frequency-tracking modes of the harmonic notch (INS_HNTCH_MODE).
 _FIXED, _THROTTLE = 0, 1
 
@@ -118,7 +115,8 @@ def parameters_of(log: FlightLog, axis: str) -> Mapping[str, float]:
 
 def _gyro_path(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> tuple[GyroPath, tuple[str, ...]]:
     """Read the gyro's filters; harmonic notches at the frequency that they had."""
-    rate, remarks = _GYRO_RATE, []
+    # Most boards that log no rate run their filters at this one.
+    rate, remarks = 1000.0, []
     imu = log.messages.once("IMU", ("GHz", "I")) if "IMU" in log.messages else None
     if imu is not None and "GHz" in imu:
         first = imu[imu["I"] == 0] if "I" in imu else imu

@@ -20,9 +20,6 @@ from sysid.loops.filters import Floats
 #: Times [s] by which the logged chirp may trail its entry into the mixer; one step of loops of 50 to 400 Hz at most.
 _LAGS = np.arange(-8, 9) * 1.25e-3
 
-#: Rows of PID messages that must share their time stamp with rows of RATE.
-_SHARED = 0.9
-
 #: Times closer than this [s] are one.
 _SAME = 2e-4
 
@@ -98,7 +95,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     lag = float(_LAGS[int(np.argmin(misfits))])
     if min(misfits) > 0.05 * float(np.sum(chirped[inner] ** 2)):
         return None
-    if same.mean() > _SHARED:
+    if same.mean() > 0.9:
         back = np.full(len(t), np.nan)
         back[same] = pid[1][nearest[same]]
     else:

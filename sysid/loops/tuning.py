@@ -56,9 +56,6 @@ from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mod
 #: Largest part of P that I may be asked to be.
 _LARGEST_I = 3.0
 
-#: Factors of the gyro's filter that are tried.
-_GYRO = (1.0, 1.25, 1.5, 2.0)
-
 #: Scores that differ by less are one: the gyro filter is not changed for less.
 _SAME_SCORE = 0.02
 
@@ -160,7 +157,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         return refuse(_reasons(found), tuple(found))
     closed = _gyro_filter_stays(flights, found)
     staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
-    options = [f for f in _GYRO if f == 1.0 or (closed is None and others_keep(staying, f))]
+    options = [f for f in (1.0, 1.25, 1.5, 2.0) if f == 1.0 or (closed is None and others_keep(staying, f))]
     best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
     for factor in options[1:]:
         tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}

@@ -24,9 +24,6 @@ MODE = 6.0
 #: Gain of a mode that leaves it 4 dB.
 _SMALL = 0.63
 
-#: Frequencies looked at beyond the band: up to this, Hz, in so many steps.
-_UP_TO, _STEPS = 150.0, 24
-
 #: Chirps that end below [Hz] have not seen the first modes of frames.
 FIRST_MODES = 30.0
 
@@ -50,9 +47,6 @@ _SCATTERS, _SWING = 4.5, 0.5
 
 #: Amplification of disturbances at the end of a chirp below `FIRST_MODES` up to which its band holds the loop's peak.
 AMPLIFIED = 10.0 ** (3.0 / 20.0)
-
-#: Standard deviations of what the models below a chirp's end leave open of the loop that count as explained by it.
-_LEFT_OPEN = 2.0
 
 #: Steps of the robust fit of the noise's floor, and the fewest frequencies that show one.
 _FITS, _FEWEST = 10, 4
@@ -139,7 +133,7 @@ def _rigid(loop: RateLoop) -> tuple[Floats, Floats]:
     end = loop.plant.seen
     last = (loop.hz > 0.5 * end) & (loop.hz <= end)
     craft = np.abs(loop.plant.response[last] / loop.flown.gyro.response(loop.hz[last]))
-    hz = np.geomspace(end, max(_UP_TO, 1.1 * end), _STEPS)
+    hz = np.geomspace(end, max(150.0, 1.1 * end), 24)
     return hz, float(np.max(craft * (loop.hz[last] / end) ** 2)) * end / hz
 
 
@@ -216,7 +210,7 @@ def _noise(loop: RateLoop, resolution: float, low: float, high: float) -> tuple[
         rest = rest - np.median(rest)
         weight = 1.0 / np.sqrt(1.0 + (rest / (1.5 * np.median(np.abs(rest)) + 0.1)) ** 2)
     left_open = np.zeros(len(hz))
-    left_open[: len(known)] = _LEFT_OPEN * closed.std(axis=0)
+    left_open[: len(known)] = 2.0 * closed.std(axis=0)
     rest = np.sign(rest) * np.maximum(np.abs(rest) - left_open, 0.0)
     return np.asarray(hz, np.float64), np.asarray(rest, np.float64), float(1.0 / np.sqrt(len(power)))
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
@@ -42,6 +43,13 @@ def column(record: Experiment, name: str) -> Floats:
     if record.context is None or name not in record.context:
         return np.full(len(record.t), np.nan)
     return record.context[name].to_numpy(np.float64)
+
+
+def body_velocity(record: Experiment) -> Floats:
+    """Velocity over the ground along body axes (forward, right, down), m/s, (N, 3); NaN where unknown."""
+    angles = np.column_stack([column(record, name) for name in ("yaw", "pitch", "roll")])
+    velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
+    return np.asarray(Rotation.from_euler("ZYX", angles).apply(velocity, inverse=True))
 
 
 def relative_density(record: Experiment) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 
 from core.parameter import Parameter
 from sysid.records.experiment import Floats
+from sysid.statistics.covariance import long_run_variance
 
 _UNIT = "ohm"
 
@@ -35,22 +36,14 @@ def sag_resistance(t: Floats, voltage: Floats, current: Floats) -> Parameter:
         return np.asarray(values - slow @ (slow.T @ values))
 
     sag, load, before = -fast(voltage[1:]), fast(current[1:]), fast(current[:-1])
-    lags = max(round(3.0 / float(np.median(np.diff(t)))), 1)
     power = float(before @ load)
     # White noise alone is as likely as not to repeat itself, by one part in the root of the number of samples.
     if power <= 5.0 * float(np.linalg.norm(before) * np.linalg.norm(load)) / np.sqrt(len(load)):
         return Parameter(None, None, _UNIT, "the current hardly changes for longer than its noise")
     resistance = float(before @ sag) / power
-    sigma = float(np.sqrt(_long_run(before * (sag - resistance * load), lags))) / power
+    # Noise may be correlated over three seconds.
+    spread = long_run_variance(before * (sag - resistance * load), 3.0 / float(np.median(np.diff(t))))
+    sigma = float(np.sqrt(len(load) * spread)) / power
     if not resistance > 0.0 or sigma > resistance / 3.0:
         return Parameter(None, None, _UNIT, "the voltage does not follow the current")
     return Parameter(resistance, sigma, _UNIT)
-
-
-def _long_run(products: Floats, lags: int) -> float:
-    """Variance of the sum of correlated values, by Bartlett weights."""
-    lags = min(lags, len(products) // 4)
-    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
-    covariances = [float(products[lag:] @ products[:-lag]) for lag in range(1, lags + 1)]
-    own = float(products @ products)
-    return max(own + 2.0 * float(weights @ np.array(covariances)), 0.2 * own, 1e-18)

@@ -13,7 +13,7 @@ from core.parameter import Parameter
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import MotorGeometry, unexplained
-from sysid.records.thrust_curve import column, lagged
+from sysid.records.thrust_curve import body_velocity, column, lagged
 from sysid.rotors.thrust_regression import LEFT_OUT, covariance_of, judged
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
@@ -84,25 +84,14 @@ class Motion:
         Shapes: `signals` (N, n); `rates` (N, 3).
         """
         force = np.column_stack([column(record, f"f_{axis}") for axis in "xyz"])
-        roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
-        north, east, down = (column(record, name) for name in ("v_n", "v_e", "v_d"))
-        for label, values in {"angular rates": rates, "velocity": north, "attitude": roll}.items():
+        speed = body_velocity(record)
+        for label, values in {"angular rates": rates, "velocity or attitude": speed}.items():
             if not np.isfinite(values).all():
                 raise MissingDataError(
                     f"{record.name}: {label} not known, which Refinement 2020 needs; log IMU and GPS"
                 )
         if len(record.t) < 2 * FEWEST + 2:
             raise ExperimentError(f"{record.name}: {len(record.t)} samples are too few")
-        ahead = np.cos(yaw) * north + np.sin(yaw) * east
-        right = np.cos(yaw) * east - np.sin(yaw) * north
-        sunk = np.cos(pitch) * down + np.sin(pitch) * ahead
-        speed = np.column_stack(
-            [
-                np.cos(pitch) * ahead - np.sin(pitch) * down,
-                np.cos(roll) * right + np.sin(roll) * sunk,
-                np.cos(roll) * sunk - np.sin(roll) * right,
-            ]
-        )
         return cls(
             force=_span(force),
             speed=_span(speed),

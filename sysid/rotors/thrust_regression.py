@@ -12,7 +12,7 @@ from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
-from sysid.records.thrust_curve import Law, column, reference_voltage, relative_density, thrust_signals
+from sysid.records.thrust_curve import Law, body_velocity, column, reference_voltage, relative_density, thrust_signals
 from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.statistics.covariance import autocovariance, coloured_information
 
@@ -89,12 +89,7 @@ def require_all_motors(record: Experiment, vehicle: Vehicle) -> None:
 
 def body_down(record: Experiment) -> Floats:
     """Speed along body z, m/s, (N,); 0 where unknown."""
-    roll, pitch, yaw = (column(record, name) for name in ("roll", "pitch", "yaw"))
-    north, east, down = (column(record, name) for name in ("v_n", "v_e", "v_d"))
-    ahead = np.cos(yaw) * north + np.sin(yaw) * east
-    right = np.cos(yaw) * east - np.sin(yaw) * north
-    speed = np.cos(roll) * (np.cos(pitch) * down + np.sin(pitch) * ahead) - np.sin(roll) * right
-    return np.where(np.isfinite(speed), speed, 0.0)
+    return np.nan_to_num(body_velocity(record)[:, 2])
 
 
 def blocks_of(

@@ -31,6 +31,15 @@ def autocovariance(residuals: Sequence[Floats], lags: int) -> Floats:
     return np.asarray(result / total * (1.0 - np.arange(lags) / lags))
 
 
+def long_run_variance(values: Floats, reach: float) -> float:
+    """Return the variance of the mean of values correlated over `reach` samples, times their number, shape (N,).
+
+    With Bartlett weights (Newey and West 1987).
+    """
+    covariance = autocovariance([values], int(max(min(len(values) // 4, np.ceil(reach)), 1)))
+    return float(max(2.0 * covariance.sum() - covariance[0], 0.2 * covariance[0], 1e-12))
+
+
 def independent_samples(residuals: Sequence[Floats]) -> float:
     """Count the independent samples that coloured residuals are worth: N over the sum of squared autocorrelations."""
     correlation = autocovariance(residuals, max(min(map(len, residuals)) // 2, 1))

@@ -97,7 +97,7 @@ def test_slow_outputs_and_missing_columns(record):
     model = fit_refinement2020([without(replace(record, u=slow), *names)])
     assert all(model.stacked[name].value is None for name in ("Jx", "b/Jz"))
     assert model.stacked["k"].value is not None
-    with pytest.raises(MissingDataError, match="velocity not known"):
+    with pytest.raises(MissingDataError, match="velocity or attitude not known"):
         fit_refinement2020([without(record, "v_n")])
 
 

@@ -24,6 +24,7 @@ from logparse import MissingDataError, Tables, Vehicle
 from sysid.records.experiment import Floats
 from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.statistics.covariance import long_run_variance
 
 #: Slowest motor outputs and rates [Hz] that tell a change, fewest rows, and fastest outputs that tell more.
 _SLOWEST, FEWEST, _FASTEST = 4.0, 30, 25.0
@@ -126,16 +127,6 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     )
 
 
-def long_run_variance(residual: Floats, step: float) -> float:
-    """Return the variance of a correlated residual's mean, times the number of samples (Newey and West 1987)."""
-    count = len(residual)
-    lags = int(min(count // 4, np.ceil(MEMORY / step)))
-    own = float(residual @ residual) / count
-    weights = 1.0 - np.arange(1, lags) / max(lags, 1)
-    covariances = np.array([float(residual[lag:] @ residual[:-lag]) / count for lag in range(1, lags)])
-    return max(own + 2.0 * float(weights @ covariances), 0.2 * own, 1e-12)
-
-
 #: Part of the best change of all moments that one motor must explain, and of its own explanation that none of the
 #: others may reach if it is to be named alone.
 ONE_MOTOR, ALIKE = 0.8, 0.85
@@ -212,7 +203,7 @@ class Remainder:
 
 def variances_of(residuals: Sequence[Floats], moments: Moments) -> list[float]:
     """Return the long-run variance of the residual of each axis."""
-    return [long_run_variance(residual, moments.step) for residual in residuals]
+    return [long_run_variance(residual, MEMORY / moments.step) for residual in residuals]
 
 
 def spread(values: Floats) -> float:

@@ -18,8 +18,9 @@ import numpy as np
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from sysid.records.arrays import Floats
 from sysid.records.mixer import INDEPENDENT, factors_of
-from sysid.rotors.motor_faults.moments import long_run_variance, read_moments
+from sysid.rotors.motor_faults.moments import MEMORY, read_moments
 from sysid.rotors.steady_trims import SteadyTrims
+from sysid.statistics.covariance import long_run_variance
 
 #: Thrust of motors of one kind at one signal differs by this part (standard deviation).
 ALIKE = 0.03
@@ -59,7 +60,7 @@ def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         value = np.linalg.lstsq(steady, asked, rcond=None)[0]
         # At the mean thrust, without any turn or airspeed.
         still = np.array([1.0, level, 0.0, 0.0, 0.0, 0.0]) / (level * size)
-        spread = long_run_variance(asked - steady @ value, moments.step)
+        spread = long_run_variance(asked - steady @ value, MEMORY / moments.step)
         trims.append(float(still @ value))
         variance.append(spread * float(still @ np.linalg.pinv(steady.T @ steady) @ still))
     rows = (moments.thrust.mean(axis=0) / level)[:, None] * factors / length
