@@ -1,6 +1,6 @@
 """Run the benchmarks of this folder, or those named, each in a process of its own, and print one table.
 
-`python -m benchmarks [NAME ...] [--minutes M] [--write] [--check] [--data DIR]`
+`python -m benchmarks [NAME ...] [--minutes M] [--write] [--check] [--data DIR] [--halves DIR]`
 
 Without a name it runs `WHOLE`: speed and accuracy against peers and goals. ``--minutes`` bounds all together; what
 does not end by then is named as not run. ``--write`` puts the table into docs/benchmarks.md, ``--check`` fails where a
@@ -130,6 +130,7 @@ def main(given: list[str]) -> int:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--minutes", type=float, default=1e4)
     parser.add_argument("--data")  # for real_flights, which reads the folder itself
+    parser.add_argument("--halves")  # for honesty, likewise
     for flag in ("--write", "--check", "--store", "--rows"):
         parser.add_argument(flag, action="store_true")
     options = parser.parse_args(given)
@@ -144,7 +145,8 @@ def main(given: list[str]) -> int:
         console.print(f"no such benchmark: {', '.join(unknown)}; there are {', '.join(names())}")
         return 2
     deadline = time.monotonic() + 60.0 * options.minutes
-    more = ["--data", options.data] if options.data else []
+    folders = {"--data": options.data, "--halves": options.halves}
+    more = [word for flag, folder in folders.items() if folder for word in (flag, folder)]
     table, every, begun = Table(*COLUMNS), [], time.monotonic()
     short: list[Row] = []
     for name in options.names or WHOLE:

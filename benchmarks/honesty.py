@@ -2,20 +2,31 @@
 
 Flights with the firmware in the loop are read from ../shared/logs/sitl and ../shared/logs/pairs where these are, with
 the truth beside them. A row has the root mean square and the largest of z = (value - truth) / sigma.
+
+`python -m benchmarks honesty --halves DIR` holds the halves of every flight in a folder of real logs against each other
+instead: a row has chi-square over degrees of freedom of what they differ by, and the flight where that is largest.
 """
 
+import itertools
 import json
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks._measure import Row, logs
-from estimation import estimate
-from logparse import MissingDataError, read_log
+from estimation import Trajectory, estimate
+from logparse import FlightLog, MissingDataError, RotoridError, read_flights, read_log
+from pipeline.flight.account import tell
+from pipeline.results.span import Span
 from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
+from sysid.frequency.survey import survey
+from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.six_dof.body_record import Quantity
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.honesty import (
@@ -35,11 +46,22 @@ TARGET = "1.3, 4"
 WINDS = ((3.0, 1.0), (6.0, 1.5), (9.0, 1.0))
 SEEDS = 3
 
+#: Shortest half of a flight, s.
+SHORTEST_HALF = 20.0
+
+#: Numbers that go with the square of the battery's voltage, which is each half's own.
+AT_VOLTAGE = ("thrust", "thrust over mass", "thrust over mass at hover", "yaw torque over inertia")
+
+#: Value and standard error by method and number.
+Half = dict[tuple[str, str], tuple[float, float]]
+
 #: Flights of each craft and kind of input for the body with six degrees of freedom.
 PAPER_FLIGHTS = 10
 
 
 def run() -> list[Row]:
+    if "--halves" in sys.argv[:-1]:
+        return halves(Path(sys.argv[sys.argv.index("--halves") + 1]))
     return [*_rows("gusts", simulated()), *_rows("papers", papers()), *_rows("firmware", firmware())]
 
 
@@ -89,3 +111,64 @@ def firmware() -> Iterator[Stated]:
         yield from stated_by_body(model, seen, truth)
         found = physical_parameters([seen], mass, arm=arm, rigid_body=model)
         yield from stated_side_by_side(found, seen, truth)
+
+
+def halves(folder: Path) -> list[Row]:
+    """Hold the halves of every flight in a folder against each other: chi-square over degrees of freedom by number."""
+    apart: dict[tuple[str, str], dict[str, float]] = {}
+    for path in sorted(each for each in folder.iterdir() if each.suffix not in (".md", ".tsv")):
+        with suppress(OSError, RotoridError):
+            for log in read_flights(path):
+                if log.flight is None or log.flight.duration < 2.0 * SHORTEST_HALF:
+                    continue
+                try:
+                    trajectory = estimate(log.tables)
+                except RotoridError:
+                    trajectory = None
+                flown = Span(log.flight.start, log.flight.stop)
+                sound = tell(log, flown).sound or flown
+                ends = np.linspace(sound.start, sound.stop, 3)
+                one, other = (stated_within(log, trajectory, within) for within in itertools.pairwise(ends))
+                for key in one.keys() & other.keys():
+                    off = (one[key][0] - other[key][0]) / np.hypot(one[key][1], other[key][1])
+                    apart.setdefault(key, {})[f"{path.name} {log.flight.start:.0f} s"] = float(off)
+    rows = []
+    for (method, name), each in sorted(apart.items()):
+        farthest = max(each, key=lambda flight: abs(each[flight]))
+        chi2 = float(np.mean(np.square(list(each.values()))))
+        rows.append((f"{method}: {name} ({len(each)})", f"{chi2:.2f}", f"{each[farthest]:.1f}", farthest, "0.5-1.5"))
+    return rows
+
+
+def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[float, float]) -> Half:
+    """List what a part of a flight states of its craft, motors as at one volt: the battery of the other is another."""
+    found: Half = {}
+    for axis in survey(log, within=within).axes:
+        numbers = {} if axis.fit is None else dict(axis.fit.parameters)
+        if axis.attitude is not None:
+            numbers |= {"bandwidth": axis.attitude.bandwidth, "phase delay": axis.attitude.phase_delay}
+        found |= {
+            (axis.axis, name): (each.value, each.sigma)
+            for name, each in numbers.items()
+            if each.value is not None and each.sigma
+        }
+    with suppress(RotoridError):
+        if trajectory is None:
+            return found
+        seen = Experiment.from_flight(log, trajectory, rate=50.0, within=within)
+        if seen.t[-1] - seen.t[0] < SHORTEST_HALF:
+            return found
+        try:
+            body = fit_rigid_body(seen)
+        except RotoridError:
+            body = None
+        for name, each in {}.items() if body is None else body.parameters.items():
+            if each.value is not None and each.sigma:
+                found["body", name] = each.value, float(np.hypot(each.sigma, each.transfer))
+        for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():
+            if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
+                found[method, name] = row["value"], float(np.hypot(row["sigma"], row["transfer"]))
+        volts = reference_voltage([seen]) or 1.0
+        for key in [key for key in found if key[1] in AT_VOLTAGE]:
+            found[key] = found[key][0] / volts**2, found[key][1] / volts**2
+    return found

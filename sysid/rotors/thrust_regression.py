@@ -102,7 +102,8 @@ def blocks_of(
     count = len(record.t) // size
 
     def mean(values: Floats) -> Floats:
-        return np.asarray(values[: count * size].reshape(count, size, -1).mean(axis=1))
+        columns = values.reshape(len(values), -1)
+        return np.asarray(columns[: count * size].reshape(count, size, columns.shape[1]).mean(axis=1))
 
     keep = mean(inside.astype(np.float64))[:, 0] == 1.0
     return Blocks(

@@ -78,6 +78,8 @@ def test_bad_input_is_refused():
         fit_thrust([flight(7)], mass=0.0)
     with pytest.raises(ExperimentError, match="too few"):
         fit_thrust([flight(7, samples=60)])
+    with pytest.raises(ExperimentError, match="too few"):  # less than a block
+        fit_thrust([flight(7, samples=9)])
 
 
 def test_flights_that_disagree_widen_the_standard_error():
