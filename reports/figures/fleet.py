@@ -58,7 +58,11 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
             f"{datetime.fromisoformat(str(each.log.start_utc)) + timedelta(seconds=flight.start_s):%Y-%m-%d %H:%M:%S}"
             for each, flight in flown
         ]
-    axis = {"title": {"text": "start (UTC)"}, "type": "date"} if dated else {"title": {"text": "flight"}}
+    axis = (
+        {"title": {"text": "start (UTC)"}, "type": "date"}
+        if dated
+        else {"title": {"text": "flight"}, "tick0": 1, "dtick": max(1, len(flown) // 10)}
+    )
     plot = Plot({"title": {"text": "duration (min)"}, "rangemode": "tozero"}, x=axis)
     tones = [_tone(each) for each, _ in flown]
     for tone, (color, symbol, name) in _TONES.items():

@@ -32,9 +32,8 @@ def title(numbers: FleetReport) -> str:
 
 
 def facts(numbers: FleetReport) -> str:
-    """One line under the title: how many logs, how long in the air, from when to when."""
+    """One line under the title: how many logs, from when to when."""
     flights = numbers.flights
-    airborne = sum(flight.flight.duration_s for flight in flights if flight.flight)
     starts = sorted(flight.log.start_utc for flight in flights if flight.log.start_utc)
     parts = [f"{counted(_logs(numbers), 'log')} analysed"]
     for found, words in (
@@ -44,8 +43,6 @@ def facts(numbers: FleetReport) -> str:
     ):
         if found:
             parts.append(f"{len(found)} {words}")
-    if airborne:
-        parts.append(f"{duration(airborne)} in the air")
     if starts:
         days = sorted({start[:10] for start in (starts[0], starts[-1])})
         parts.append(" to ".join(days))

@@ -132,8 +132,8 @@ def _loops(flights: Sequence[FlightReport]) -> ShownAnswer | None:
         if found:
             name, shown = min(found, key=lambda each: each[1].line.value or 0.0)
             what = shown.line.text.split(",")[0].split(";")[0]
-            count = f"the least of {counted(len(found), 'flight')} ({name})" if len(found) > 1 else f"({name})"
-            return _line("Loops", shown.line.word, shown.line.tone, shown.number, f"{what}, {count}")
+            least = f", least of {len(found)}" if len(found) > 1 else ""
+            return _line("Loops", shown.line.word, shown.line.tone, shown.number, f"{what} ({name}{least})")
     return None
 
 

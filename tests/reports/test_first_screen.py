@@ -123,8 +123,7 @@ def test_a_motor_that_failed_is_told_with_its_crash_and_its_picture(kinds):
     line = line_of(result, "Happened")
     assert (line.word, line.tone) == ("motor fault, crash", Tone.BAD)
     assert line.text == (
-        "At 30 s into the flight (70.0 s) motor 2 lost 60 ± 5 % of its thrust; the craft hit the ground at 6 m/s at "
-        "72.0 s."
+        "At 0:30 of flight (70.0 s) motor 2 lost 60 ± 5 % of its thrust; the craft hit the ground at 6 m/s at 72.0 s."
     )
     assert result.answer.next == LOST.advice
     assert result.answer.picture is Picture.MOTORS

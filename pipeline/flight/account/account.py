@@ -29,11 +29,11 @@ _GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "fall"))
 #: What the log may lack, by table, and what is then not known.
 _LACKS = {
     "baro": "no barometer: heights are of another sensor",
-    "gps": "no GPS: neither ground speed nor distance",
+    "gps": "no GPS: neither speed nor distance",
     "battery": "no battery voltage",
-    "motors": "no outputs that are known to be motors: none was looked at",
+    "motors": "no known motors: none was looked at",
     "imu": "no accelerometer: shocks are not seen",
-    "setpoints": "no attitude target: whether it did what was asked is not known",
+    "setpoints": "no attitude target: whether it followed",
 }
 
 

@@ -60,17 +60,22 @@ def _leads(cause: Finding, effect: Finding) -> bool:
 
 
 def _clock(t: float, flight: Span | None) -> str:
-    """Write a time since take-off, and on the log's clock: ``2 min 06 s into the flight (368.6 s)``."""
+    """Write a time since take-off, and on the log's clock: ``2:06 of flight (368.6 s)``."""
     on_log = f"{t:.1f} s"
     if flight is None or t < flight.start:
         return on_log
-    since = f"{duration(t - flight.start)} into the flight"
+    since = _since(t, flight)
     return since if t > _READABLE else f"{since} ({on_log})"
 
 
 def _short_clock(t: float, flight: Span | None) -> str:
     """Write a time for the second clause of a sentence: on the log's clock alone where that can be read."""
-    return f"{t:.1f} s" if t <= _READABLE or flight is None else f"{duration(t - flight.start)} into the flight"
+    return f"{t:.1f} s" if t <= _READABLE or flight is None else _since(t, flight)
+
+
+def _since(t: float, flight: Span) -> str:
+    minutes, seconds = divmod(round(t - flight.start), 60)
+    return f"{minutes}:{seconds:02d} of flight"
 
 
 def _clause(sentence: str) -> str:
