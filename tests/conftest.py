@@ -79,7 +79,6 @@ _LENGTHY = {
         "api/test_other_sites",
         "api/test_pages",
         "api/test_server",
-        "docs/test_docstrings",
         "docs/test_findings",
         "estimation/test_estimate",
         "estimation/test_further_sensors",

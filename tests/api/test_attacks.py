@@ -34,7 +34,7 @@ from tests.api.visits import ordered
     [
         "objects/{out}/stolen",
         "objects//{out}/stolen",
-        "objects/../../../../../../{out}/stolen",
+        "objects/" + 20 * "../" + "{out}/stolen",  # to the root of the disk, however deep the storage lies
         "objects/../tables/stolen",
         "{out}/stolen",
     ],

@@ -11,7 +11,7 @@ from tests.fuzz.seeds import seeds
 from tests.fuzz.spans import count, wound
 
 #: Mutations of each format here; `python -m tests.fuzz 100000` does more.
-COUNT = 200
+COUNT = 60
 
 _HEAD = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
 _GPS = "FMT, 3, 50, GPS, QBIHB, TimeUS,Status,GMS,GWk,NSats\n"

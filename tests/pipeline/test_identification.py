@@ -19,7 +19,7 @@ MOTORS = KINDS[0]
 
 @pytest.fixture(scope="module")
 def parts():
-    return made_flight(fit=False, duration=90.0).experiment.split(0.7)
+    return made_flight(fit=False).experiment.split(0.7)
 
 
 @pytest.fixture(scope="module")
