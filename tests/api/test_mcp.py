@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     out = tmp_path_factory.mktemp("out")
     logs = [SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "quad01_davos_esc.bin"]
-    config = pipeline.AnalysisConfig(time_limit=3600.0)
+    config = pipeline.AnalysisConfig(poles=1, zeros=0, time_limit=3600.0)
     pipeline.analyze_fleet(logs, config, None, None, store=out, publish=reports.write)
     return out
 
