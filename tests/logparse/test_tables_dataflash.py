@@ -327,19 +327,8 @@ def test_yaw_targets_are_interpolated_across_north():
 
 
 def test_rates_are_in_rad_per_second():
-    frame = message(
-        [1, 2],
-        RDes=[180, 180],
-        R=[90, 90],
-        ROut=[0.1, 0.1],
-        PDes=[0, 0],
-        P=[0, 0],
-        POut=[0, 0],
-        YDes=[0, 0],
-        Y=[0, 0],
-        YOut=[0, 0],
-        AOut=[0.4, 0.4],
-    )
+    zeros = dict.fromkeys(("PDes", "P", "POut", "YDes", "Y", "YOut"), 0)
+    frame = message([1, 2], RDes=[180, 180], R=[90, 90], ROut=[0.1, 0.1], AOut=[0.4, 0.4], **zeros)
     tables, _ = build({"RATE": frame})
     assert tables.rates.iloc[0][["w_x_ref", "w_x", "out_roll", "out_thrust"]].tolist() == pytest.approx(
         [math.pi, math.pi / 2, 0.1, 0.4]

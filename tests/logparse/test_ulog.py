@@ -58,6 +58,11 @@ def small_log(rows=20):
     return b"".join(parts)
 
 
+def place(log, k):
+    """Return where the k-th message of the first instance begins."""
+    return log.find(struct.pack("<HQ", 1, START + 4000 * k + 1)) - 3
+
+
 def test_topics_instances_arrays_and_texts():
     source = UlogSource(small_log())
     (boot,) = source.boots
@@ -120,12 +125,23 @@ def test_damage_is_a_finding_and_says_nothing_on_stdout(capsys):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize("length", [0, 5, 300, 60_000])
-def test_a_damaged_length_costs_its_own_message_and_no_other(length):
+#: What stands in place of the length and the kind of a message: where they end there is no message, or one by chance.
+HEADERS = {
+    **{f"length {length}": struct.pack("<H", length) for length in (0, 5, 300, 60_000)},
+    # A kind that no message of this length has: a sound one follows it, as behind one of a newer kind.
+    **{f"kind {ord(kind)}": struct.pack("<HB", 22, ord(kind)) for kind in "RSO\0"},
+    # A message with a name that ends where a sound one begins: all between would be its value.
+    **{f"named {kind}": struct.pack("<HB", 7 * 50 - 3, ord(kind)) for kind in "IMFP"},
+}
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_a_damaged_header_costs_its_own_message_and_no_other(header):
     """Behind one, pyulog goes astray until a sync message, which this log does not have."""
     log = bytearray(small_log())
-    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
-    log[at : at + 2] = struct.pack("<H", length)
+    at, end = (place(log, k) for k in (1, 8))
+    assert (log[at : at + 3], end - at) == (struct.pack("<HB", 22, ord("D")), 7 * 50)
+    log[at : at + len(HEADERS[header])] = HEADERS[header]
     source = UlogSource(bytes(log))
     counts = source.counts(source.boots[0])
     assert (counts["gyro"], counts["gyro_1"], counts["logged_messages"]) == (19, 20, 2)
@@ -134,34 +150,13 @@ def test_a_damaged_length_costs_its_own_message_and_no_other(length):
     assert finding.evidence["bytes"] == 3 + 2 + 8 + 12
 
 
-@pytest.mark.parametrize("kind", "RSO\0")
-def test_a_damaged_kind_that_no_message_of_this_length_has_costs_no_other(kind):
-    """A sound message follows it, as behind one of a newer kind; pyulog read no further."""
-    log = bytearray(small_log())
-    log[log.find(struct.pack("<HQ", 1, START + 4001)) - 1] = ord(kind)
-    source = UlogSource(bytes(log))
-    counts = source.counts(source.boots[0])
-    assert (counts["gyro"], counts["gyro_1"], counts["logged_messages"]) == (19, 20, 2)
-
-
-@pytest.mark.parametrize("kind", "IMFP")
-def test_a_damaged_header_that_reads_as_a_message_with_a_name_hides_no_other(kind):
-    """It may end where a sound message begins, by chance, and all between would be its value."""
-    log = bytearray(small_log())
-    at, end = (log.find(struct.pack("<HQ", 1, START + 4000 * k + 1)) - 3 for k in (1, 8))
-    log[at : at + 3] = struct.pack("<HB", end - at - 3, ord(kind))
-    source = UlogSource(bytes(log))
-    counts = source.counts(source.boots[0])
-    assert (counts["gyro"], counts["gyro_1"]) == (19, 20)
-
-
 def test_appended_data_is_found_behind_damage_and_a_message_cut_short():
     """A log cut off in flight gets the crash dump appended, at an offset that its first message holds."""
     log = bytearray(small_log() + message("D", bytes(24))[:-9])
     log[19 + 8 : 19 + 17] = b"\x01" + bytes(7) + b"\0"
     log[19 + 16 : 19 + 24] = struct.pack("<Q", len(log))
     log += message("M", b"\0" + bytes([len(b"char[4] hardfault")]) + b"char[4] hardfaultdump")
-    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
+    at = place(log, 1)
     del log[at : at + 2]
     log[19 + 16 : 19 + 24] = struct.pack("<Q", struct.unpack_from("<Q", log, 19 + 16)[0] - 2)
     source = UlogSource(bytes(log))
@@ -171,7 +166,7 @@ def test_appended_data_is_found_behind_damage_and_a_message_cut_short():
 
 def test_messages_of_a_kind_that_is_not_known_are_no_damage():
     log = small_log()
-    at = log.find(struct.pack("<HQ", 1, START + 4001)) - 3
+    at = place(log, 1)
     source = UlogSource(log[:at] + message("Z", b"of a later format") + log[at:])
     assert source.counts(source.boots[0])["gyro"] == 20
     assert "file-damaged" not in [finding.id for finding in source.findings]
@@ -180,7 +175,7 @@ def test_messages_of_a_kind_that_is_not_known_are_no_damage():
 def test_a_long_message_that_holds_messages_is_one():
     """PX4 logs carry packed metadata of a kilobyte and more, which a search takes for anything."""
     log = small_log()
-    inner = log[log.find(struct.pack("<HQ", 1, START + 4001)) - 3 :][:500] * 4
+    inner = log[place(log, 1) :][:500] * 4
     at = log.find(struct.pack("<HQ", 2, START + 4002)) - 3
     source = UlogSource(log[:at] + message("M", b"\0" + bytes([10]) + b"uint8_t[] x"[:10] + inner) + log[at:])
     assert source.counts(source.boots[0])["gyro"] == 20

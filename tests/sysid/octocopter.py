@@ -44,22 +44,6 @@ def level(samples, dt=0.02, thrust_over_weight=1.0):
 
 def parameters(**given):
     """Arrange parameters for the kernels: thrust equal to weight, no drag, no wind."""
-    names = [
-        "thrust",
-        "expo",
-        "lx",
-        "ly",
-        "lz",
-        "qx",
-        "qy",
-        "qz",
-        "climb",
-        "tx",
-        "ty",
-        "lag",
-        "exponent",
-        "scale",
-        "n",
-        "e",
-    ]
+    drag = [f"{law}{axis}" for law in "lq" for axis in "xyz"]
+    names = ["thrust", "expo", *drag, "climb", "tx", "ty", "lag", "exponent", "scale", "n", "e"]
     return np.array([given.get(name, {"thrust": STANDARD_GRAVITY, "scale": 1.0}.get(name, 0.0)) for name in names])
