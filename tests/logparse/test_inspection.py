@@ -24,23 +24,11 @@ T = np.arange(0.0, 60.0, 0.1)
 def flight_messages():
     height = np.interp(T, [0, 5, 10, 50, 55], [0, 0, 10, 10, 0])
     pwm = np.interp(T, [0, 3, 4, 55, 56], [1000, 1000, 1500, 1500, 1000])
-    zeros = np.zeros(len(T))
     return Decoded(
         RCOU=message(T, **{f"C{k}": pwm for k in range(1, 5)}),
-        IMU=message(T[::1], **{f"Gyr{a}": zeros + 0.01 for a in "XYZ"}, AccX=zeros, AccY=zeros, AccZ=zeros - 9.8),
-        GPS=message(
-            T[::2],
-            Status=zeros[::2] + 3,
-            Lat=zeros[::2] + 47,
-            Lng=zeros[::2] + 8,
-            Alt=488 + height[::2],
-            Spd=zeros[::2],
-            GCrs=zeros[::2],
-            VZ=zeros[::2] + 0.01,
-            HDop=zeros[::2] + 0.8,
-            NSats=zeros[::2] + 12,
-        ),
-        BARO=message(T, Alt=height, Press=zeros + 95e3, Temp=zeros + 20),
+        IMU=message(T, **{f"Gyr{a}": 0.01 for a in "XYZ"}, AccX=0.0, AccY=0.0, AccZ=-9.8),
+        GPS=message(T[::2], Status=3, NSats=12, HDop=0.8, Lat=47, Lng=8, Alt=488 + height[::2], Spd=0, GCrs=0, VZ=0.01),
+        BARO=message(T, Alt=height, Press=95e3, Temp=20.0),
     )
 
 

@@ -74,10 +74,7 @@ def test_a_frozen_compass_is_none():
 
 
 def imu(t, offset=0.0, **more):
-    n = len(t)
-    rates = {f"Gyr{axis}": np.full(n, 0.1 + offset) for axis in "XYZ"}
-    forces = {"AccX": np.full(n, 0.2), "AccY": np.full(n, 0.3), "AccZ": np.full(n, -9.8)}
-    return message(t, **rates, **forces, **more)
+    return message(t, **{f"Gyr{axis}": 0.1 + offset for axis in "XYZ"}, AccX=0.2, AccY=0.3, AccZ=-9.8, **more)
 
 
 def test_imu_as_numbered_messages_and_as_instances_are_the_same():
@@ -109,19 +106,8 @@ def test_an_unhealthy_or_wild_imu_sample_is_missing():
 
 
 def gps(t, **more):
-    n = len(t)
-    columns = {
-        "Status": np.full(n, 3),
-        "NSats": np.full(n, 12),
-        "HDop": np.full(n, 0.8),
-        "Lat": np.full(n, 47.0),
-        "Lng": np.full(n, 8.0),
-        "Alt": np.full(n, 488.0),
-        "Spd": np.full(n, 2.0),
-        "GCrs": np.full(n, 90.0),
-        "VZ": np.full(n, 0.5),
-    }
-    return message(t, **(columns | more))
+    place = {"Lat": 47.0, "Lng": 8.0, "Alt": 488.0, "Spd": 2.0, "GCrs": 90.0, "VZ": 0.5}
+    return message(t, **({"Status": 3, "NSats": 12, "HDop": 0.8} | place | more))
 
 
 def test_gps_in_si_and_ned():
@@ -232,8 +218,8 @@ def test_attitude_without_att():
 
 
 def xkf1(t, core, north):
-    zeros = {name: np.full(len(t), 0.5) for name in ("Roll", "Pitch", "Yaw", "VN", "VE", "VD", "PE", "PD")}
-    return message(t, C=np.full(len(t), core), PN=np.full(len(t), north), **zeros)
+    others = dict.fromkeys(("Roll", "Pitch", "Yaw", "VN", "VE", "VD", "PE", "PD"), 0.5)
+    return message(t, C=core, PN=north, **others)
 
 
 def test_own_estimate_is_that_of_the_core_in_use():
@@ -254,7 +240,7 @@ def test_a_filter_that_does_not_run_yet_has_no_estimate():
 def test_position_targets_of_every_age_in_metres_and_down():
     t = np.arange(3) * 0.1
     new = {
-        f"PSC{axis}": message(t, **{f"TP{axis}": np.full(3, value), f"TV{axis}": np.full(3, 0.1)})
+        f"PSC{axis}": message(t, **{f"TP{axis}": value, f"TV{axis}": 0.1})
         for axis, value in (("N", 1.0), ("E", 2.0), ("D", -3.0))
     }
     middle = {"PSC": message(t, TPX=1.0, TPY=2.0, TVX=0.1, TVY=0.1), "PSCZ": message(t, TPZ=3.0, TVZ=-0.1)}
@@ -281,19 +267,7 @@ def test_firmware_of_2013_has_fewer_columns():
     t = np.arange(4) * 0.1
     messages = {
         "ATT": message(t, RollIn=10.0, Roll=9.0, PitchIn=0.0, Pitch=1.0, YawIn=0.0, Yaw=182.0, NavYaw=180.0),
-        "GPS": message(
-            t,
-            Status=[0, 1, 2, 2],
-            Time=[1, 2, 3, 4],
-            NSats=9,
-            HDop=1.5,
-            Lat=14.1,
-            Lng=100.6,
-            RelAlt=0.0,
-            Alt=2.0,
-            Spd=1.0,
-            GCrs=90.0,
-        ),
+        "GPS": gps(t, Status=[0, 1, 2, 2], Time=[1, 2, 3, 4]).drop(columns="VZ"),
         "CURR": message(t, Thr=0, ThrInt=0, Volt=1529, Curr=125, Vcc=5283, CurrTot=[16.6] * 4),
     }
     tables, _ = build(messages, {"FRAME": 1}, "dataflash-text")
@@ -313,15 +287,10 @@ def test_targets_are_not_interpolated_over_pauses():
 
 
 def test_yaw_targets_are_interpolated_across_north():
-    fast = message(
-        np.arange(21) * 0.05,
-        RDes=0.0,
-        **{n: np.zeros(21) for n in ("R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "AOut")},
-    )
-    slow = message(
-        [0.0, 0.1], DesRoll=[0, 0], DesPitch=[0, 0], DesYaw=[359.0, 1.0], Roll=[0, 0], Pitch=[0, 0], Yaw=[0, 0]
-    )
-    position = message([0.0, 0.05, 0.1], TPN=np.ones(3), TVN=0.0)
+    names = ("RDes", "R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "AOut")
+    fast = message(np.arange(21) * 0.05, **dict.fromkeys(names, 0.0))
+    slow = message([0.0, 0.1], DesRoll=0, DesPitch=0, DesYaw=[359.0, 1.0], Roll=0, Pitch=0, Yaw=0)
+    position = message([0.0, 0.05, 0.1], TPN=1.0, TVN=0.0)
     tables, _ = build({"ATT": slow, "PSCN": position, "RATE": fast})
     assert tables.setpoints["yaw"].iloc[1] == pytest.approx(0.0, abs=1e-12)
 

@@ -48,19 +48,11 @@ def test_motors_follow_the_output_functions():
 
 
 def test_fixes_before_and_after_1_14():
-    common = {
-        name: [0.1, 0.1] for name in ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "eph", "epv", "s_variance_m_s", "hdop")
-    }
-    old = topic([1, 2], lat=470000000, lon=80000000, alt=488000, fix_type=[3, 3], satellites_used=[12, 12], **common)
-    new = topic(
-        [1, 2],
-        latitude_deg=47.0,
-        longitude_deg=8.0,
-        altitude_msl_m=488.0,
-        fix_type=[3, 3],
-        satellites_used=[12, 12],
-        **common,
-    )
+    names = ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "eph", "epv", "s_variance_m_s", "hdop")
+    common = dict.fromkeys(names, 0.1)
+    common |= {"fix_type": 3, "satellites_used": 12}
+    old = topic([1, 2], lat=470000000, lon=80000000, alt=488000, **common)
+    new = topic([1, 2], latitude_deg=47.0, longitude_deg=8.0, altitude_msl_m=488.0, **common)
     for frame in (old, new):
         tables, _ = build({"vehicle_gps_position": frame}, QUAD | {"EKF2_GPS_DELAY": 150})
         row = tables.gps.iloc[0]
@@ -106,22 +98,9 @@ def test_estimate_counts_where_it_is_valid():
     t = np.arange(4) * 0.1
     half = math.sqrt(0.5)
     turned = topic(t, q__0=[half] * 4, q__1=0.0, q__2=0.0, q__3=[half] * 4)
-    place = topic(
-        t,
-        x=1.0,
-        y=2.0,
-        z=-3.0,
-        vx=0.1,
-        vy=0.2,
-        vz=0.3,
-        xy_valid=[0, 1, 1, 1],
-        z_valid=1,
-        v_xy_valid=[0, 1, 1, 1],
-        v_z_valid=1,
-        ref_lat=47.0,
-        ref_lon=8.0,
-        ref_alt=488.0,
-    )
+    valid = {"xy_valid": [0, 1, 1, 1], "z_valid": 1, "v_xy_valid": [0, 1, 1, 1], "v_z_valid": 1}
+    origin = {"ref_lat": 47.0, "ref_lon": 8.0, "ref_alt": 488.0}
+    place = topic(t, x=1.0, y=2.0, z=-3.0, vx=0.1, vy=0.2, vz=0.3, **valid, **origin)
     tables, _ = build({"vehicle_attitude": turned, "vehicle_local_position": place})
     assert tables.ekf["p_n"].isna().tolist() == [True, False, False, False]
     assert tables.ekf.iloc[1].tolist() == pytest.approx([1.0, 2.0, -3.0, 0.1, 0.2, 0.3, 0.0, 0.0, math.pi / 2])

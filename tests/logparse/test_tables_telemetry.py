@@ -20,10 +20,7 @@ def message(t, sender=(1, 1), **columns):
 
 
 def heartbeats(t, armed=True, mode=4, sender=(1, 1), kind=2, autopilot=3):
-    n = len(t)
-    return message(
-        t, sender, type=[kind] * n, autopilot=[autopilot] * n, base_mode=[81 + 128 * armed] * n, custom_mode=[mode] * n
-    )
+    return message(t, sender, type=kind, autopilot=autopilot, base_mode=81 + 128 * armed, custom_mode=mode)
 
 
 def build(messages, parameters=QUAD):
@@ -45,15 +42,8 @@ def test_only_the_vehicle_speaks_for_the_vehicle():
 def test_position_and_velocity_are_put_in_metres_from_the_origin():
     t = np.arange(20) * 0.25
     north = 2.0 * t
-    position = message(
-        t,
-        lat=np.round((HOME[0] + north / 111_172.0) * 1e7).astype(int),
-        lon=np.full(20, round(HOME[1] * 1e7)),
-        alt=498_000,
-        vx=200,
-        vy=-50,
-        vz=10,
-    )
+    lat = np.round((HOME[0] + north / 111_172.0) * 1e7).astype(int)
+    position = message(t, lat=lat, lon=round(HOME[1] * 1e7), alt=498_000, vx=200, vy=-50, vz=10)
     position.iloc[0, :2] = 0
     home = message([0.0], latitude=[470000000], longitude=[80000000], altitude=[488000])
     attitude = message(
@@ -77,18 +67,8 @@ def test_the_local_position_is_preferred_where_it_is_sent():
 
 def test_sensors_in_their_integer_units():
     t = [0.0, 0.5]
-    raw = message(
-        t,
-        xacc=[0, 1000],
-        yacc=[0, 0],
-        zacc=[0, -1000],
-        xgyro=[0, 500],
-        ygyro=[0, 0],
-        zgyro=[0, 0],
-        xmag=[0, 200],
-        ymag=[0, 0],
-        zmag=[0, 400],
-    )
+    still = dict.fromkeys(("yacc", "ygyro", "zgyro", "ymag"), 0)
+    raw = message(t, xacc=[0, 1000], zacc=[0, -1000], xgyro=[0, 500], xmag=[0, 200], zmag=[0, 400], **still)
     gps = message(
         t,
         fix_type=[3, 3],
@@ -96,9 +76,8 @@ def test_sensors_in_their_integer_units():
         lon=80000000,
         alt=488000,
         eph=[65535, 121],
-        epv=200,
         vel=[150, 65535],
-        cog=[9000, 9000],
+        cog=9000,
         satellites_visible=[255, 12],
         h_acc=[0, 300],
         v_acc=[0, 400],
@@ -146,9 +125,9 @@ def test_escs_come_in_groups_of_four():
 
 def test_targets_that_the_mask_ignores_are_missing():
     t = np.arange(3.0)
-    zeros = {name: np.zeros(3) for name in ("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")}
+    zeros = dict.fromkeys(("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"), 0.0)
     target = message(
-        t, coordinate_frame=5, type_mask=[0b111_000] * 3, lat_int=470000900, lon_int=80000000, alt=498.0, **zeros
+        t, coordinate_frame=5, type_mask=0b111_000, lat_int=470000900, lon_int=80000000, alt=498.0, **zeros
     )
     home = message([0.0], latitude=[470000000], longitude=[80000000], altitude=[488000])
     hud = message(t, airspeed=0.0, throttle=37)
