@@ -1,16 +1,14 @@
 """Missions of the papers' craft flown by `simulation`, cut into records with the truth's inputs and noisy outputs."""
 
 import numpy as np
-import pandas as pd
 
 from simulation.fly import Flight, Setup, fly
 from simulation.instruments import attitude_angles
 from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
 from simulation.place import Place, Wind
 from simulation.vehicle import Multirotor
-from sysid import Experiment
 from sysid.records.context import standard_density
-from tests.sysid.simulated_craft import described
+from tests.sysid.simulated_craft import described, of_craft
 
 #: Back and forth at several speeds, up and down, every axis shaken, with turns between: what tells every parameter.
 EXCITING = Mission(
@@ -56,7 +54,6 @@ def record(flight: Flight, rng: np.random.Generator | None = None, position: flo
     rows = flight.truth.loc[flight.airborne[0] + 2.0 : flight.airborne[1] - 3.0]
     t = rows.index.to_numpy()
     roll, pitch, yaw = attitude_angles(rows)
-    count = len(craft.rotors)
 
     def noisy(values, sigma):
         return values if rng is None else values + sigma * rng.standard_normal(len(values))
@@ -71,15 +68,6 @@ def record(flight: Flight, rng: np.random.Generator | None = None, position: flo
         # The attitude is the truth's.
         **{f"phi_{a}": np.full(len(t), 1e-5) for a in "ned"},
     }
-    return Experiment.from_arrays(
-        t,
-        rows[[f"m{k + 1}" for k in range(count)]].to_numpy(),
-        np.column_stack(
-            [noisy(rows[f"p_{a}"].to_numpy() * s, position) for a, s in zip("ned", (1, 1, -1), strict=True)]
-        ),
-        name=name,
-        input_names=[f"m{k + 1}" for k in range(count)],
-        output_names=("x", "y", "z"),
-        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
-        vehicle=described(craft),
-    )
+    pwm = rows[[f"m{k + 1}" for k in range(len(craft.rotors))]].to_numpy()
+    place_up = [noisy(rows[f"p_{a}"].to_numpy() * s, position) for a, s in zip("ned", (1, 1, -1), strict=True)]
+    return of_craft(t, pwm, np.column_stack(place_up), context, described(craft), name)

@@ -43,6 +43,21 @@ def described(craft: Multirotor) -> Vehicle:
     )
 
 
+def of_craft(t, u, position, context, vehicle: Vehicle | None, name: str, **more) -> Experiment:
+    """Make a record of motors m1, m2, ... and position x, y, z."""
+    return Experiment.from_arrays(
+        t,
+        u,
+        position,
+        name=name,
+        input_names=[f"m{k + 1}" for k in range(u.shape[1])],
+        output_names=("x", "y", "z"),
+        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
+        vehicle=vehicle,
+        **more,
+    )
+
+
 def flight(
     craft: Multirotor,
     seed: int = 0,
@@ -157,16 +172,7 @@ def _record(craft, rows, wanted, speeds, density, k, name):
     pwm = drive.pwm_at_zero_thrust + a * (drive.pwm_at_full_thrust - drive.pwm_at_zero_thrust)
     position = rows[["p_n", "p_e", "p_d"]].to_numpy() * np.array([1.0, 1.0, -1.0])
     t = rows.index.to_numpy()
-    return Experiment.from_arrays(
-        t,
-        pwm,
-        position,
-        name=name,
-        input_names=[f"m{i + 1}" for i in range(n)],
-        output_names=("x", "y", "z"),
-        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
-        vehicle=described(craft),
-    )
+    return of_craft(t, pwm, position, context, described(craft), name)
 
 
 def without(record: Experiment, *columns: str) -> Experiment:

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from logparse import Finding, Severity, Vehicle
 from logparse.craft.frames import motor_table
-from sysid import Experiment
 from sysid.records.mixer import MIXER_DIFFERS
 from sysid.records.motor_signals import motor_signals
 from sysid.records.resampling import join_rows, logged_rate
@@ -16,8 +14,9 @@ from sysid.records.thrust_curve import Law, lagged
 from sysid.rigid_body.body_parameters import held_against_torque, rotation_doubt
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.rotation import AxisFit, RotationFit, fit_rotation
+from tests.sysid.simulated_craft import of_craft
 
-QUAD = Vehicle(frame_class="quad", frame_type="x", motors=motor_table("quad", "x"))
+QUAD = Vehicle(frame_class="quad", frame_type="x", motors=motor_table("quad", "x"), thrust_expo=0.0)
 FINE, LAG, DELAY, GAIN = 0.0025, 0.035, 0.0125, 60.0
 
 
@@ -33,16 +32,7 @@ def hovering(outputs, rates, rate):
     columns |= {"density": np.full(len(t), 1.225), "voltage": np.full(len(t), 16.0), "out_thrust": np.full(len(t), 0.4)}
     # Thrust of 0.4 on a straight curve.
     pwm = np.full((len(t), 4), 1000.0 + 1000.0 * (0.15 + 0.4 * 0.8))
-    return Experiment.from_arrays(
-        t,
-        pwm,
-        np.zeros((len(t), 3)),
-        input_names=("m1", "m2", "m3", "m4"),
-        context=pd.DataFrame(columns, index=pd.Index(t, name="t")),
-        vehicle=Vehicle(
-            **{name: getattr(QUAD, name) for name in ("frame_class", "frame_type", "motors")}, thrust_expo=0.0
-        ),
-    )
+    return of_craft(t, pwm, np.zeros((len(t), 3)), columns, QUAD, "hover")
 
 
 def chirped(rate):

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 from numba import njit
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment
+from tests.sysid.simulated_craft import of_craft
 
 MASS, ARM = 1.2, 0.22
 INERTIA = np.array([0.011, 0.014, 0.023])
@@ -185,20 +185,9 @@ def experiment(flown: Flown, name: str, seed: int = 0, noise: float = 1.0, delay
     position = flown.position + noise * 5e-4 * rng.standard_normal((n, 3))
     velocity = flown.velocity + noise * 5e-3 * rng.standard_normal((n, 3))
     rates = flown.rates + noise * 5e-3 * rng.standard_normal((n, 3))
-    context = pd.DataFrame(
-        {f"v_{axis}": velocity[:, k] for k, axis in enumerate("ned")}
-        | {f"w_{axis}": rates[:, k] for k, axis in enumerate("xyz")}
-        | {f"q_{part}": flown.quaternion[:, k] for k, part in enumerate("wxyz")},
-        index=flown.t,
-    )
-    return Experiment.from_arrays(
-        flown.t,
-        speeds,
-        position * np.array([1.0, 1.0, -1.0]),
-        name=name,
-        input_names=[f"m{k + 1}" for k in range(4)],
-        output_names=["x", "y", "z"],
-        units={f"m{k + 1}": "rad/s" for k in range(4)},
-        context=context,
-        vehicle=Vehicle(motors=MOTORS),
-    )
+    context = {f"v_{axis}": velocity[:, k] for k, axis in enumerate("ned")}
+    context |= {f"w_{axis}": rates[:, k] for k, axis in enumerate("xyz")}
+    context |= {f"q_{part}": flown.quaternion[:, k] for k, part in enumerate("wxyz")}
+    units = {f"m{k + 1}": "rad/s" for k in range(4)}
+    up = position * np.array([1.0, 1.0, -1.0])
+    return of_craft(flown.t, speeds, up, context, Vehicle(motors=MOTORS), name, units=units)
