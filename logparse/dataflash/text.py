@@ -54,14 +54,13 @@ class _Group:
         n = len(self.fields)
         # A comma within the last text belongs to the text.
         splits = n - 1 if n and self.fields[-1].type.is_text else -1
+        numeric = [k for k, field in enumerate(self.fields) if not _may_be_text(field)]
         numbers, rows = [], []
         for number, text in zip(self.lines, self.texts, strict=True):
             cells = [cell.strip() for cell in text.split(",", splits)] if n else []
             if len(cells) != n:
                 cells = _SEPARATOR.split(text)
-            if len(cells) == n and all(
-                _is_number(c) for c, f in zip(cells, self.fields, strict=True) if not _may_be_text(f)
-            ):
+            if len(cells) == n and _are_numbers(cells[k] for k in numeric):
                 numbers.append(number)
                 rows.append(tuple(cells))
         return np.array(numbers, np.int64), rows
@@ -314,9 +313,10 @@ def _character(cell: str) -> int:
     return int(cell) if cell.lstrip("-").isdigit() else ord(cell[:1] or "-")
 
 
-def _is_number(cell: str) -> bool:
+def _are_numbers(cells: Iterable[str]) -> bool:
     try:
-        float(cell)
+        for cell in cells:
+            float(cell)
     except ValueError:
         return False
     return True
@@ -327,18 +327,16 @@ def _numbers(cells: tuple[str, ...], field: Field) -> npt.NDArray[Any]:
     dtype = field.type.dtype
     if field.type.divisor == 1 and dtype.kind in "iu":
         try:
-            values = np.array([int(cell) for cell in cells], dtype=object)
-            limits = np.iinfo(dtype)
-            if len(values) == 0 or (values.min() >= limits.min and values.max() <= limits.max):
-                return values.astype(dtype)
+            values, limits = list(map(int, cells)), np.iinfo(dtype)
+            if not values or (min(values) >= limits.min and max(values) <= limits.max):
+                return np.array(values, dtype)
         except ValueError:
             pass
-        return np.array([float(cell) for cell in cells], np.float64)
-    return np.array([float(cell) for cell in cells], np.float64)
+    return np.array(list(map(float, cells)), np.float64)
 
 
 def _column(cells: tuple[str, ...], field: Field) -> Any:
     is_text = field.type.is_text or field.char == "a"
-    if is_text or (_may_be_text(field) and not all(map(_is_number, cells))):
+    if is_text or (_may_be_text(field) and not _are_numbers(cells)):
         return pd.array(list(cells), dtype="str")
     return _numbers(cells, field)
