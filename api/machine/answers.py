@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.results.answer import Advice
-from pipeline.results.drift import Alert, History
-from pipeline.results.quantity import HealthEvent, ParameterChange, Quantity
+from pipeline.results.drift import Alert, History, ParameterChange
+from reports.numbers.quantities import HealthEvent, Quantity
 
 #: What stands in every answer where there is no number.
 NOT_DETERMINED = "not determined"

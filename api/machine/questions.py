@@ -30,9 +30,8 @@ from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin
 from pipeline.flight.spectrum import rotor_speeds
-from pipeline.results.drift import CraftReview, Note
+from pipeline.results.drift import CraftReview, Note, ParameterChange
 from pipeline.results.entry import FlightEntry
-from pipeline.results.quantity import ParameterChange
 from pipeline.results.span import Span
 from reports.numbers.comparison import compare_reports
 from reports.numbers.reading import parse_report, report_of

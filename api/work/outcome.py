@@ -24,6 +24,15 @@ _TRUST = (Trust.YES, Trust.LIMITED, Trust.NO, Trust.UNKNOWN)
 
 
 @dataclass(frozen=True, slots=True)
+class Reached:
+    """How far an analysis is."""
+
+    stage: str = ""
+    progress: float = 0.0
+    happened: str | None = None  #: In the flight, in a sentence; told before models are fitted.
+
+
+@dataclass(frozen=True, slots=True)
 class Flown:
     """A flight as its craft keeps it."""
 

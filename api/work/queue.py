@@ -26,7 +26,7 @@ from api.store.ids import new_id
 from api.store.records import AnalysisRecord
 from api.store.resources import State
 from api.work import craft_flights
-from api.work.outcome import Outcome
+from api.work.outcome import Outcome, Reached
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,6 @@ _LOST = 20
 
 #: Leases from now after which none ends that was given by this clock.
 _PLAUSIBLE = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Reached:
-    """How far an analysis is."""
-
-    stage: str = ""
-    progress: float = 0.0
-    happened: str | None = None  #: In the flight, in a sentence; told before models are fitted.
 
 
 _BEGUN, _NOTHING = Reached(), Outcome()

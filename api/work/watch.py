@@ -27,8 +27,8 @@ from api.settings import Settings
 from api.store.database import Database
 from api.store.records import AnalysisRecord, FlightRecord
 from api.work import worker
-from api.work.outcome import read_outcome
-from api.work.queue import Claim, Heartbeat, LostError, Queue, Reached
+from api.work.outcome import Reached, read_outcome
+from api.work.queue import Claim, Heartbeat, LostError, Queue
 from pipeline.names import folder_names
 from pipeline.storage.store import Store, open_store
 
@@ -199,7 +199,7 @@ def _analyse(
     with _process(workplace, task) as (process, receiver):
         limit = workplace.settings.time_limit
         deadline = time.monotonic() + limit
-        last = worker.Advanced("", 0.0)
+        last = Reached()
         while time.monotonic() < deadline:
             if stopping():
                 raise _StoppedError
@@ -219,7 +219,7 @@ def _analyse(
                 return ended
             if report != replace(last, progress=report.progress) or report.progress >= last.progress + 0.02:
                 last = report
-                heartbeat.reach(Reached(last.stage, last.progress, last.happened[:300] or None))
+                heartbeat.reach(report)
         return Problem.of(
             "analysis-too-slow",
             f"The analysis was ended after {limit:g} s, the most that this service allows. Analyse a shorter log, or "

@@ -22,7 +22,7 @@ from api import log_lines
 from api.problems import Problem
 from api.settings import LogFormat, in_words
 from api.work import confinement
-from api.work.outcome import write_flights
+from api.work.outcome import Reached, write_flights
 from core.lazy import lazy
 from core.serialization import restored
 from logparse import LogError, RotoridError
@@ -96,15 +96,6 @@ class Task:
 
 #: Does a task and reports progress.
 Analyze: TypeAlias = Callable[[Task, Progress], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Advanced:
-    """The analysis has come to a stage, or has found out what happened in the flight."""
-
-    stage: str
-    progress: float
-    happened: str = ""  #: In a sentence.
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,12 +302,12 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
     resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, limits.memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
-    last = Advanced("", -1.0)
+    last = Reached(progress=-1.0)
 
     def progress(stage: str, fraction: float, happened: str = "") -> None:
         nonlocal last
         if stage != last.stage or fraction >= last.progress + 0.01 or happened:
-            last = Advanced(stage, min(max(fraction, last.progress, 0.0), 1.0), happened or last.happened)
+            last = Reached(stage, min(max(fraction, last.progress, 0.0), 1.0), happened[:300] or last.happened)
             _tell(reports_to, last)
 
     limit_unpacked(limits.unpacked)
@@ -339,7 +330,7 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, lo
     _tell(reports_to, ended)
 
 
-def _tell(watcher: Connection, report: Advanced | Ended) -> None:
+def _tell(watcher: Connection, report: Reached | Ended) -> None:
     """Send the watcher a report; when it is dead, somebody else does this analysis, and we are in the way."""
     try:
         watcher.send(report)

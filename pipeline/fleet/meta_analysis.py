@@ -24,7 +24,7 @@ from scipy.special import ndtr as normal_cdf
 from scipy.special import ndtri, stdtrit
 from scipy.special import stdtr as student_cdf
 
-from pipeline.results.quantity import Mean, ParameterChange
+from pipeline.results.drift import Mean, ParameterChange
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -25,9 +25,8 @@ from pipeline.fleet.history import FEWEST
 from pipeline.fleet.meta_analysis import corrected, difference, holm, meta_regression
 from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
-from pipeline.results.drift import Alert, CraftReview, Drift, History, Note, Point
+from pipeline.results.drift import Alert, CraftReview, Drift, History, Note, ParameterChange, Point
 from pipeline.results.entry import FlightEntry
-from pipeline.results.quantity import ParameterChange
 from sysid.autopilot.values import over_flights
 
 #: Chance of any false alarm over the whole life of a craft, however many flights that is.

@@ -12,7 +12,7 @@ from logparse.foreign.columns import read_column_map
 from logparse.foreign.motion import read_motion
 from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
-from pipeline.results.tables import TableResult
+from pipeline.results.tables import TableResult, TablesReport
 from sysid import Experiment, choose_observer, fit_six_dof, validate_states
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof.fit import FASTEST
@@ -45,19 +45,20 @@ def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig)
         model = model.with_rest(training[0], judged[0])
     validation = validate_states(model, judged)
     findings = (*(finding for record in records for finding in record.findings), *model.findings)
-    return TableResult(
+    report = TablesReport(
         title=declared.name or (paths[0].name if len(paths) == 1 else f"{len(paths)} tables"),
         records=tuple(record.name for record in records),
         judged=tuple(record.name for record in judged),
         duration=float(sum(record.duration for record in records)),
-        model=model,
         answer=table_answer(validation.verdicts, model, findings),
-        errors=validation.errors,
         verdicts=validation.verdicts,
+        errors=validation.errors,
         missed=missed_motion(model, judged),
-        prediction=predict_record(model, max(judged, key=lambda record: record.duration), AHEAD),
+        model=model.report(),
         findings=findings,
     )
+    longest = max(judged, key=lambda record: record.duration)
+    return TableResult(report=report, model=model, prediction=predict_record(model, longest, AHEAD))
 
 
 def _parted(records: Sequence[Experiment], config: AnalysisConfig) -> tuple[list[Experiment], list[Experiment]]:

@@ -6,10 +6,49 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from core.quantity import uncertain
 from logparse import Finding, Severity
 from pipeline.results.entry import ResponseCurve
-from pipeline.results.quantity import ParameterChange
 from sysid.autopilot.values import AutopilotValues
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mean:
+    """A parameter over the flights of a side, with its standard error."""
+
+    value: float
+    sigma: float
+    flights: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterChange:
+    """A parameter on both sides, and whether it differs by more than chance."""
+
+    parameter: str
+    method: str
+    unit: str
+    a: Mean
+    b: Mean
+    between_flights: float | None  #: Standard deviation between flights; None where one on each side cannot tell.
+    difference: float
+    difference_sigma: float
+    #: In percent of the value before, with its 95 % interval; None where that may be zero.
+    difference_percent: float | None
+    interval_percent: tuple[float, float] | None
+    detectable_percent: float | None  #: Change that would have been found four times out of five.
+    p: float
+    p_adjusted: float = 1.0
+    significant: bool = False
+
+    @property
+    def written(self) -> str:
+        """The difference in percent where that means something, else in the parameter's unit."""
+        if self.difference_percent is None:
+            return uncertain(self.difference, self.difference_sigma)
+        scale = self.difference_percent / self.difference if self.difference else 0.0
+        sign = "+" if self.difference_percent > 0.0 else ""
+        return sign + uncertain(self.difference_percent, abs(scale) * self.difference_sigma, "%")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

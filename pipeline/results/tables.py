@@ -12,49 +12,26 @@ from sysid.validation.states import Missed, PredictedStates, StateErrors, StateV
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TableResult:
-    """Analysis of one or several tables of one craft."""
-
-    title: str
-    records: tuple[str, ...]
-    judged: tuple[str, ...]  #: Records, or parts of one, that the model has not seen.
-    duration: float  #: Of all records, s.
-    model: SixDofModel
-    answer: Answer
-    errors: tuple[StateErrors, ...]  #: On what the model has not seen.
-    verdicts: tuple[StateVerdict, ...]  #: One for each state.
-    missed: tuple[Missed, ...]  #: Accelerations that the model leaves over there.
-    prediction: PredictedStates | None  #: The longest record that the model has not seen, one second ahead.
-    findings: tuple[Finding, ...]
-
-    def report(self) -> TablesReport:
-        """Return what report.json holds."""
-        return TablesReport(
-            title=self.title,
-            records=self.records,
-            judged=self.judged,
-            duration=self.duration,
-            answer=self.answer,
-            verdicts=self.verdicts,
-            errors=self.errors,
-            missed=self.missed,
-            model=self.model.report(),
-            findings=self.findings,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TablesReport:
-    """What report.json holds of an analysis of tables, see `TableResult`."""
+    """Analysis of one or several tables of one craft: what report.json holds."""
 
     kind: Literal["tables"] = "tables"
     title: str
     records: tuple[str, ...]
-    judged: tuple[str, ...]
-    duration: float
+    judged: tuple[str, ...]  #: Records, or parts of one, that the model has not seen.
+    duration: float  #: Of all records, s.
     answer: Answer
-    verdicts: tuple[StateVerdict, ...]
-    errors: tuple[StateErrors, ...]
-    missed: tuple[Missed, ...]
+    verdicts: tuple[StateVerdict, ...]  #: One for each state.
+    errors: tuple[StateErrors, ...]  #: On what the model has not seen.
+    missed: tuple[Missed, ...]  #: Accelerations that the model leaves over there.
     model: SixDofReport
     findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableResult:
+    """What comes of tables: the report, and what its page draws beside it."""
+
+    report: TablesReport
+    model: SixDofModel
+    prediction: PredictedStates | None  #: The longest record that the model has not seen, one second ahead.

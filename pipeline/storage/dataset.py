@@ -9,7 +9,7 @@ time `t` as first column, numbers as float64 and the unit of each column in its 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +40,17 @@ class _Rest:
     name: str
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
-    context: tuple[str, ...] | None
-    index: str | None
     units: Mapping[str, str]
     input_trim: tuple[float, ...]
     output_trim: tuple[float, ...]
     vehicle: Vehicle | None
     findings: tuple[Finding, ...]
+    context: tuple[str, ...] | None  #: Names of its columns.
+    index: str | None  #: Name of its index.
+
+
+#: Fields that are those of the experiment.
+_REST = tuple(field.name for field in fields(_Rest) if field.name not in ("context", "index"))
 
 
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
@@ -116,18 +120,10 @@ def write_experiment(experiment: sysid.Experiment, path: Path) -> None:
     context = experiment.context
     if context is not None:
         columns |= {f"context_{name}": context[name].to_numpy() for name in context}
-    rest = _Rest(
-        name=experiment.name,
-        input_names=experiment.input_names,
-        output_names=experiment.output_names,
-        context=None if context is None else tuple(str(name) for name in context),
-        index=None if context is None else str(context.index.name),
-        units=experiment.units,
-        input_trim=tuple(experiment.input_trim.tolist()),
-        output_trim=tuple(experiment.output_trim.tolist()),
-        vehicle=experiment.vehicle,
-        findings=experiment.findings,
-    )
+    rest = {name: getattr(experiment, name) for name in _REST} | {
+        "context": None if context is None else [str(name) for name in context],
+        "index": None if context is None else str(context.index.name),
+    }
     table = pa.table({name: pa.array(np.ascontiguousarray(column)) for name, column in columns.items()})
     pq.write_table(table.replace_schema_metadata({_METADATA: as_json(rest, None)}), path)
 
@@ -141,17 +137,12 @@ def read_experiment(content: bytes) -> sysid.Experiment:
     if rest.context is not None:
         named = {name: table[f"context_{name}"].to_numpy() for name in rest.context}
         context = pd.DataFrame(named, index=pd.Index(t, name=rest.index))
+    known = {name: getattr(rest, name) for name in _REST}
+    known |= {name: np.array(known[name]) for name in ("input_trim", "output_trim")}
     return sysid.Experiment(
-        name=rest.name,
         t=t,
         u=np.column_stack([table[f"u_{name}"].to_numpy() for name in rest.input_names]),
         y=np.column_stack([table[f"y_{name}"].to_numpy() for name in rest.output_names]),
-        input_names=rest.input_names,
-        output_names=rest.output_names,
-        units=rest.units,
-        input_trim=np.array(rest.input_trim),
-        output_trim=np.array(rest.output_trim),
         context=context,
-        vehicle=rest.vehicle,
-        findings=rest.findings,
+        **known,
     )

@@ -14,8 +14,8 @@ from core.quantity import number
 from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import corrected, difference
 from pipeline.names import printable
+from pipeline.results.drift import ParameterChange
 from pipeline.results.model_report import average
-from pipeline.results.quantity import ParameterChange
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from pipeline.results.verdict import Trust
 

@@ -3,15 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from core.parameter import Parameter
 from pipeline.results.drift import CraftReview
-from pipeline.results.quantity import HealthEvent, Provenance, Quantity
 from pipeline.results.report import FlightReport
 from pipeline.results.rotation import AxisRotation
 from sysid.loops.known_margins import MARGINS, Margins
 
 _UNKNOWN = "not determined"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a number comes from."""
+
+    log: str  #: The file; empty for a number over several flights.
+    flights: tuple[str, ...]
+    #: Stretch of time on the log's boot clock, s; None where several flights or no flight were looked at.
+    start_s: float | None
+    stop_s: float | None
+    method: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number; `value` is None where `reason` says why it is not determined."""
+
+    name: str
+    value: float | None
+    sigma: float | None  #: One standard deviation; None where none is known.
+    unit: str
+    provenance: Provenance
+    reason: str = ""  #: "not determined: ..." where there is no value.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthEvent:
+    """What happened in a flight, when, and what to do about it."""
+
+    id: str
+    severity: str
+    t_s: float | None  #: On the log's boot clock.
+    end_s: float | None
+    reason: str
+    advice: str
+    provenance: Provenance
 
 
 def parameters_of(report: FlightReport) -> list[Quantity]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from core.quantity import number, uncertain
 from core.table import Row, Table
-from pipeline.results.tables import TableResult
+from pipeline.results.tables import TableResult, TablesReport
 from reports.figures.figure import Figure, Plot, curve, line, time_axis
 from reports.pages.html import render
 from reports.views.summary import answer_lines
@@ -17,54 +17,55 @@ _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s
 
 def tables_page(result: TableResult) -> str:
     """Render the page."""
-    by_horizon = [figure for state in _UNITS if (figure := _figure(result, state)) is not None]
+    report = result.report
+    by_horizon = [figure for state in _UNITS if (figure := _figure(report, state)) is not None]
     predictions = [] if result.prediction is None else _predictions(result.prediction, result.model.attitude_given)
     parameters, undetermined = _parameters(result)
     return render(
         "tables.html",
         [*predictions, *by_horizon],
-        title=result.title,
-        facts=_facts(result),
-        answer=answer_lines(result.answer),
+        title=report.title,
+        facts=_facts(report),
+        answer=answer_lines(report.answer),
         predictions=predictions,
         by_horizon=by_horizon,
-        errors=_errors(result),
-        missed=_missed(result),
-        tests=[f"{each.name}: {each.test.sentence}" for each in result.missed if each.test is not None],
+        errors=_errors(report),
+        missed=_missed(report),
+        tests=[f"{each.name}: {each.test.sentence}" for each in report.missed if each.test is not None],
         parameters=parameters,
         undetermined=undetermined,
-        findings=result.findings,
+        findings=report.findings,
     )
 
 
-def _facts(result: TableResult) -> str:
+def _facts(report: TablesReport) -> str:
     parts = [
-        f"{len(result.records)} record{'s' if len(result.records) > 1 else ''}",
-        f"{result.duration:.0f} s",
-        f"fitted on {', '.join(result.model.training)}",
-        f"judged on {', '.join(result.judged)}",
+        f"{len(report.records)} record{'s' if len(report.records) > 1 else ''}",
+        f"{report.duration:.0f} s",
+        f"fitted on {', '.join(report.model.training)}",
+        f"judged on {', '.join(report.judged)}",
     ]
     return " · ".join(parts)
 
 
-def _mean(result: TableResult, state: str, horizon: float, which: str) -> float | None:
-    values = [getattr(each, which) for each in result.errors if each.state == state and each.horizon == horizon]
+def _mean(report: TablesReport, state: str, horizon: float, which: str) -> float | None:
+    values = [getattr(each, which) for each in report.errors if each.state == state and each.horizon == horizon]
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
 
 
-def _horizons(result: TableResult) -> list[float]:
-    return sorted({each.horizon for each in result.errors})
+def _horizons(report: TablesReport) -> list[float]:
+    return sorted({each.horizon for each in report.errors})
 
 
-def _errors(result: TableResult) -> Table:
+def _errors(report: TablesReport) -> Table:
     rows: list[Row] = []
     for state, unit in _UNITS.items():
         rows.append(Row(f"{state} ({unit})", kind="part"))
-        for horizon in _horizons(result):
+        for horizon in _horizons(report):
             cells = [
                 "–" if value is None else number(value)
-                for value in (_mean(result, state, horizon, which) for which in ("model", "held", "carried_on"))
+                for value in (_mean(report, state, horizon, which) for which in ("model", "held", "carried_on"))
             ]
             rows.append(Row(f"{horizon:g} s", cells))
     return Table(
@@ -75,10 +76,10 @@ def _errors(result: TableResult) -> Table:
     )
 
 
-def _missed(result: TableResult) -> Table:
+def _missed(report: TablesReport) -> Table:
     rows = [
         Row(each.name, [f"{number(each.rms)} {each.unit}", f"{number(each.whole)} {each.unit}"])
-        for each in result.missed
+        for each in report.missed
     ]
     return Table(
         label="In body axes",
@@ -131,7 +132,7 @@ def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
     return figures
 
 
-def _figure(result: TableResult, state: str) -> Figure | None:
+def _figure(report: TablesReport, state: str) -> Figure | None:
     axis = {"title": {"text": f"error of {state} ({_UNITS[state]})"}, "rangemode": "tozero"}
     plot = Plot(axis, x={"title": {"text": "horizon (s)"}, "type": "log"})
     for which, name, color, dash in (
@@ -139,7 +140,7 @@ def _figure(result: TableResult, state: str) -> Figure | None:
         ("held", "state stays", "@own", "dot"),
         ("carried_on", "constant velocity", "@joint", "dash"),
     ):
-        values = [(horizon, _mean(result, state, horizon, which)) for horizon in _horizons(result)]
+        values = [(horizon, _mean(report, state, horizon, which)) for horizon in _horizons(report)]
         known = [(horizon, value) for horizon, value in values if value is not None]
         if known:
             drawn = curve([horizon for horizon, _ in known], [value for _, value in known], name, color, 2.0, dash)

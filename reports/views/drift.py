@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from core.quantity import number, per_degree, uncertain, with_unit
 from core.table import Row, Table
-from pipeline.results.drift import Drift
-from pipeline.results.quantity import ParameterChange
+from pipeline.results.drift import Drift, ParameterChange
 from reports.views import summary
 
 

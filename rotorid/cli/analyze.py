@@ -169,15 +169,15 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
         raise ConfigError(f"no tables (CSV, Parquet, .mat) in {', '.join(paths)}")
     prepare(out)
     result = analyze_tables(files, columns, config)
-    text = to_text(result.report())
+    text = to_text(result.report)
     (Path(out) / "report.json").write_text(text, encoding="utf-8")
     (Path(out) / "report.html").write_text(tables_page(result), encoding="utf-8")
     if as_json:
         sys.stdout.write(text)
         return
-    for row in answer_rows(answer_lines(result.answer)):
+    for row in answer_rows(answer_lines(result.report.answer)):
         console().print(row)
-    for finding in result.findings:
+    for finding in result.report.findings:
         console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
     console().print(f"\nReport: {Path(out) / 'report.html'}", markup=False, soft_wrap=True)
 

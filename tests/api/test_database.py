@@ -19,7 +19,8 @@ from api.store.database import Database
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
 from api.store.scratch import Incoming
-from api.work.queue import Claim, Queue, Reached
+from api.work.outcome import Reached
+from api.work.queue import Claim, Queue
 from pipeline.storage.store import open_store
 from tests.api import postgresql
 from tests.api.conftest import served
