@@ -53,8 +53,10 @@ def drag_values(
             )
     drags = [f"drag_{law}_{axis}" for law in ("linear", "quadratic") for axis in "xy"]
     places = [model.estimated.index(name) for name in drags]
+    # What is set on a craft is for its other flights.
+    others = np.diag([model.parameters[name].transfer ** 2 for name in drags])
     values, covariance, excess = _of_three(
-        np.array([model.value(name) for name in drags]), model.covariance[np.ix_(places, places)]
+        np.array([model.value(name) for name in drags]), model.covariance[np.ix_(places, places)] + others
     )
     flown_at = np.sqrt(np.mean(np.concatenate([airspeeds(model, record) ** 2 for record in records]), axis=0))
     s = float(np.median(np.concatenate([relative_density(record) for record in records])))

@@ -45,8 +45,8 @@ _ELSEWHERE, _NOTICED = 4.0, 0.05
 _SAME_GAIN, _CLEARLY = 0.03, 3.0
 
 #: Change of the curve that goes with a change of where thrust begins, which is not known as well as its sigma says
-#: (`expo_quad15_right` read with MOT_SPIN_MIN 0.20).
-_BENDS = 5.0
+#: (`expo_quad15_right` read with MOT_SPIN_MIN 0.20 and 0.25).
+_BENDS = 10.0
 
 #: Hover: vertical speed below, m/s, lean below, rad; shortest time of it, s; change of throttle from first to last
 #: third that is a battery's.
