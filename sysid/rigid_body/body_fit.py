@@ -61,7 +61,6 @@ def fit_rigid_body(
     mass: float | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     *,
-    wind_spacing: float | None = WIND_SPACING,
     time_limit: float = 60.0,
     progress: Progress | None = None,
 ) -> RigidBodyModel:
@@ -76,9 +75,6 @@ def fit_rigid_body(
     priors : mapping of str to (mean, sigma), optional
         What is known beforehand of parameters of `TRANSLATION_UNITS`, in their units, such as the thrust from a bench
         over the mass. Sigma 0 holds a parameter.
-    wind_spacing : float, optional
-        Time between the points of the broken line by which the wind of a flight varies about its mean, s; None for
-        constant winds.
     time_limit : float
         s, for the steps of output error; the best values so far are returned, with a finding.
     progress : callable, optional
@@ -121,7 +117,7 @@ def fit_rigid_body(
         )
     report("paths", 0.7)
     shared, doubt = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
-    trims = [whole_trim(flight, shared, law, "fit", wind_spacing, doubt) for flight in motions]
+    trims = [whole_trim(flight, shared, law, "fit", WIND_SPACING, doubt) for flight in motions]
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)
     report("rotation", 0.8)
     place = THETA.index("thrust_expo")

@@ -279,24 +279,14 @@ class RigidBodyModel(Summarised):
     def from_record(cls, record: RigidBodyRecord, vehicle: Vehicle) -> RigidBodyModel:
         """Make the model again for a craft with these motors; wind and thrust scale of flights are found anew."""
         assert record.covariance is not None  # left out in report.json only
-        return cls(
-            name=record.name,
-            parameters=record.parameters,
-            estimated=record.estimated,
-            covariance=np.asarray(record.covariance, dtype=np.float64),
-            condition=np.inf if record.condition is None else record.condition,
-            rotor_drag=record.rotor_drag,
-            axis_drag=record.axis_drag,
-            mass=record.mass,
-            vehicle=vehicle,
-            reference_density=record.reference_density,
-            reference_voltage=record.reference_voltage,
-            flights={},
-            rotation_fit=restored(plain(record.rotation_fit), Mapping[str, float]),  # type: ignore[type-abstract]
-            rmse=np.nan if record.rmse is None else record.rmse,
-            training=record.training,
-            findings=(),
-        )
+        held = {each.name: getattr(record, each.name) for each in fields(cls) if hasattr(record, each.name)}
+        finite = {
+            "covariance": np.asarray(record.covariance, dtype=np.float64),
+            "condition": np.inf if record.condition is None else record.condition,
+            "rotation_fit": restored(plain(record.rotation_fit), Mapping[str, float]),  # type: ignore[type-abstract]
+            "rmse": np.nan if record.rmse is None else record.rmse,
+        }
+        return cls(**held | finite | {"vehicle": vehicle, "flights": {}, "findings": ()})
 
     def _motion(self, experiment: Experiment) -> Motion:
         return motion(experiment, self.vehicle, self.reference_voltage)

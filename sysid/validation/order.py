@@ -76,8 +76,6 @@ def scan_orders(
     orders: Sequence[tuple[int, int]] = ORDERS,
     structure: str = "per_input",
     *,
-    starts: int = 2,
-    seed: int = 0,
     time_limit: float = 120.0,
     progress: Progress | None = None,
 ) -> OrderScan:
@@ -89,7 +87,7 @@ def scan_orders(
         With three or more every third is held back, otherwise the last 30 % of each.
     orders : sequence of (int, int)
         Poles and zeros, in the order in which they are tried.
-    structure, starts, seed
+    structure
         As for `fit_transfer_functions`.
     time_limit : float
         s, for all orders together; those not reached are named in a finding.
@@ -117,7 +115,7 @@ def scan_orders(
         report(label, number / len(orders))
         try:
             model = fit_transfer_functions(
-                seen, poles, zeros, structure, starts=starts, seed=seed, time_limit=left / (len(orders) - number)
+                seen, poles, zeros, structure, starts=2, time_limit=left / (len(orders) - number)
             )
         except ExperimentError as error:
             if not rows and number == len(orders) - 1:

@@ -54,7 +54,6 @@ def frame_json(
     *,
     arm: float | None = None,
     disc_area: float | None = None,
-    full_voltage: float | None = None,
 ) -> FrameExport:
     """Translate an identified rigid body.
 
@@ -68,8 +67,6 @@ def frame_json(
         so that the craft turns as identified whichever it is.
     disc_area : float, optional
         Of all rotors (coaxial ones counted once), m^2.
-    full_voltage : float, optional
-        Of the full battery, V; the model's reference voltage otherwise.
 
     Raises
     ------
@@ -85,7 +82,7 @@ def frame_json(
     if not motors:
         raise MissingDataError("no simulator frame: the log does not tell the motors of the craft")
     sheet = _Sheet()
-    _power(sheet, model, weight, full_voltage)
+    _power(sheet, model, weight)
     _outputs(sheet, model)
     _drag(sheet, model, weight, disc_area)
     _rotation(sheet, model, weight, arm)
@@ -113,18 +110,14 @@ def _round(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def _power(sheet: _Sheet, model: RigidBodyModel, mass: float, full_voltage: float | None) -> None:
-    reference = model.reference_voltage
-    full = full_voltage or reference
-    known = full is not None
-    ratio = (full / reference) ** 2 if full is not None and reference else 1.0
-    count = len(model.vehicle.motors)
+def _power(sheet: _Sheet, model: RigidBodyModel, mass: float) -> None:
+    count, known = len(model.vehicle.motors), model.reference_voltage is not None
     sheet.put("mass", mass, "as given; motion does not tell it")
-    volts = full if full is not None else 12.6
-    sheet.put("maxVoltage", volts, "voltage at which thrust was identified, or as given" if known else "assumed", known)
+    volts = 12.6 if model.reference_voltage is None else model.reference_voltage
+    sheet.put("maxVoltage", volts, "voltage at which thrust was identified" if known else "assumed", known)
     sheet.put(
         "hoverThrOut",
-        STANDARD_GRAVITY / (count * model.value("thrust") * ratio),
+        STANDARD_GRAVITY / (count * model.value("thrust")),
         "weight over full thrust at refAlt and maxVoltage: 9.80665 / (n k/m)",
     )
     sheet.put("refAlt", 0.0, "identified coefficients hold in sea-level air")

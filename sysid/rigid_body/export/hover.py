@@ -84,16 +84,14 @@ def hover_from_speeds(
     return HoverModel(_rates(0.0, 0.0, 0.0), B, names, "rad/s", w, None)
 
 
-def hover_model(model: RigidBodyModel, density: float = 1.225, voltage: float | None = None) -> HoverModel:
-    """Linearise an identified rigid body about hover.
+def hover_model(model: RigidBodyModel, density: float = 1.225) -> HoverModel:
+    """Linearise an identified rigid body about hover, at its reference voltage.
 
     Parameters
     ----------
     model : RigidBodyModel
     density : float
         Air, kg/m^3.
-    voltage : float, optional
-        Battery, V; the model's reference otherwise.
 
     Raises
     ------
@@ -108,14 +106,11 @@ def hover_model(model: RigidBodyModel, density: float = 1.225, voltage: float | 
     if missing:
         raise MissingDataError(f"no linear hover model: not determined is {'; '.join(missing)}")
     motors, expo = model.vehicle.motors, model.value("thrust_expo")
-    ratio = 1.0
-    if voltage is not None and model.reference_voltage:
-        ratio = (voltage / model.reference_voltage) ** 2
     air = density / model.reference_density
-    command = command_for(STANDARD_GRAVITY / (len(motors) * model.value("thrust") * air * ratio), expo)
+    command = command_for(STANDARD_GRAVITY / (len(motors) * model.value("thrust") * air), expo)
     if not 0.0 < command < 1.0:
         raise MissingDataError(f"no linear hover model: hover would take a command of {command:.2f}")
-    slope = air * ratio * (1.0 - expo + 2.0 * expo * command)
+    slope = air * (1.0 - expo + 2.0 * expo * command)
     x, y, turn = (
         np.array(values) for values in zip(*[(np.cos(m.angle), np.sin(m.angle), m.spin) for m in motors], strict=True)
     )

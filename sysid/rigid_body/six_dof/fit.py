@@ -119,7 +119,6 @@ def fit_six_dof(
     horizons: Sequence[float] = HORIZONS,
     most_runs: int = 5000,
     attitude: str = "state",
-    name: str = "rigid body, six degrees of freedom",
 ) -> SixDofModel:
     """Identify a rigid body whose attitude and rates are states, from records of motion and inputs.
 
@@ -141,7 +140,6 @@ def fit_six_dof(
     attitude : {"state", "measured"}
         With ``"measured"`` attitude and rates are inputs, and only translation is identified: for inputs that are too
         slow or too noisy for rotation.
-    name : str
 
     Notes
     -----
@@ -211,7 +209,7 @@ def fit_six_dof(
     spread = dict(zip((each.name for each in unknowns), np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
     findings = wrong_turns(parameters, spread)
     return SixDofModel(
-        name=name,
+        name="rigid body, six degrees of freedom",
         parameters=parameters,
         theta=theta,
         shape=moved,
