@@ -1,14 +1,17 @@
-"""Arithmetic with signals: values by closed form, units by dimension, and what cannot be is said."""
+"""Signals by name and arithmetic with them: values by closed form, units by dimension, and what cannot be is said."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from logparse import read_log
 from logparse.expressions import evaluate
-from logparse.signals import SignalError
-from tests.logparse.builders import Decoded
+from logparse.signals import SignalError, logged_signal
+from logparse.tables import Tables
+from tests.logparse.builders import Decoded, message
 
 
 def frame(rate, seconds, units, **columns):
@@ -27,14 +30,28 @@ def log():
     accel = frame(
         50, 20, {"X": "m/s/s", "Y": "m/s/s", "G": "rad/s"}, X=lambda t: 3.0 + 0 * t, Y=lambda t: 4.0 + 0 * t, G=np.cos
     )
-    messages = Decoded({"ATT": attitude, "ACC": accel})
-    return SimpleNamespace(path=SimpleNamespace(name="a.bin"), messages=messages, tables=None)
+    imu = message(np.arange(6.0), I=[0, 1] * 3, GyrX=np.arange(6.0))
+    messages = Decoded({"ATT": attitude.assign(Name="a"), "ACC": accel, "IMU": imu})
+    messages["ATT"].attrs["units"] = attitude.attrs["units"]
+    tables = Tables(battery=message(np.arange(6.0), voltage=12.0, current=np.nan))
+    return SimpleNamespace(path=SimpleNamespace(name="a.bin"), messages=messages, tables=tables)
 
 
 def test_a_name_alone_is_its_signal(log):
     signal = evaluate(log, " ATT.Roll ")
     assert signal.unit == "deg"
     np.testing.assert_array_equal(signal.y, log.messages["ATT"]["Roll"])
+    assert list(evaluate(log, "IMU[1].GyrX").y) == [1.0, 3.0, 5.0]
+    assert list(evaluate(log, "IMU.GyrX").t) == [0.0, 2.0, 4.0]
+    assert evaluate(log, "battery.voltage").unit == "V"
+
+
+def test_one_field_is_decoded_and_nothing_is_kept():
+    sample = read_log(Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin")
+    signal = evaluate(sample, "IMU.AccZ")
+    assert "IMU" not in sample.messages.decoded
+    np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])
+    assert signal.unit == "m/s/s"
 
 
 @pytest.mark.parametrize(
@@ -79,7 +96,14 @@ def test_signals_of_different_rates_meet_at_the_faster_ones_times(log):
         ("ATT.Roll +", "cannot be read"),
         ("1 + 2", "holds no signal"),
         ("ATT.Rool - ATT.Roll", "has no Rool"),
-        ("XYZ.Roll * 2", "has no XYZ"),
+        ("XYZ.Roll * 2", "has no XYZ; it has ACC, ATT, IMU"),
+        ("Roll", "write ATT.Roll for a signal"),
+        ("gps.lat", "has no gps"),
+        ("ATT.Pitch", "has no Pitch; it has Roll"),
+        ("ATT.Name", "holds no numbers"),
+        ("battery.current", "holds no numbers"),
+        ("IMU[2].GyrX", "no instance 2; it has 0, 1"),
+        ("ATT[0].Roll", "no instances"),
         ("sin(ACC.X)", "is no angle"),
         ("deg(ACC.X)", "holds no angle"),
         ("ATT.Roll ** ATT.Roll", "exponent"),
@@ -96,6 +120,11 @@ def test_signals_of_different_rates_meet_at_the_faster_ones_times(log):
 def test_what_cannot_be_is_said(log, text, says):
     with pytest.raises(SignalError, match=says.replace("(", r"\(")):
         evaluate(log, text)
+
+
+def test_a_name_with_more_behind_it_is_no_signal(log):
+    with pytest.raises(SignalError, match="MESSAGE.Field"):
+        logged_signal(log, "ATT.Roll; import os")
 
 
 def test_a_division_by_zero_is_a_gap_and_no_warning(log):

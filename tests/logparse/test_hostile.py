@@ -18,7 +18,7 @@ from tests.fuzz import structures
 from tests.fuzz.px4_seed import px4_log
 
 #: Mutations of each kind here; `python -m tests.fuzz.structures 10000` does more.
-COUNT = 25
+COUNT = 12
 
 
 @pytest.mark.parametrize("kind", structures.KINDS)
