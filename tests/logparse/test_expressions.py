@@ -123,7 +123,7 @@ def test_what_cannot_be_is_said(log, text, says):
 
 
 def test_a_name_with_more_behind_it_is_no_signal(log):
-    with pytest.raises(SignalError, match="MESSAGE.Field"):
+    with pytest.raises(SignalError, match=r"MESSAGE\.Field"):
         logged_signal(log, "ATT.Roll; import os")
 
 

@@ -36,7 +36,7 @@ def test_margins_of_other_gains_are_foretold_within_their_errors():
     """Over craft and gains drawn at random, with flexible modes: 95 % intervals hold the truth in 90 % and more."""
     rng = np.random.default_rng(20)
     held: list[bool] = []
-    for seed in range(15):
+    for seed in range(10):
         axis, gains = random_axis(rng)
         other = replace(gains, P=1.25 * gains.P, I=1.25 * gains.I, D=0.8 * gains.D, FLTD=30.0)
         truth = margins_of(HZ, true_loop(axis, other, HZ)).row(0)
@@ -46,7 +46,7 @@ def test_margins_of_other_gains_are_foretold_within_their_errors():
         changed = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD)
         intervals = changed.margins.intervals
         held += [intervals[name][0] <= truth[name] <= intervals[name][1] for name in NAMES if name in intervals]
-    assert len(held) > 50
+    assert len(held) > 35
     assert np.mean(held) >= 0.9
 
 
