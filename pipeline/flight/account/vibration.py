@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import scipy
 from numpy.typing import NDArray
 
 from pipeline.results.span import Span
@@ -106,5 +105,4 @@ def _measured(rows: pd.DataFrame) -> Vibration | None:
 def _smoothed(values: Floats, cutoff: float) -> Floats:
     """Filter columns by one pole; `cutoff` is in samples."""
     part = 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff))
-    start = (1.0 - part) * values[:1]
-    return np.asarray(scipy.signal.lfilter([part], [1.0, part - 1.0], values, axis=0, zi=start)[0])
+    return pd.DataFrame(values).ewm(alpha=part, adjust=False).mean().to_numpy(np.float64)
