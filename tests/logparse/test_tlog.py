@@ -249,17 +249,30 @@ def test_messages_without_boot_time_follow_those_around_them():
     assert np.median(np.abs(error)) < 0.05
 
 
-def test_the_ground_stations_clock_may_jump():
-    flight = Flight().fly(10, 40)
-    flight.booted = -500.0
-    source = flight.fly(40, 70).open()
-    (boot,) = source.boots
-    assert (boot.t_start, boot.t_end) == (10.0, 69.75)
-    frame = source.decode("VFR_HUD", boot)
-    assert np.abs(frame.index - frame["alt"]).max() < 1.0
-    (jump,) = source.clock.jumps
-    assert jump == pytest.approx(-500.0, abs=0.01)
-    assert findings(source)["clock-doubtful"].evidence["jumps"] == 1
+#: Pieces of a session: from and to, s of boot time, when that boot was, and how late the radio is; its power-ups.
+SESSIONS = {
+    "the ground station's clock jumps": ([(10, 40, 0.0, 0.05), (40, 70, -500.0, 0.05)], [(10.0, 69.75)]),
+    # The first power-up was heard for 20 s, the second from its 100th second on.
+    "restart in a silence": ([(10, 30, 0.0, 0.05), (100, 130, 900.0, 0.05)], [(10.0, 29.75), (100.0, 129.75)]),
+    # After 60 s of silence the link delivers 8 s late for some seconds.
+    "outage": ([(10, 40, 0.0, 0.05), (100, 104, 0.0, 8.0), (104, 140, 0.0, 0.05)], [(10.0, 139.75)]),
+}
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_restarts_are_told_from_clocks_that_jump_and_links_that_fail(session):
+    pieces, boots = SESSIONS[session]
+    flight = Flight()
+    for start, stop, flight.booted, flight.delay in pieces:
+        flight.fly(start, stop)
+    source = flight.open()
+    assert [(boot.t_start, boot.t_end) for boot in source.boots] == boots
+    for boot in source.boots:
+        frame = source.decode("VFR_HUD", boot)
+        assert np.abs(frame.index - frame["alt"]).max() < (8.1 if session == "outage" else 1.0)
+    if pieces[1][2] == -500.0:
+        assert source.clock.jumps == pytest.approx([-500.0], abs=0.01)
+        assert findings(source)["clock-doubtful"].evidence["jumps"] == 1
 
 
 def test_sessions_whose_stamps_overlap_are_not_interleaved():
@@ -275,23 +288,6 @@ def test_sessions_whose_stamps_overlap_are_not_interleaved():
         assert len(frame) == 240
         assert np.abs(frame.index - frame["alt"]).max() < 1.0
     assert findings(source)["file-damaged"].evidence["bytes"] == 4096
-
-
-def test_a_restart_after_a_long_silence_is_seen_though_the_clock_is_ahead():
-    """The first power-up was heard for 20 s, the second from its 100th second on."""
-    flight = Flight().fly(10, 30)
-    flight.booted = 900.0
-    source = flight.fly(100, 130).open()
-    assert [(boot.t_start, boot.t_end) for boot in source.boots] == [(10.0, 29.75), (100.0, 129.75)]
-
-
-def test_an_outage_is_not_a_restart():
-    """After 60 s of silence the link delivers 8 s late for some seconds."""
-    flight = Flight().fly(10, 40)
-    flight.delay = 8.0
-    flight.fly(100, 104)
-    flight.delay = 0.05
-    assert len(flight.fly(104, 140).open().boots) == 1
 
 
 def test_a_late_message_is_not_a_restart():

@@ -37,10 +37,14 @@ def kim_table(folder, noise=0.0, seed=0):
     return path
 
 
+def thrusts(full=12.0, pulses=PWM, voltage=",15.8"):
+    """Return the rows of a sweep: pulse width, thrust by a smooth curve to its full value, and the voltage."""
+    return [f"{pwm:.0f},{full * ((pwm - 1000.0) / 1000.0) ** 1.5:.6f}{voltage}" for pwm in pulses]
+
+
 def sweep(folder, name="stand.csv", head="ESC signal (µs),Thrust (N),Voltage (V)", rows=None):
     path = folder / name
-    full = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8" for pwm in PWM] if rows is None else rows
-    path.write_text("\n".join([head, *full]), encoding="utf-8")
+    path.write_text("\n".join([head, *(thrusts() if rows is None else rows)]), encoding="utf-8")
     return path
 
 
@@ -95,8 +99,7 @@ def test_layouts_of_other_stands(tmp_path):
         "Motor Efficiency (%);App message",
         grams,
     )
-    kilos = [f"{pwm:.0f},{12.0 / 9.80665 * ((pwm - 1000) / 1000) ** 1.5:.6f},15.8" for pwm in PWM]
-    third = sweep(tmp_path, "kgf.csv", "ESC signal (us),Thrust (kgf),Voltage (V)", kilos)
+    third = sweep(tmp_path, "kgf.csv", "ESC signal (us),Thrust (kgf),Voltage (V)", thrusts(12.0 / 9.80665))
     curves = [analyse_bench(read_bench([path]), 1.225).at_voltage("m1") for path in (plain, other, third)]
     for curve in curves[1:]:
         assert curve["thrust"].to_numpy() == pytest.approx(curves[0]["thrust"].to_numpy(), abs=1e-3)
@@ -132,7 +135,7 @@ def test_thrust_curve_and_prior(tmp_path):
     ],
 )
 def test_implausible_rows_are_named_and_left_out(tmp_path, change, words):
-    rows = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8" for pwm in PWM]
+    rows = thrusts()
     clean = analyse_bench(read_bench([sweep(tmp_path)]), 1.225)
     for at, row in change.items():
         rows[at] = row
@@ -144,26 +147,24 @@ def test_implausible_rows_are_named_and_left_out(tmp_path, change, words):
 
 def test_rows_without_numbers_are_named_by_their_lines(tmp_path):
     rows = [
-        "1000,0,15.8",
-        "abc,1,15.8",
-        "1200,1.1,15.8",
-        "1300,nan,15.8",
+        "1000,0,15",
+        "abc,1,15",
+        "1200,1.1,15",
+        "1300,nan,15",
         "",
-        "1400,,15.8",
-        "1500,4,15.8",
+        "1400,,15",
+        "1500,4,15",
         "1600,inf,1",
+        "1800,8,15",
     ]
-    table = read_bench([sweep(tmp_path, rows=[*rows, "1800,8,15.8"])])
+    table = read_bench([sweep(tmp_path, rows=rows)])
     assert len(table.rows) == 4
     (finding,) = [each for each in table.findings if each.id == "table-doubtful"]
     assert "4 row(s) without PWM and thrust as numbers (line 3, 5, 7, 9); left out" in finding.reason
 
 
 def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
-    rows = [
-        f"{pwm:.0f},{-12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f},15.8"
-        for pwm in np.random.default_rng(1).permutation(PWM)
-    ]
+    rows = thrusts(-12.0, np.random.default_rng(1).permutation(PWM))
     bench = analyse_bench(read_bench([sweep(tmp_path, rows=rows)]), 1.225)
     doubtful = [f.reason for f in bench.findings if f.id == "table-doubtful"]
     assert any("its sign is turned" in each for each in doubtful)
@@ -172,8 +173,7 @@ def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
 
 
 def test_what_was_not_measured_is_said(tmp_path):
-    bare = [f"{pwm:.0f},{12.0 * ((pwm - 1000.0) / 1000.0) ** 1.5:.4f}" for pwm in PWM]
-    bench = analyse_bench(read_bench([sweep(tmp_path, head="PWM,Thrust", rows=bare)]))
+    bench = analyse_bench(read_bench([sweep(tmp_path, head="PWM,Thrust", rows=thrusts(voltage=""))]))
     said = " ".join(f.reason for f in bench.findings if f.id == "conditions-assumed")
     for words in ("carries no unit", "no battery voltage", "no rotor speeds", "air at the stand"):
         assert words in said
@@ -220,7 +220,7 @@ def test_a_motor_that_never_turned_gives_reasons_and_no_numbers(tmp_path):
 
 def test_weak_motor_shows(tmp_path):
     good = [sweep(tmp_path, f"{k}.csv") for k in range(3)]
-    weak = sweep(tmp_path, "weak.csv", rows=[f"{p:.0f},{9.0 * ((p - 1000) / 1000) ** 1.5:.4f},15.8" for p in PWM])
+    weak = sweep(tmp_path, "weak.csv", rows=thrusts(9.0))
     findings = analyse_bench(read_bench([*good, weak]), 1.225).findings
     assert [f.evidence["motor"] for f in findings if f.id == "uneven-motor"] == ["m4"]
 

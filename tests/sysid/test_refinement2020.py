@@ -63,14 +63,6 @@ def test_the_paper_s_mean_stands_beside_with_its_spread(record):
     assert "mass" in {f.evidence.get("what") for f in model.findings}
 
 
-def test_outliers_do_not_move_the_stacked_fit(record):
-    context = record.context.copy()
-    context.iloc[100::200, context.columns.get_loc("f_z")] += 30.0
-    context.iloc[150::200, context.columns.get_loc("w_x")] += 2.0
-    model = fit_refinement2020([replace(record, context=context)])
-    assert model.stacked["k"].value == pytest.approx(truth(octo(), 0.35)["k"], rel=0.005)
-
-
 def test_standard_errors_agree_with_monte_carlo():
     """Twenty times other noise on one flight: less what noise does not move (wind, inflow)."""
     clean = flight(octo(), 1, wander=8.0, noise=0.0)
