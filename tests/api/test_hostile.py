@@ -135,14 +135,12 @@ def test_forms_of_many_parts_long_heads_or_a_long_boundary_are_refused(service: 
         assert says in refused.json()["detail"]
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["tables/../../x", "../report.json", "%2e%2e/report.json", "..%2freport.json", "%00", "/etc/passwd", "REPORT.JSON"],
-)
-def test_results_are_found_by_their_names_only(service: httpx.Client, upload: Upload, name: str) -> None:
+def test_results_are_found_by_their_names_only(service: httpx.Client, upload: Upload) -> None:
     address = upload(service, b"good log").headers["Location"]
-    refused = exchange(service, f"GET {address}/{name} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
-    assert refused.startswith(b"HTTP/1.1 404 ")
+    climbing = ["tables/../../x", "../report.json", "%2e%2e/report.json", "..%2freport.json", "/etc/passwd"]
+    for name in (*climbing, "%00", "REPORT.JSON"):
+        refused = exchange(service, f"GET {address}/{name} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
+        assert refused.startswith(b"HTTP/1.1 404 "), name
 
 
 def test_large_and_deep_documents_are_refused(service: httpx.Client) -> None:

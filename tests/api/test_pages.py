@@ -8,6 +8,7 @@ import pytest
 
 from api.routes.pages import samples
 from tests.api.conftest import Upload
+from tests.api.programs import wait_until
 
 
 class Outline(HTMLParser):
@@ -33,8 +34,7 @@ def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Cli
     assert "Analysing paper01.BIN" in page.text
     assert Outline(page.text).all("meta")[-1]["http-equiv"] == "refresh"
     address = answer.headers["Location"]
-    while service.get(f"/api/v1{address}").json()["state"] != "done":
-        pass
+    wait_until(lambda: service.get(f"/api/v1{address}").json()["state"] == "done")
     frame = Outline(service.get(answer.headers["Location"]).text).all("iframe")[0]
     assert frame["title"] == "Report on paper01.BIN"
     assert "<title>report</title>" in service.get(frame["src"] or "").text

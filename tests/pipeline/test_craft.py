@@ -3,6 +3,7 @@
 import dataclasses
 from datetime import UTC, datetime, timedelta
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,25 +12,24 @@ from pipeline.flight.craft import build_of, by_craft, changes, fingerprint, kept
 from tests.pipeline.builders import NOON, OCTA, flown
 
 
-def test_telemetry_of_a_flight_is_the_same_flight():
-    board, ground = flown("a"), flown("b", form="tlog", start=datetime(2024, 5, 2, 9, 30, 1, tzinfo=UTC))
-    assert same_flight(board, ground)
-    kept = by_craft([ground, board])
-    assert [[flight.name for flight in craft] for craft in kept] == [["a"]], "the on-board log has more samples"
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        (flown("telemetry", form="tlog", start=NOON + timedelta(seconds=1)), True),
+        (flown("copy", sha256="a", start=datetime(2020, 1, 1, tzinfo=UTC)), True),
+        # Simulators fly faster than the clock, so that their flights overlap in time.
+        (flown("elsewhere", lat=0.8001), False),
+        (flown("next", start=NOON + timedelta(minutes=2)), False),
+    ],
+    ids=lambda each: getattr(each, "name", ""),
+)
+def test_the_same_flight_is_known_by_its_content_or_by_place_and_time(other, same):
+    assert same_flight(flown("a"), other) is same
 
 
-def test_a_copy_is_the_same_flight_whatever_it_is_called():
-    assert same_flight(flown("a", sha256="x"), flown("b", sha256="x", start=datetime(2020, 1, 1, tzinfo=UTC)))
-
-
-def test_flights_elsewhere_at_the_same_time_are_others():
-    """Simulators fly faster than the clock, so that their flights overlap in time."""
-    assert not same_flight(flown("a"), flown("b", lat=0.8001))
-
-
-def test_the_next_flight_is_another():
-    later = datetime(2024, 5, 2, 9, 30, tzinfo=UTC) + timedelta(minutes=2)
-    assert not same_flight(flown("a"), flown("b", start=later))
+def test_of_two_recordings_the_on_board_log_counts():
+    kept = by_craft([flown("b", form="tlog", start=NOON + timedelta(seconds=1)), flown("a")])
+    assert [[flight.name for flight in craft] for craft in kept] == [["a"]], "it has more samples"
 
 
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():

@@ -8,7 +8,7 @@ import pytest
 import estimation
 from logparse import FlightLog, MissingDataError, read_log
 from pipeline.execution.progress import Clock
-from pipeline.execution.stages import STAGES, Overall, Stages, overall, silent
+from pipeline.execution.stages import STAGES, Overall, Stages, silent
 from pipeline.flight.analysis import analyze
 from pipeline.flight.workload import expected_seconds
 from pipeline.results.failure import Failure
@@ -56,17 +56,6 @@ def test_a_stage_that_takes_too_long_is_given_up():
             report("fit", 0.5)
 
     assert "--time-limit" in stages.run("model", work).reason
-
-
-def test_overall_progress_only_grows():
-    seen = []
-    report = overall(lambda _, fraction: seen.append(fraction))
-    for stage in STAGES:
-        for fraction in (0.0, 0.5, 1.0):
-            report(stage, fraction)
-    assert seen == sorted(seen)
-    assert seen[0] == 0.0
-    assert abs(seen[-1] - 1.0) < 1e-9
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])

