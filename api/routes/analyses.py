@@ -13,7 +13,7 @@ from api import problems
 from api.logs.catalog import changes
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, AnalysisOrder, Page, State
-from api.web.dependencies import After, AnalysisId, FileName, Limit, Owner, Parts, PartsOf, page
+from api.web.dependencies import After, AnalysisId, FileName, Limit, OwnAnalysis, Owner, Parts, PartsOf, page
 from api.web.results import Include, answer, file_of
 from logparse import RotoridError
 from pipeline import AnalysisConfig
@@ -64,9 +64,9 @@ def list_analyses(
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")
-def show_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner, include: Include = ()) -> AnalysisAnswer:
+def show_analysis(analysis: OwnAnalysis, parts: PartsOf, include: Include = ()) -> AnalysisAnswer:
     """Show an analysis: in short, or with all that `include` names."""
-    return answer(parts.catalog.find_analysis(analysis_id, owner), parts, include)
+    return answer(analysis, parts, include)
 
 
 @router.get(
@@ -75,9 +75,8 @@ def show_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner, include
     response_class=StreamingResponse,
     responses={200: {"content": {"text/event-stream": {"schema": {"description": "Events `progress` and `end`."}}}}},
 )
-def follow_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> StreamingResponse:
+def follow_analysis(analysis: OwnAnalysis, parts: PartsOf) -> StreamingResponse:
     """Send the analysis as an event whenever it has changed; the stream ends with the analysis."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     return StreamingResponse(_events(parts, analysis), media_type="text/event-stream")
 
 
@@ -101,12 +100,11 @@ def delete_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> No
 
 @router.head("/{analysis_id}/{name:path}", include_in_schema=False)
 @router.get("/{analysis_id}/{name:path}", response_class=FileResponse, summary="A file of a finished analysis")
-def fetch_result(analysis_id: AnalysisId, name: FileName, parts: PartsOf, owner: Owner) -> Response:
+def fetch_result(analysis: OwnAnalysis, name: FileName, parts: PartsOf) -> Response:
     """Fetch a file: `report.html`, `report.json`, `models.json`, `models.mat`, `rmse.csv`, `tables/NAME.parquet`.
 
     `files` of the analysis lists what there is; a part of a file is had with the header `Range`.
     """
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     response = file_of(analysis, name, parts)
     if response is None:
         detail = f"This analysis has no {name}." if analysis.state.ended else "This analysis is not done yet."

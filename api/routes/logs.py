@@ -22,7 +22,7 @@ from api.problems import ProblemError
 from api.settings import Settings, in_words
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
 from api.store.scratch import Incoming, Upload
-from api.web.dependencies import After, Limit, LogId, Owner, Parts, PartsOf, owner_of, page
+from api.web.dependencies import After, Limit, LogId, Owner, OwnLog, Parts, PartsOf, owner_of, page
 from api.web.results import Include, answer
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
@@ -139,9 +139,9 @@ def list_logs(
 
 
 @router.get("/{log_id}", summary="A log's name and size")
-def show_log(log_id: LogId, parts: PartsOf, owner: Owner) -> Log:
+def show_log(log: OwnLog) -> Log:
     """Show what is known of an uploaded log."""
-    return parts.catalog.find_log(log_id, owner)
+    return log
 
 
 @router.delete("/{log_id}", status_code=HTTPStatus.NO_CONTENT, summary="Delete a log and all analyses of it")

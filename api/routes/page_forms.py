@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from api.problems import ProblemError
 from api.routes.analyses import check, in_words
 from api.store.resources import Analysis, AnalysisOrder, Configuration
-from api.web.dependencies import Owner, Parts, PartsOf
+from api.web.dependencies import OwnAnalysis, Owner, OwnLog, Parts, PartsOf
 from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, render
 from api.web.results import answer
@@ -34,14 +34,13 @@ def cancel(
 
 @router.post("/analyses/{analysis_id}/delete")
 def delete(
-    analysis_id: str,
+    analysis: OwnAnalysis,
     parts: PartsOf,
     owner: Owner,
     following: Annotated[str, Form(alias="next")] = "/analyses",
     logs: Annotated[bool, Form()] = False,
 ) -> Response:
     """Delete an analysis and, if `logs` says so, its logs with all other analyses of them."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     parts.catalog.delete_analysis(analysis.id, owner)
     for log in analysis.logs if logs else []:
         parts.catalog.delete_log(log.id, owner)
@@ -58,43 +57,37 @@ def delete_log(
 
 
 @router.post("/logs/{log_id}/analyse")
-def analyse_log(log_id: str, parts: PartsOf, owner: Owner) -> Response:
+def analyse_log(log: OwnLog, parts: PartsOf, owner: Owner) -> Response:
     """Analyse a log that is here already."""
-    ordered = parts.order([parts.catalog.find_log(log_id, owner).id], {}, owner)
+    ordered = parts.order([log.id], {}, owner)
     return lead_to(f"/analyses/{ordered.id}")
 
 
 @router.post("/analyses/{analysis_id}/share")
-def share(
-    request: Request, analysis_id: str, parts: PartsOf, owner: Owner, days: Annotated[str, Form()] = "30"
-) -> Response:
+def share(request: Request, analysis: OwnAnalysis, parts: PartsOf, days: Annotated[str, Form()] = "30") -> Response:
     """Make a link that lets others read an analysis, and show it."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     secret, expires = parts.shares.create(analysis.id, float(days) if days in ("7", "30", "365") else None)
     made = {"address": f"{request.base_url}shared/{secret}", "expires": expires}
     return render(request, "share.html", {"analysis": analysis, "made": made, "taken_back": False})
 
 
 @router.post("/analyses/{analysis_id}/unshare")
-def unshare(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+def unshare(request: Request, analysis: OwnAnalysis, parts: PartsOf) -> Response:
     """Make all links to an analysis worthless."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     parts.shares.revoke_all(analysis.id)
     return render(request, "share.html", {"analysis": analysis, "made": None, "taken_back": True})
 
 
 @router.get("/analyses/{analysis_id}/again")
-def ask_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+def ask_again(request: Request, analysis: OwnAnalysis, parts: PartsOf) -> Response:
     """Ask for the settings of another analysis of the same logs."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     view = {"analysis": analysis, "values": analysis.configuration, "wrong": "", "flights": _flights(analysis, parts)}
     return render(request, "again.html", view)
 
 
 @router.post("/analyses/{analysis_id}/again")
-async def analyse_again(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+async def analyse_again(request: Request, analysis: OwnAnalysis, parts: PartsOf, owner: Owner) -> Response:
     """Analyse the same logs with other settings; a field left empty has its default."""
-    analysis = await run_in_threadpool(parts.catalog.find_analysis, analysis_id, owner)
     form = await request.form(max_files=0, max_fields=20)
     names = set(Configuration.model_fields) - {"training"}
     values: dict[str, Any] = {

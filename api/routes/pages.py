@@ -19,7 +19,7 @@ from api.routes.logs import take_upload
 from api.routes.shares import find_shared
 from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
-from api.web.dependencies import After, Owner, Parts, PartsOf
+from api.web.dependencies import After, OwnAnalysis, Owner, Parts, PartsOf
 from api.web.middleware import PLOT_POLICY, REPORT_POLICY
 from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, part_of, render
@@ -140,9 +140,8 @@ def _listed(
 
 @router.head("/analyses/{analysis_id}")
 @router.get("/analyses/{analysis_id}")
-def show_analysis_page(request: Request, analysis_id: str, parts: PartsOf, owner: Owner) -> Response:
+def show_analysis_page(request: Request, analysis: OwnAnalysis, parts: PartsOf) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     address = frame = f"/api/v1/analyses/{analysis.id}"
     secret = bearer(request)
     if parts.settings.access is Access.TOKENS and secret is not None:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from api import problems
 from api.problems import ProblemError
 from api.store.resources import Analysis, SharedAnalysis, SharedLog
-from api.web.dependencies import AnalysisId, FileName, Owner, Parts, PartsOf, Secret
+from api.web.dependencies import FileName, OwnAnalysis, Parts, PartsOf, Secret
 from api.web.results import answer, file_of
 from api.work.outcome import FILE
 
@@ -39,13 +39,11 @@ class Share(BaseModel):
     summary="Make a link that lets others read an analysis",
 )
 def share_analysis(
-    analysis_id: AnalysisId,
+    analysis: OwnAnalysis,
     parts: PartsOf,
-    owner: Owner,
     days: Annotated[float | None, Query(gt=0, le=3650, description="Days until the link expires.")] = None,
 ) -> Share:
     """Make a link; whoever has it can read the report and its files, and nothing else."""
-    analysis = parts.catalog.find_analysis(analysis_id, owner)
     secret, expires = parts.shares.create(analysis.id, days)
     return Share(url=f"/shared/{secret}", api=f"/api/v1/shared/{secret}", expires=expires)
 
@@ -55,9 +53,9 @@ def share_analysis(
     status_code=HTTPStatus.NO_CONTENT,
     summary="Make all links to an analysis worthless",
 )
-def unshare_analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> None:
+def unshare_analysis(analysis: OwnAnalysis, parts: PartsOf) -> None:
     """Withdraw all links to an analysis."""
-    parts.shares.revoke_all(parts.catalog.find_analysis(analysis_id, owner).id)
+    parts.shares.revoke_all(analysis.id)
 
 
 @router.get("/shared/{secret}", summary="The analysis that a link is to")

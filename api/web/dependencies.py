@@ -94,6 +94,21 @@ NoteId = Annotated[str, Path(description="Id of a note.")]
 HookId = Annotated[str, Path(description="Id of a webhook.")]
 Secret = Annotated[str, Path(description="The last part of a shared link.")]
 
+
+def _analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> Analysis:
+    """Look an analysis up; a problem where whoever asks has none of this id."""
+    return parts.catalog.find_analysis(analysis_id, owner)
+
+
+def _log(log_id: LogId, parts: PartsOf, owner: Owner) -> Log:
+    """Look a log up, likewise."""
+    return parts.catalog.find_log(log_id, owner)
+
+
+#: What a route is about, of whoever asks.
+OwnAnalysis = Annotated[Analysis, Depends(_analysis)]
+OwnLog = Annotated[Log, Depends(_log)]
+
 FileName = Annotated[str, Path(description="A name in `files` of the analysis.")]
 
 Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
