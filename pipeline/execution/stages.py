@@ -60,6 +60,9 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 #: which the pace of a computer counts for as much as that of the one on which stages were timed.
 _USUAL, _LOADING, _TRUST = 4.0, 0.7, 0.3
 
+#: Seconds of each stage of such a log.
+_GUESS = {name: _USUAL * stage.share for name, stage in STAGES.items()}
+
 #: Reported before the stages of each flight of a log, with the part of the whole that the flight takes.
 NEXT_FLIGHT = "next flight"
 
@@ -67,9 +70,9 @@ NEXT_FLIGHT = "next flight"
 class Overall:
     """Turns a stage's name and the fraction of it that is done into its title and the fraction of the whole.
 
-    As long as nobody says how long the stages of a log will take, their usual shares count. From `expect` on the
-    fraction is the time gone over the time gone and to go, which no wrong guess of what is past can spoil; how fast the
-    computer is shows in how long the stages took that are done.
+    The fraction is the time gone over the time gone and to go, which no wrong guess of what is past can spoil; how fast
+    the computer is shows in how long the stages took that are done. Until somebody says how long the stages of a log
+    will take, their usual shares count.
     """
 
     def __init__(self, progress: Progress, now: Callable[[], float] = perf_counter, began: float | None = None) -> None:
@@ -77,8 +80,7 @@ class Overall:
         self._began = now() if began is None else began
         self._loading = 0.0 if began is None else _LOADING
         self._begun = self._part = self._furthest = 0.0
-        self._guess = None if began is None else {name: _USUAL * stage.share for name, stage in STAGES.items()}
-        self._expected: Mapping[str, float] | None = self._guess
+        self._expected: Mapping[str, float] = _GUESS
         self._done = 0.0
 
     def expect(self, seconds: Mapping[str, float]) -> None:
@@ -91,18 +93,16 @@ class Overall:
             if self._part:
                 self._began, self._loading = self._now(), 0.0
             self._begun, self._part = self._begun + self._part, fraction
-            self._expected, self._done = self._guess, 0.0
+            self._expected, self._done = _GUESS, 0.0
             return
-        within = self._usual(name, fraction) if self._expected is None else self._timed(self._expected, name, fraction)
+        within = self._within(name, fraction)
         # Some stages come once for every kind of model; the bar must not go back for them.
         self._furthest = max(self._furthest, self._begun + (self._part or 1.0) * within)
         self._progress(STAGES[name].title, self._furthest)
 
-    def _usual(self, name: str, fraction: float) -> float:
-        before = takewhile(lambda each: each != name, STAGES)
-        return sum(STAGES[each].share for each in before) + STAGES[name].share * fraction
-
-    def _timed(self, expected: Mapping[str, float], name: str, fraction: float) -> float:
+    def _within(self, name: str, fraction: float) -> float:
+        """Return the part of this flight's time that is gone."""
+        expected = self._expected
         before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
         self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
         gone = max(self._now() - self._began, 0.0)

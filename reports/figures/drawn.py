@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from core.findings import Finding
 from pipeline.results.answer import Picture
 from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
@@ -23,7 +22,7 @@ from reports.figures.figure import (
     mark_line,
     time_axis,
 )
-from reports.figures.flight import altitude, flight_figures, mode_bands, track
+from reports.figures.flight import altitude, flight_figures, mode_bands, notable, track
 from reports.figures.models import Board, joint_predictions, model_board, off_by_default, prediction
 from reports.figures.signals import signal_figure, signal_figures
 
@@ -125,7 +124,7 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
         shown = Span(around.start, _end(drawn, around.stop))
         # Names of modes would cover those of what happened.
         layout["annotations"] = _names(result, shown)
-        happened = [mark_line(t, "@bad", 1.5) for _, t in _notable(result)[:20]]
+        happened = [mark_line(t, "@bad", 1.5) for _, t in notable(result)[:20]]
         layout["shapes"] = [*_background(result, layout), *happened]
         layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
@@ -151,7 +150,7 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
     taken: list[tuple[float, float]] = []
     account = present(result.account)
     story = () if account is None else account.story
-    for event, t in sorted(_notable(result), key=lambda each: each[0] not in story):
+    for event, t in sorted(notable(result), key=lambda each: each[0] not in story):
         text = event.id.replace("-", " ")
         width = _LETTER * len(text) * around.duration
         for side, low, high in (("left", t, t + width), ("right", t - width, t)):
@@ -185,9 +184,3 @@ def _motors(result: FlightResult, around: Span | None) -> Figure | None:
     shapes = [] if signals is None else [limit_line(each, "y") for each in signals.motor_limits.values()]
     layout = layout_of(xaxis=time_axis(span), yaxis={"title": {"text": "output (µs)"}}, shapes=shapes)
     return Figure("first-motors", "", data, layout, _HEIGHT)
-
-
-def _notable(result: FlightResult) -> list[tuple[Finding, float]]:
-    """List what happened with its times, the gravest first."""
-    account = present(result.account)
-    return [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]

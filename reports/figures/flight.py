@@ -11,7 +11,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from core.quantity import uncertain
-from logparse import Geodetic
+from logparse import Finding, Geodetic
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
@@ -103,9 +103,7 @@ def _heights(states: pd.DataFrame) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
     """Mark where notable events began."""
-    account = present(result.account)
-    known = [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
-    inside = [(each, t) for each, t in known if states.index[0] <= t <= states.index[-1]][:_MOST_EVENTS]
+    inside = [(each, t) for each, t in notable(result) if states.index[0] <= t <= states.index[-1]][:_MOST_EVENTS]
     if not inside:
         return None
     at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)
@@ -113,6 +111,12 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
     text = [f"{each.id.replace('-', ' ')}, {t:.1f} s" for each, t in inside]
     hover = "%{text}<extra></extra>"
     return marks(east, north, "events", "@bad", symbol="x", size=10, text=text, hover=hover)
+
+
+def notable(result: FlightResult) -> list[tuple[Finding, float]]:
+    """List what happened with its times, the gravest first."""
+    account = present(result.account)
+    return [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
 
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
