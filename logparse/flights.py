@@ -128,8 +128,10 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
         return () if height is None else tuple(_by_height(height, tables.events))
     readings, shocks = _readings(tables, thrust, height)
     runs = [_run(readings, *each) for each in _intervals(readings.t, readings.thrust > idle, _PAUSE)]
-    if not runs and tables.parameters.get("Q_ENABLE") and height is not None:
-        return tuple(_by_height(height, tables.events))  # a QuadPlane that took off and landed on its wheels
+    winged = tables.parameters.get("Q_ENABLE", 0.0) > 0.0
+    by_height = tuple(_by_height(height, tables.events)) if winged and height is not None else ()
+    if not runs and by_height:
+        return by_height  # a QuadPlane that took off and landed on its wheels
     sure = [run.thrust for run in runs if run.flown]
     carries = float(np.median(sure)) if sure else np.nan
     flights = []
@@ -139,6 +141,9 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
             around = _airborne(readings.between(first, last), run)
             flights += [_contact(each, shocks) for each in around if each.start < run.stop and each.stop > run.start]
+    if flights and by_height and flights[0].start == readings.t[0]:
+        # Motors that ran already may idle on the ground as high as in hover (uavlogviewer__vtol): the height tells.
+        flights[0] = Flight(max(flights[0].start, by_height[0].start), flights[0].stop)
     return tuple(flights)
 
 
