@@ -35,6 +35,10 @@ _ROUNDED, _NORM = 0.003, 0.02
 #: and the change of its square.
 _EXPLAINED, _ODD_SCALE = 0.95, 0.1
 
+#: Part of what motors usually give below which they stand, and height [m] at which a craft has left the ground
+#: (the landed coaxial craft of ACSL hops by 0.08 m).
+_IDLE, _CLEAR = 0.5, 0.1
+
 #: Sampling interval of what is checked, s: motion has nothing that is faster.
 _CHECKED = 0.004
 
@@ -123,6 +127,21 @@ def read_motion(
         columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
     found += check_units(declared, columns_of, label)
     position, velocity, quaternion, rates = _in_ned(columns_of, clock, declared)
+    flown = _flown(-position[:, 2], columns_of["motors"], declared)
+    if standing := len(clock) - len(clock[flown]):
+        found.append(
+            table_finding(
+                ", ".join(declared.position.columns),
+                f"the craft stands on the ground for {standing * dt:.1f} s, which are left out",
+                "nothing: what carries it there is not the motors",
+                Severity.INFO,
+                seconds=standing * dt,
+            )
+        )
+        clock, position, velocity, quaternion, rates = (
+            each[flown] for each in (clock, position, velocity, quaternion, rates)
+        )
+        columns_of = {key: each[flown] for key, each in columns_of.items()}
     every = slice(None, None, max(round(_CHECKED / dt), 1))
     times = clock[every]
     motion = Motion(
@@ -151,6 +170,20 @@ def read_motion(
         columns=declared,
         findings=tuple(found),
     )
+
+
+def _flown(height: Floats, motors: Floats, declared: ColumnMap) -> slice:
+    """Rows between take-off and landing, where motors that stand before or after show the ground; else all."""
+    low = declared.motors.pwm[0] if declared.motors.quantity == "pwm" else 0.0
+    strength = motors.mean(axis=1) - low
+    idle = strength < _IDLE * np.quantile(strength, 0.75)
+    turning = np.flatnonzero(~idle)
+    if not len(turning) or not (idle[0] or idle[-1]):
+        return slice(None)
+    first, last = int(turning[0]), int(turning[-1])
+    ground = height[first - 1] if idle[0] else height[last + 1]
+    above = first + np.flatnonzero(height[first : last + 1] > ground + _CLEAR)
+    return slice(int(above[0]), int(above[-1]) + 1) if len(above) else slice(None)
 
 
 def _check(declared: ColumnMap, motion: Motion, label: str) -> list[Finding]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as runner
+from benchmarks import real_flights
 from benchmarks.flight_large import repeat
 from logparse import read_log
 
@@ -53,6 +54,12 @@ def test_the_table_takes_the_place_of_the_one_before(tmp_path: Path, monkeypatch
 def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
     assert runner.measure("no_such_benchmark", [], 60.0)[0][0].startswith("failed: ")
     assert runner.measure("short", [], 0.01)[0][0] == "not run: out of time"
+
+
+def test_flights_that_are_not_there_are_no_empty_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(real_flights, "data_folder", lambda: tmp_path)
+    with pytest.raises(SystemExit, match=r"no flights of nanodrone, .*, px4-sitl in"):
+        real_flights.run()
 
 
 def test_a_repeated_stretch_goes_on_in_time(tmp_path: Path) -> None:

@@ -95,6 +95,20 @@ def test_experiment_counts_up_from_its_first_sample():
     assert np.allclose(record.y, (position - position[0]) * [1, 1, -1])
 
 
+def test_what_stands_on_the_ground_is_left_out():
+    """Motors that stand show where the ground is; without them nothing is taken for it."""
+    flight = table()
+    ground = [flight.iloc[[at] * 300].assign(z=flight["z"].min() - 0.5, a=0.0, b=0.0, c=0.0, d=0.0) for at in (0, -1)]
+    for each in ground:
+        each[["vx", "vy", "vz", "wx", "wy", "wz"]] = 0.0
+    whole = pd.concat([ground[0], flight, ground[1]], ignore_index=True)
+    whole["t"] = np.arange(len(whole)) / RATE
+    read = read_motion(whole, columns())
+    assert (read.t[0], read.t[-1]) == pytest.approx((3.0, 3.0 + flight["t"].iloc[-1]), abs=0.05)
+    assert any("stands on the ground for 6.0 s" in each.reason for each in read.findings)
+    assert len(read_motion(flight, columns()).t) == len(flight)
+
+
 def write_table(frame, path):
     """Write a table as the end of its file's name says."""
     if path.suffix == ".parquet":

@@ -106,6 +106,8 @@ def test_how_full_a_battery_is_is_remembered_as_on_records_that_were_not_fitted(
     plain, held = (each.predict(unseen, 1.0)[400:, 2] for each in both)
     truth = unseen.y[400:, 2]
     assert np.abs(held - truth).mean() < 0.4 * np.abs(plain - truth).mean()
+    # One record cannot show how another differs: what is known of batteries does.
+    assert choose_observer(model, records[1], 1.0).observer.lift_memory > 0.0
 
 
 def test_the_rest_of_a_flight_has_the_wind_and_the_battery_of_its_first_part():
