@@ -54,7 +54,7 @@ _LAG_SIGMA = 0.005
 #: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
 #: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
 #: nearly: on ArduPilot's simulator, where it goes with command times thrust, gains come out 3 % off.
-GAIN_FLOOR = {"roll": 0.015, "pitch": 0.015, "yaw": 0.03}
+GAIN_FLOOR = {"roll": 0.01, "pitch": 0.01, "yaw": 0.03}
 
 #: The same for roll and pitch where rows came slower than `ENOUGH`: faster swings fold into the band.
 SLOW_FLOOR = 0.03
