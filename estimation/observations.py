@@ -209,7 +209,7 @@ def observe(tables: Tables, frame: LocalFrame | None, noise: SensorNoise) -> Obs
     fixes = usable_fixes(tables.gps)
     if fixes is not None and frame is not None:
         blocks += observe_gps(fixes, frame, noise)
-        second = next((usable_fixes(gps) for gps in tables.further.get("gps", ())), None)
+        second = next((usable_fixes(gps) for gps in tables.others("gps")), None)
         if second is not None:
             blocks += _observe_second_gps(second, frame, noise)
     baro = usable(tables.baro, ["alt"])

@@ -121,7 +121,7 @@ def _outside(piece: Piece, first: float, last: float) -> Iterator[Piece]:
 
 def _imus(tables: Tables) -> Iterator[tuple[int, pd.DataFrame]]:
     """Yield number and usable rows of every IMU that is logged fast enough; the first one is the caller's care."""
-    for number, table in enumerate((tables.imu, *tables.further.get("imu", ()))):
+    for number, table in enumerate((tables.imu, *tables.others("imu"))):
         imu = usable(table, GYRO + ACCEL)
         if imu is not None and (number == 0 or sample_rate(imu) >= SLOWEST_IMU):
             yield number, imu

@@ -244,6 +244,11 @@ class Tables(_LongTables, Summarised):
         """Whether the log has a table; a long one need not be built for that."""
         return name in self._long or getattr(self, name) is not None
 
+    def others(self, name: str) -> tuple[pd.DataFrame, ...]:
+        """Return the tables of `further` by this name, without building the IMU's, which is long, for another."""
+        further = self._others if "imu" in self._long and name != "imu" else self.further
+        return further.get(name, ())
+
     def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
         """Yield columns of a table one by one, of a long one no more than one in memory; none without the table.
 

@@ -68,7 +68,7 @@ def vibration_spectrum(tables: Tables, flight: Span, parameters: Mapping[str, fl
 
 
 def _bursts(tables: Tables, flight: Span) -> _Windows | None:
-    for table in tables.further.get("gyro_batch", ()):
+    for table in tables.others("gyro_batch"):
         inside = table.loc[flight.start : flight.stop]
         found: list[tuple[float, Floats, dict[str, Floats]]] = []
         for _, burst in inside.groupby("batch"):

@@ -86,7 +86,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
         Without batches of the gyro that flies, before its filters.
     """
     name, parameters, flight = log.name, log.parameters_flown, log.flight
-    tables = log.tables.further.get("gyro_batch", ())
+    tables = log.tables.others("gyro_batch")
     if not tables or flight is None:
         only = " (those of the accelerometer do not tell the gyro's noise)" if "ISBH" in log.messages else ""
         raise LineError(f"{name}: {NO_BATCHES}{only}; fly with INS_LOG_BAT_MASK 1, INS_LOG_BAT_OPT 4")

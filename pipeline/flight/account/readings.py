@@ -100,7 +100,7 @@ class Readings:
     @cached_property
     def vibration(self) -> Vibration | None:
         """Vibration of the first accelerometer."""
-        return read_vibration(self.messages, self.specific_force)
+        return read_vibration(self.messages, lambda: self.specific_force)
 
     @cached_property
     def outputs(self) -> pd.DataFrame | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +51,9 @@ class Vibration:
         return int(np.nanmax(counts[-1] - counts[0]))
 
 
-def read_vibration(messages: Mapping[str, pd.DataFrame], force: pd.DataFrame | None) -> Vibration | None:
+def read_vibration(
+    messages: Mapping[str, pd.DataFrame], specific_force: Callable[[], pd.DataFrame | None]
+) -> Vibration | None:
     """Read VIBE, VIBRATION or, of PX4, vehicle_imu_status; else compute it from the specific force along three axes."""
     for name, axes in (
         ("VIBE", ["VibeX", "VibeY", "VibeZ"]),
@@ -60,6 +62,7 @@ def read_vibration(messages: Mapping[str, pd.DataFrame], force: pd.DataFrame | N
     ):
         if name in messages and set(axes) <= set(messages[name].columns):
             return _logged(messages[name], axes, _PX4 if len(axes) == 1 else _ARDUPILOT)
+    force = specific_force()
     return None if force is None or len(force) < 100 else _measured(force)
 
 
