@@ -86,12 +86,14 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     outputs = tables.motors.loc[start + 2.0 : stop, names].dropna()
     if len(outputs) > FEWEST:
         outputs = outputs.iloc[:: max(round(1.0 / (_FASTEST * np.median(np.diff(outputs.index)))), 1)]
-    motion = tables.imu.loc[start : stop + 0.5, ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y"]]
+    # One column at a time: a copy of a long log's IMU is half as large as the log.
+    imu = tables.imu.loc[start : stop + 0.5]
+    motion = [imu[name].to_numpy(np.float64) for name in ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y")]
+    t, at = outputs.index.to_numpy(np.float64), imu.index.to_numpy(np.float64)
     # Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.
-    measured = (motion.abs() < 1e4).all(axis=1)
-    if not measured.all():  # a copy of a long log's IMU is half as large as the log
-        motion = motion[measured]
-    t, at = outputs.index.to_numpy(np.float64), motion.index.to_numpy(np.float64)
+    measured = np.logical_and.reduce([np.abs(values) < 1e4 for values in motion])
+    if not measured.all():
+        at, motion = at[measured], [values[measured] for values in motion]
     if min(len(t), len(at)) < FEWEST:
         return None
     if min(len(t) / (t[-1] - t[0]), len(at) / (at[-1] - at[0])) < _SLOWEST:
@@ -100,20 +102,21 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
     # Means over the interval around each output, and what rates change by within it.
     width = 0.5 * float(np.median(np.diff(t)))
-    moved = motion.to_numpy(np.float64)
-    integral = np.zeros_like(moved)
-    np.cumsum(0.5 * np.diff(at)[:, None] * (moved[1:] + moved[:-1]), axis=0, out=integral[1:])
 
     def change(of: Floats) -> Floats:
-        ends = [np.column_stack([np.interp(t + sign * width, at, each) for each in of.T]) for sign in (1.0, -1.0)]
-        return np.asarray(ends[0] - ends[1]) / (2.0 * width)
+        return np.asarray(np.interp(t + width, at, of) - np.interp(t - width, at, of)) / (2.0 * width)
 
-    felt, turned = change(integral), change(moved[:, :3])
+    def mean(of: Floats) -> Floats:
+        integral = np.zeros_like(of)
+        np.cumsum(0.5 * np.diff(at) * (of[1:] + of[:-1]), out=integral[1:])
+        return change(integral)
+
+    felt, turned = [mean(values) for values in motion], [change(values) for values in motion[:3]]
     command = motor_commands(pwm, vehicle)
     thrust = curve(np.clip(command, 0.0, 1.0), vehicle.thrust_expo)
     factors = factors_of(vehicle).T
     axes = [axis for axis in range(3) if np.max(np.abs(factors[axis])) > 1e-6]
-    mean, elapsed = thrust.mean(axis=1), (t - t.mean()) / max(t[-1] - t[0], 1e-9)
+    usual, elapsed = thrust.mean(axis=1), (t - t.mean()) / max(t[-1] - t[0], 1e-9)
     return Moments(
         t=t,
         thrust=thrust,
@@ -121,7 +124,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         limited=command >= 1.0 - 0.01 / (vehicle.spin_max - vehicle.spin_min),
         factors=factors[axes],
         columns=[
-            np.column_stack([np.ones(len(t)), mean, felt[:, a], turned[:, a], felt[:, 3], felt[:, 4], elapsed * mean])
+            np.column_stack([np.ones(len(t)), usual, felt[a], turned[a], felt[3], felt[4], elapsed * usual])
             for a in axes
         ],
     )
