@@ -80,10 +80,7 @@ class MotorLines:
 def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], float]:
     """Return batches of the flown gyro before and after the filters, and the quantum of their samples, rad/s.
 
-    Raises
-    ------
-    LineError
-        Without batches of the gyro that flies, before its filters.
+    LineError without batches of the gyro that flies, before its filters.
     """
     name, parameters, flight = log.name, log.parameters_flown, log.flight
     tables = log.tables.others("gyro_batch")
@@ -130,10 +127,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
 def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> MotorLines:
     """Find the motors' lines in batches of one flight.
 
-    Raises
-    ------
-    LineError
-        Where none stands out, or none goes with throttle, or the battery moves them at equal throttle.
+    LineError where none stands out, or none goes with throttle, or the battery moves them at equal throttle.
     """
     steady = [each for each in batches if each.steady]
     if len(steady) < _FEWEST:

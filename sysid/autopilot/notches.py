@@ -137,10 +137,7 @@ def _filters(
 def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> NotchStudy:
     """Find the motors' lines of a flight and compute its noise with the notch as flown and as proposed.
 
-    Raises
-    ------
-    LineError
-        As `gyro_batches` and `motor_lines`, and where the filters that flew are not those of the parameters.
+    LineError as `gyro_batches` and `motor_lines`, and where the filters that flew are not those of the parameters.
     """
     before, after, quantum = gyro_batches(log)
     lines = motor_lines(log, before, quantum)

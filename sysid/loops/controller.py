@@ -138,10 +138,7 @@ class LoopSettings:
     def changed(self, **values: float) -> LoopSettings:
         """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.
 
-        Raises
-        ------
-        LoopError
-            For an unknown name or a value that is negative or not finite.
+        LoopError for an unknown name or a value that is negative or not finite.
         """
         for name, value in values.items():
             if not math.isfinite(value) or value < 0.0:

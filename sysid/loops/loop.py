@@ -88,10 +88,7 @@ class RateLoop(Summarised):
     def measured_margins(self) -> Margins:
         """Compute margins straight from the chirp: the second way, for the settings as flown.
 
-        Raises
-        ------
-        LoopError
-            Where the log does not part feedback from chirp.
+        LoopError where the log does not part feedback from chirp.
         """
         if self.measured is None:
             raise LoopError(

@@ -88,10 +88,7 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
 def loop_of_flights(logs: Sequence[FlightLog], axis: str) -> RateLoop:
     """Identify an axis' loop from what sticks, AutoTune or chirps on targets (SID_AXIS 1 to 9) showed of the craft.
 
-    Raises
-    ------
-    LoopError, FrequencyError
-        Where that is too little, or the flights differ in their settings.
+    LoopError, FrequencyError where that is too little, or the flights differ in their settings.
     """
     settings = [read_settings(log, axis) for log in logs]
     if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
