@@ -113,6 +113,12 @@ class MotorGeometry:
     #: shape (n,): +1 clockwise seen from above (its torque turns the nose to the left), -1 counter-clockwise, 0
     #: unknown.
     spin: Floats
+    factors: Floats  #: shape (n, 3): Of the mixer, for roll, pitch and yaw.
+
+    @property
+    def levers(self) -> Floats:
+        """Lever of every motor about roll and pitch, in arms; for yaw the sense of its torque; shape (3, n)."""
+        return np.vstack([-self.right, self.forward, -self.spin])
 
 
 def motor_geometry(record: Experiment) -> MotorGeometry:
@@ -129,4 +135,5 @@ def motor_geometry(record: Experiment) -> MotorGeometry:
         forward=np.array([np.cos(motor.angle) for motor in used]),
         right=np.array([np.sin(motor.angle) for motor in used]),
         spin=np.array([float(motor.spin) for motor in used]),
+        factors=np.array([[motor.roll, motor.pitch, motor.yaw] for motor in used]),
     )

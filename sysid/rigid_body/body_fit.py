@@ -27,7 +27,7 @@ from sysid.rigid_body.methods.systematic import with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
-from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation, logged_motors
+from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation
 from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
 
@@ -193,7 +193,7 @@ def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[Fli
 def _rotation(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float
 ) -> RotationFit | None:
-    if not logged_motors(records[0], vehicle) or len(records[0].input_names) < len(vehicle.motors):
+    if not vehicle.motors or {f"m{motor.number}" for motor in vehicle.motors} != set(records[0].input_names):
         return None
     return fit_rotation(records, vehicle, voltage, expo)
 

@@ -22,10 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from logparse import Motor, Vehicle
+from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer import known_slope
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
+from sysid.records.motor_signals import motor_geometry
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 
@@ -101,22 +102,6 @@ class TorqueCurve:
         return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
 
 
-def logged_motors(record: Experiment, vehicle: Vehicle) -> tuple[Motor, ...]:
-    """Return the motors of the frame behind the inputs m1, m2 ...; empty when any of them is unknown."""
-    known = {f"m{motor.number}": motor for motor in vehicle.motors}
-    return tuple(known[name] for name in record.input_names) if set(record.input_names) <= set(known) else ()
-
-
-def levers(motors: Sequence[Motor]) -> dict[str, Floats]:
-    """Lever of every motor about each axis, in arms; for yaw the sense in which its torque turns the craft."""
-    angles = np.array([motor.angle for motor in motors])
-    return {
-        "roll": -np.sin(angles),
-        "pitch": np.cos(angles),
-        "yaw": -np.array([float(motor.spin) for motor in motors]),
-    }
-
-
 def thrust_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Floats:
     """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors)."""
     assert record.context is not None
@@ -139,12 +124,12 @@ def centre_of_gravity(
     ahead, right = [], []
     for record in records:
         thrust = thrust_commands(record, vehicle, voltage)
-        arms = levers(logged_motors(record, vehicle))
+        arms = motor_geometry(record).levers
         size = max(round(SCALE_SECONDS / record.dt), 1)
         for k in range(0, max(len(thrust) - size // 2, 1), size):
             part = thrust[k : k + size].mean(axis=0)
-            ahead.append(float(part @ arms["pitch"] / part.sum()))
-            right.append(float(-part @ arms["roll"] / part.sum()))
+            ahead.append(float(part @ arms[1] / part.sum()))
+            right.append(float(-part @ arms[0] / part.sum()))
     if len(ahead) < 4:
         return (0.0, np.inf), (0.0, np.inf)
     # The spread of few values is itself not known well: errors in its units are Student's.
@@ -159,13 +144,11 @@ def torque_commands(
     """Torque commands and rates about the three axes."""
     context = record.context
     assert context is not None
-    motors = logged_motors(record, vehicle)
-    arms = levers(motors)
+    geometry = motor_geometry(record)
     if "out_roll" not in context or "rate_x" not in context:
         thrust = thrust_commands(record, replace(vehicle, thrust_expo=expo), voltage)
-        commands = np.column_stack([thrust @ arms[axis] for axis in AXES])
-        return commands, context[["w_x", "w_y", "w_z"]].to_numpy(np.float64), "motor outputs"
-    per_output = [float(arms[axis] @ np.array([getattr(motor, axis) for motor in motors])) for axis in AXES]
+        return thrust @ geometry.levers.T, context[["w_x", "w_y", "w_z"]].to_numpy(np.float64), "motor outputs"
+    per_output = np.einsum("an,na->a", geometry.levers, geometry.factors)
     outputs = context[[f"out_{axis}" for axis in AXES]].to_numpy(np.float64)
     size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
     command = _moving_mean(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean(axis=1), size)
