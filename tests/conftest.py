@@ -67,7 +67,6 @@ _PROGRAMS = {"browser", "postgresql", "s3"}
 _LENGTHY = {
     ROOT / "tests" / f"{name}.py"
     for name in [
-        "api/test_access",
         "api/test_analyses",
         "api/test_crafts",
         "api/test_database",
@@ -76,7 +75,6 @@ _LENGTHY = {
         "api/test_hostile",
         "api/test_openapi",
         "api/test_operation",
-        "api/test_other_sites",
         "api/test_pages",
         "api/test_server",
         "docs/test_findings",
@@ -95,7 +93,6 @@ _LENGTHY = {
         "pipeline/test_bad_fields",
         "pipeline/test_executors",
         "pipeline/test_fleet",
-        "pipeline/test_identification",
         "reports/test_report_schema",
         "rotorid/test_front_door",
         "rotorid/test_start",

@@ -8,6 +8,7 @@ import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -150,7 +151,9 @@ def database(tmp_path: Path) -> Iterator[Database]:
         yield opened
 
 
-def test_an_analysis_whose_worker_lives_is_not_claimed(database: Database, tmp_path: Path) -> None:
+def test_an_analysis_whose_worker_lives_is_not_claimed_and_ends_by_its_own_claim_only(
+    database: Database, tmp_path: Path
+) -> None:
     catalog, incoming = Catalog(database, open_store(str(tmp_path / "objects"))), Incoming(tmp_path)
     with incoming.receive() as upload:
         upload.write(b"log")
@@ -161,6 +164,9 @@ def test_an_analysis_whose_worker_lives_is_not_claimed(database: Database, tmp_p
     assert queue.claim() is None
     assert queue.prolong(claim)
     assert queue.claim() is None
+    lost = replace(claim, lease="another's")
+    assert [queue.prolong(lost), queue.finish(lost, {}), queue.retry(lost)] == [False] * 3
+    assert queue.finish(claim, {})
 
 
 def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(
