@@ -162,7 +162,7 @@ class Account:
         if self.flight is None:
             return "no flight"
         if not self.story:
-            return "nothing"
+            return "uneventful"
         names = [str(each.evidence.get("what") or each.id.replace("-", " ")) for each in self.story]
         return ", ".join(dict.fromkeys((names[0], names[-1])))
 

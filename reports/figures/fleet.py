@@ -38,7 +38,7 @@ MOST_PLOTS = 4
 FEWEST_POINTS = 3
 #: Colour, mark and name of a flight by what happened in it.
 _TONES = {
-    Tone.GOOD: ("@good", "circle", "nothing"),
+    Tone.GOOD: ("@good", "circle", "uneventful"),
     Tone.CARE: ("@care", "diamond", "to look into"),
     Tone.BAD: ("@bad", "x", "in danger"),
     Tone.UNKNOWN: ("@quiet", "circle-open", "not known"),

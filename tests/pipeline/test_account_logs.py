@@ -66,6 +66,16 @@ def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path, unpacked):
     assert (event.evidence["motor"], event.t) == (5, pytest.approx(80.11, abs=0.2))
 
 
+@pytest.mark.parametrize("part", [0.6, 0.8])
+def test_a_throttle_that_ran_away_blames_no_motor_wherever_the_log_was_cut(tmp_path, part):
+    whole = (SHARED / "real" / "erlerobot-logs__26-11-2014_181.BIN").read_bytes()
+    cut = tmp_path / "cut.BIN"
+    cut.write_bytes(whole[: int(part * len(whole))])
+    log = logparse.read_log(cut)
+    account = tell(log, Span(log.flight.start, log.flight.stop))
+    assert [each.id for each in account.story] == ["vibration", "throttle-runaway"]
+
+
 def test_crash_disarming_and_jamming_are_named_to_half_a_second(account_of):
     # Seconds at which the simulator says that the craft hit the ground; the flight recorder's own text is not read.
     crash = account_of(FAULTS / "lost_motor_quad.BIN.xz")

@@ -158,7 +158,7 @@ def test_the_picture_is_of_the_signal_that_tells(flight, identity, evidence, pic
 
 def test_a_calm_flight_shows_its_height_and_says_its_numbers_once(kinds):
     result = kinds["good"]
-    assert line_of(result, "Happened").word == "nothing"
+    assert line_of(result, "Happened").word == "uneventful"
     assert line_of(result, "Happened").tone is Tone.GOOD
     assert line_of(result, "Flown") is None
     assert result.answer.picture is Picture.ALTITUDE
@@ -262,7 +262,7 @@ def test_a_reason_that_many_flights_share_is_said_once(flight):
 def test_a_folder_tells_first_how_many_flights_ended_badly(kinds):
     flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
     numbers = made(FleetReport, flights=flights)
-    assert [flight.happened for flight in flights][:2] == ["nothing", "motor fault, crash"]
+    assert [flight.happened for flight in flights][:2] == ["uneventful", "motor fault, crash"]
     first = fleet_answer(numbers)[0].line
     assert first.tone is Tone.BAD
     assert first.text == "1 of 5 flights ended badly or were in danger, such as lost motor: motor fault, crash."

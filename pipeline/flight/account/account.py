@@ -26,6 +26,9 @@ _ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air", "fall"))
 _MARGIN, _END = 0.3, 3.0
 #: What makes the speed over the ground doubtful while it lasts.
 _GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "fall"))
+#: What ends the time in which motors are compared: blows, and a throttle that runs away, at whose limit no motor has
+#: the output that it needs (26-11-2014_181, cut at 97 s).
+_UNTRIMMED = frozenset(("crash", "hard-landing", "disarmed-in-air", "throttle-runaway"))
 #: What the log may lack, by table, and what is then not known.
 _LACKS = {
     "baro": "no barometer: heights are of another sensor",
@@ -69,10 +72,13 @@ def account_of(readings: Readings) -> Account:
     voltage = state.battery(readings)
     if voltage is None and tables.has("battery"):
         unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
+    if readings.attitude_error is None and tables.has("attitude") and tables.has("setpoints"):
+        unknown = (*unknown, "attitude or its target too slow: whether it followed")
     seen = tables.has("imu") or tables.has("attitude")
-    told = headline(story, flight) or uneventful(flight, height, distance, speed, seen=seen)
-    for cut, words in ((begins_in_the_air, "begins"), (ends_in_the_air, "ends")):
-        told += f" The log {words} in the air." if cut(readings) else ""
+    begun, ended = begins_in_the_air(readings), ends_in_the_air(readings)
+    told = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)
+    for cut, words in ((begun, "begins"), (ended, "ends")):
+        told += f" The log {words} in the air." if cut else ""
     return Account(
         flight=flight,
         phases=_phases(readings, story),
@@ -115,10 +121,9 @@ def _happenings(readings: Readings) -> list[Finding]:
         )
     )
     found += touched
-    blows = [
-        each.t for each in touched if each.id in ("crash", "hard-landing", "disarmed-in-air") and each.t is not None
-    ]
-    found += motor_happenings(readings, until=min([stop, *blows]))
+    found += motor_happenings(
+        readings, until=min([stop, *(each.t for each in found if each.id in _UNTRIMMED and each.t)])
+    )
     return found + list(sensor_happenings(readings)) + list(reported_happenings(readings))
 
 
