@@ -278,6 +278,11 @@ IN_RADIANS = {"columns": ["roll", "pitch", "yaw"], "unit": "rad"}
 #: What changes a table, its description, and the words by which the two are refused.
 REFUSED = {
     "world": (as_it_is, columns(world="NED"), "body"),
+    "turned place": (
+        lambda frame: frame.assign(x=frame["y"], y=-frame["x"], vx=frame["vy"], vy=-frame["vx"]),
+        columns(),
+        "the heading of the world's frame is wrong",
+    ),
     "body": (as_it_is, columns(body="FRD"), "not up"),
     "order": (as_it_is, columns(attitude=QUATERNION | {"order": "wxyz"}), "qx, qy, qz, qw"),
     "direction": (
@@ -310,6 +315,7 @@ REFUSED = {
     "days": (scaled("t", 1 / 86400), columns(), "column t: .*unit: d"),
     "twice the time": (scaled("t", 2.0), columns(), "a unit is wrong"),
     "roll in deg": (in_angles("roll"), without("rates") | {"attitude": IN_RADIANS}, "column roll: a lean of"),
+    "yaw in deg": (in_angles("yaw"), without("rates") | {"attitude": IN_RADIANS}, "the heading is wrong"),
     "quaternion": (lambda frame: frame.assign(qw=frame["qx"]), columns(), "qx, qy, qz, qw"),
     "qx too small": (scaled("qx", 0.8), columns(), "column qx: with 1.25 times these values"),
     "qw too large": (scaled("qw", 1.2), columns(), "column qw: with 0.83 times these values"),
