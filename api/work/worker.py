@@ -28,7 +28,7 @@ from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
 from pipeline.execution.stages import overall
-from pipeline.fleet.result import FleetResult
+from pipeline.fleet.result import FleetResult, Run
 from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import present
@@ -268,7 +268,8 @@ def _join(task: Task, progress: Progress) -> None:
             place = joint / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
             place.parent.mkdir(parents=True)
             dataset.write_experiment(record, place)
-    found = fleet_crafts.identify_crafts(flights, config, scratch, _publish, None, progress, redo=True)
+    asked = Run(config=config, store=scratch, publish=_publish, executor=None, redo=True)
+    found = fleet_crafts.identify_crafts(flights, asked, progress)
     if not found.entries:
         raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
     progress("report", 0.99)

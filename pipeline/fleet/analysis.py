@@ -21,7 +21,7 @@ from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
-from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult
+from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult, Run
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
@@ -31,7 +31,6 @@ from pipeline.storage.manifest import (
     Manifest,
     is_current,
     of_one_flight,
-    page_key,
     read_manifest,
     software,
     stored_flights,
@@ -97,6 +96,7 @@ def analyze_fleet(
     """
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
+    run = Run(config=config, store=store, publish=publish, executor=executor, redo=redo)
     found = paths if isinstance(paths, Found) else find(paths, exclude=store.folder)
     check_choices(found, config)
     store.prepare()
@@ -106,11 +106,11 @@ def analyze_fleet(
         if former.software not in (None, software()):
             progress("results here are of another version of rotorid or its libraries, and are made anew", 0.0)
         records = index_sources(found.sources, former, config, executor)
-        known = {} if redo else _known(records, former, store, page_key(publish))
+        known = {} if redo else _known(records, former, run)
         began = perf_counter()
         # Flights of one file are seldom so many that fitting them together takes long.
         each = part_of(progress, 0.0, own := 0.9 if len(found.sources) == 1 else 0.8)
-        new = _analyzed(records, known, found, config, store, publish, executor, each, redo=redo, told=told)
+        new = _analyzed(records, known, found, run, each, told)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -119,11 +119,11 @@ def analyze_fleet(
         bring_back(store, [record for record in former.removed if record.folder in folders])
         flights = _flights(records, {**known, **new})
         together = part_of(progress, own, 0.99)
-        crafts = _crafts(flights, former, config, store, publish, executor, together, redo=redo)
+        crafts = _crafts(flights, former, run, together)
         manifest = Manifest(
             software=software(),
             configuration=config,
-            pages=page_key(publish),
+            pages=run.pages,
             logs=tuple(records),
             # Those that could not be stored are wanted still: the next run finds them missing.
             crafts=(*crafts.entries, *crafts.unstored),
@@ -170,7 +170,7 @@ def check_choices(found: Found, config: AnalysisConfig) -> None:
                 raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
 
 
-def _known(records: Sequence[LogRecord], former: Manifest, store: Store, pages: str) -> dict[str, Outcome]:
+def _known(records: Sequence[LogRecord], former: Manifest, run: Run) -> dict[str, Outcome]:
     """Return what is in the store already, by URL: entries of flights, and why other logs have none.
 
     A flight whose result is there but not the pages that are wanted is not among them.
@@ -186,7 +186,7 @@ def _known(records: Sequence[LogRecord], former: Manifest, store: Store, pages: 
             others.append(record)
 
     def stored(record: LogRecord) -> tuple[FlightEntry, ...] | None:
-        return stored_flights(store, record.folder, record.key, record.url, pages)
+        return stored_flights(run.store, record.folder, record.key, record.url, run.pages)
 
     with ThreadPoolExecutor(READERS) as readers:
         found = zip(others, readers.map(stored, others), strict=True)
@@ -197,13 +197,8 @@ def _analyzed(
     records: Sequence[LogRecord],
     known: Mapping[str, Outcome],
     found: Found,
-    config: AnalysisConfig,
-    store: Store,
-    publish: Publish | None,
-    executor: Executor | None,
+    run: Run,
     progress: Progress,
-    *,
-    redo: bool,
     told: Callable[[FlightEntry], None] | None,
 ) -> dict[str, Outcome]:
     """Analyse what is not known, side by side where there is an executor; by URL."""
@@ -217,11 +212,11 @@ def _analyzed(
             name=record.name,
             folder=record.folder,
             key=record.key,
-            config=of_one_flight(config),
-            store=store.url,
-            publish=publish,
-            pages=page_key(publish),
-            redo=redo,
+            config=of_one_flight(run.config),
+            store=run.store.url,
+            publish=run.publish,
+            pages=run.pages,
+            redo=run.redo,
         )
         for record in new
     ]
@@ -237,8 +232,8 @@ def _analyzed(
                 watch.begin(job.source.url)
             yield job
 
-    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), executor)
-    for job, outcome in _done(wanted(), executor, watch):
+    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), run.executor)
+    for job, outcome in _done(wanted(), run.executor, watch):
         outcomes[job.source.url] = outcome
         watch.end(job.source.url)
         if told is not None and isinstance(outcome, tuple):
@@ -293,28 +288,17 @@ def _flights(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> t
     return tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
 
 
-def _crafts(
-    flights: Sequence[FlightEntry],
-    former: Manifest,
-    config: AnalysisConfig,
-    store: Store,
-    publish: Publish | None,
-    executor: Executor | None,
-    progress: Progress,
-    *,
-    redo: bool,
-) -> Crafts:
+def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress: Progress) -> Crafts:
     """Identify every craft of several flights jointly, unless that was done with these flights."""
-    pages = page_key(publish)
-    before = tuple(replace(craft, pages=pages) for craft in former.crafts)
+    before = tuple(replace(craft, pages=run.pages) for craft in former.crafts)
     unchanged = (
         {record.key for record in former.logs if record.state == "analysed"} == {flight.key for flight in flights}
-        and former.configuration == config
+        and former.configuration == run.config
         and former.software == software()
     )
-    if unchanged and not redo and all(is_current(store, craft) for craft in before):
+    if unchanged and not run.redo and all(is_current(run.store, craft) for craft in before):
         return Crafts(entries=before, left_out=former.left_out)
-    return fleet_crafts.identify_crafts(flights, config, store, publish, executor, progress, redo=redo)
+    return fleet_crafts.identify_crafts(flights, run, progress)
 
 
 def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[LogFailure, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from fnmatch import fnmatch
 
@@ -13,29 +12,20 @@ from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet import joint
 from pipeline.fleet.homogeneity import alike_flights, day_of, places_of, unlike_findings, unlike_flights
-from pipeline.fleet.result import ANOTHER_RECORDING, Crafts
+from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, Run
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.flight.training import (
     excitation,
     exclusion_of,
 )
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import GroupResult, LogFailure, Publish, Split, TrainingExclusion
-from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, page_key, write_entry
-from pipeline.storage.store import Store
+from pipeline.results.fleet import GroupResult, LogFailure, Split, TrainingExclusion
+from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, write_entry
 
 
-def identify_crafts(
-    flights: Sequence[FlightEntry],
-    config: AnalysisConfig,
-    store: Store,
-    publish: Publish | None,
-    executor: Executor | None,
-    progress: Progress,
-    *,
-    redo: bool,
-) -> Crafts:
+def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> Crafts:
     """Identify every craft that has several flights from some of them, and judge its models on the others."""
+    config, store = run.config, run.store
     crafts = by_craft(flights)
     apart = kept_apart(crafts)
     used = {flight.name for craft in crafts for flight in craft}
@@ -63,9 +53,9 @@ def identify_crafts(
             training=split.training,
             held_out=split.held_out,
             split=split.sentence,
-            pages=page_key(publish),
+            pages=run.pages,
         )
-        if not redo and _is_there(store, entry, publish):
+        if not run.redo and _is_there(entry, run):
             entries.append(entry)
             continue
 
@@ -74,13 +64,14 @@ def identify_crafts(
         def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
             progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
-        result = joint.identify_craft(entry.name, craft, split, store.url, config, overall(report), executor, findings)
+        progressing = overall(report)
+        result = joint.identify_craft(entry.name, craft, split, store.url, config, progressing, run.executor, findings)
         try:
             with store.scratch() as scratch:
                 product = scratch / "product"
                 product.mkdir()
-                if publish is not None:
-                    publish(result, product)
+                if run.publish is not None:
+                    run.publish(result, product)
                 write_entry(entry, product)
                 store.commit(product, f"{CRAFTS}/{entry.folder}")
         except OSError as error:
@@ -89,7 +80,7 @@ def identify_crafts(
             unstored.append(entry)
         else:
             entries.append(entry)
-            fitted[entry.folder] = result if publish is None else _light(result)
+            fitted[entry.folder] = result if run.publish is None else _light(result)
     return Crafts(
         entries=tuple(entries),
         left_out=tuple(left_out),
@@ -119,12 +110,12 @@ def _light(result: GroupResult) -> GroupResult:
     return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
 
 
-def _is_there(store: Store, entry: GroupEntry, publish: Publish | None) -> bool:
+def _is_there(entry: GroupEntry, run: Run) -> bool:
     """Return whether the store has the products of a craft, with its pages drawn anew where others are wanted."""
-    if is_current(store, entry):
+    if is_current(run.store, entry):
         return True
-    same = is_current(store, replace(entry, pages=""))
-    return same and publish is not None and drawn_anew(store, f"{CRAFTS}/{entry.folder}", entry, publish)
+    same, publish = is_current(run.store, replace(entry, pages="")), run.publish
+    return same and publish is not None and drawn_anew(run.store, f"{CRAFTS}/{entry.folder}", entry, publish)
 
 
 #: Most flights that train where the user names none.

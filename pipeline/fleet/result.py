@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,9 @@ from core.serialization import plain
 from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import GroupResult, LogFailure
+from pipeline.results.fleet import GroupResult, LogFailure, Publish
 from pipeline.results.model_report import ParameterRow
-from pipeline.storage.manifest import CRAFTS, FLIGHTS, Manifest
+from pipeline.storage.manifest import CRAFTS, FLIGHTS, Manifest, page_key
 from pipeline.storage.store import Store, TemporaryStore
 
 if TYPE_CHECKING:
@@ -23,6 +24,22 @@ else:
 
 #: Why a flight is left out of the joint fit, and not counted twice.
 ANOTHER_RECORDING = "another recording of a flight that is here too, left out of the joint fit"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What a run over a folder is asked for."""
+
+    config: AnalysisConfig
+    store: Store
+    publish: Publish | None
+    executor: Executor | None
+    redo: bool  #: Make everything anew.
+
+    @property
+    def pages(self) -> str:
+        """Names what writes pages."""
+        return page_key(self.publish)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

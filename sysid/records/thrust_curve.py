@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
@@ -49,7 +49,7 @@ def body_velocity(record: Experiment) -> Floats:
     """Velocity over the ground along body axes (forward, right, down), m/s, (N, 3); NaN where unknown."""
     angles = np.column_stack([column(record, name) for name in ("yaw", "pitch", "roll")])
     velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
-    return np.asarray(Rotation.from_euler("ZYX", angles).apply(velocity, inverse=True))
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler("ZYX", angles).apply(velocity, inverse=True))
 
 
 def relative_density(record: Experiment) -> Floats:
