@@ -36,6 +36,8 @@ _LEAST = 0.1
 MOST_PLOTS = 4
 #: Fewer points show no course.
 FEWEST_POINTS = 3
+#: Height [px] of the plot beside the answer: with it they fill a screen, and the table of flights begins the next.
+FIRST_HEIGHT = 540
 #: Colour, mark and name of a flight by what happened in it.
 _TONES = {
     Tone.GOOD: ("@good", "circle", "uneventful"),
@@ -73,7 +75,7 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
             hover = "%{text}<br>%{y:.1f} min<extra></extra>"
             at = [places[k] for k in chosen]
             plot.add(marks(at, minutes, name, color, symbol=symbol, size=9, text=text, hover=hover))
-    return plot.figure("first-flights", "The flights over time.", 330)
+    return plot.figure("first-flights", "The flights over time.", FIRST_HEIGHT)
 
 
 def _tone(flight: FlightReport) -> Tone:

@@ -12,7 +12,7 @@ from typing import Any
 
 from scipy.io import loadmat, savemat
 
-from core.findings import WORST_FIRST
+from core.findings import WORST_FIRST, apart
 from core.quantity import counted, uncertain
 from core.serialization import as_json, cleaned, from_json
 from core.table import Row, Table, escaped
@@ -103,23 +103,23 @@ def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
 
 
 def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:
-    """Gather the findings of all flights, by name, by what they are about, worst and most frequent first."""
+    """Gather the findings of all flights by kind, each with its gravest part, worst and most frequent first."""
     found: dict[str, CommonFinding] = {}
-    for flight, findings in flights.items():
-        for finding in findings:
-            key = f"{finding.severity} {finding.id}"
-            entry = found.setdefault(
-                key,
-                CommonFinding(
-                    id=finding.id,
-                    severity=finding.severity,
-                    reason=finding.reason,
-                    advice=finding.advice,
-                    example=flight,
-                    flights=(),
-                ),
-            )
-            found[key] = replace(entry, flights=tuple(dict.fromkeys((*entry.flights, flight))))
+    every = [(finding, flight) for flight, findings in flights.items() for finding in findings]
+    for finding, flight in sorted(every, key=lambda each: WORST_FIRST.index(each[0].severity)):
+        gravest = next(apart([finding]))
+        entry = found.setdefault(
+            finding.id,
+            CommonFinding(
+                id=finding.id,
+                severity=gravest.severity,
+                reason=gravest.reason,
+                advice=gravest.advice,
+                example=flight,
+                flights=(),
+            ),
+        )
+        found[finding.id] = replace(entry, flights=tuple(dict.fromkeys((*entry.flights, flight))))
     return tuple(sorted(found.values(), key=lambda each: (WORST_FIRST.index(each.severity), -len(each.flights))))
 
 

@@ -9,6 +9,7 @@ from logparse import Severity
 from pipeline.results.report import CraftReport, FleetReport
 from reports.figures.figure import Figure
 from reports.figures.fleet import (
+    FIRST_HEIGHT,
     coverage_figures,
     drift_figures,
     flights_over_time,
@@ -30,13 +31,11 @@ from reports.views.craft import (
 from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
 from reports.views.fleet_answer import Insight, fleet_answer, insight
-from reports.views.model_uses import MOST_ADVICE, holding
-from reports.views.models import thrust_coefficients
+from reports.views.models import MOST_ADVICE, holding, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 
 #: Tables of more flights are folded.
 MOST_UNFOLDED = 60
-_FIRST_HEIGHT = 330
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +144,7 @@ def _insight_figure(told: Insight | None) -> Figure | None:
         figure = motors_over_flights(drift, "first-motors", [])
     else:
         figure = parameters_over_flights([told.history], drift, "first-course", [])
-    return None if figure is None else replace(figure, caption="Flight by flight.", height=_FIRST_HEIGHT)
+    return None if figure is None else replace(figure, caption="Flight by flight.", height=FIRST_HEIGHT)
 
 
 def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[str, object]:

@@ -13,8 +13,7 @@ from reports.views import tables as views
 from reports.views.account import shown_account
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
-from reports.views.model_uses import MOST_ADVICE, failing, holding
-from reports.views.models import thrust_coefficients
+from reports.views.models import MOST_ADVICE, failing, holding, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 from reports.views.rotation import loop_table, loop_warnings, rotation_view
 

@@ -14,7 +14,7 @@ from pipeline.results.answer import Answer
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import summary
 from reports.views.fleet_answer import fleet_answer
-from reports.views.model_uses import holding
+from reports.views.models import holding
 from reports.views.summary import ShownAnswer
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.

@@ -1,4 +1,4 @@
-"""What pages show of the models themselves: formulae, coefficients, orders, and how they were judged axis by axis."""
+"""What pages show of models: which hold and for what, formulae, coefficients, orders, and how each axis was judged."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from core.quantity import MINUS, column, number, uncertain
 from core.table import Row, Table
+from pipeline.results.answer import HOLDS
+from pipeline.results.model_report import ModelReport
+from pipeline.results.verdict import PredictionUse
 from reports.views import summary
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
@@ -14,6 +17,34 @@ from sysid.validation.report import OrderRow, OrdersReport
 
 #: Outputs of flights in words.
 PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}
+#: Advice that stands on a page; the rest is folded.
+MOST_ADVICE = 3
+
+
+def holding(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
+    """Return models that predict for as long as a person needs to react, and for what they are of use."""
+    return [(summary.sentence(each.title)[:-1], _reach(each.uses.prediction)) for each in models if _holds(each)]
+
+
+def failing(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
+    """Return the other models, and why they are of no use."""
+    return [(summary.sentence(each.title)[:-1], _why_not(each)) for each in models if not _holds(each)]
+
+
+def _reach(use: PredictionUse) -> str:
+    errors = ", ".join(f"{number(error, 2)} m in {output}" for output, error in use.rmse_m.items())
+    return f"Predicts {use.horizon_s:g} s ahead" + (f", to {errors}." if errors else ".")
+
+
+def _holds(model: ModelReport) -> bool:
+    return model.model is not None and (model.uses.prediction.horizon_s or 0.0) >= HOLDS
+
+
+def _why_not(model: ModelReport) -> str:
+    if model.model is None:
+        return summary.sentence(model.missing)
+    horizon = model.uses.prediction.horizon_s
+    return f"Predicts {horizon:g} s ahead only." if horizon else "Does not predict this flight."
 
 
 def functions_intro(model: FunctionsRecord) -> str:
