@@ -21,9 +21,8 @@ NAMES = {
 
 def quadplane(copter: bytes, on_wings: tuple[float, float] | None = None) -> bytes:
     """Return a copter's log as a QuadPlane's, whose motors stand between two times [s] in which wings carry it."""
-    for k in range(1, 5):
-        NAMES[b"SERVO%d_FUNCTION" % k] = b"servo%d_FUNCTION" % (k + 4)
-    for own, new in NAMES.items():
+    outputs = {b"SERVO%d_FUNCTION" % k: b"servo%d_FUNCTION" % (k + 4) for k in range(1, 5)}
+    for own, new in (NAMES | outputs).items():
         copter = copter.replace(own, new)
     for k in range(5, 9):  # outputs change places with those of the motors
         copter = copter.replace(b"SERVO%d_FUNCTION" % k, b"SERVO%d_FUNCTION" % (k - 4))
