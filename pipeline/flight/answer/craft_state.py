@@ -63,7 +63,7 @@ def _flown(account: Account) -> AnswerLine | None:
     assert account.flight is not None
     height = account.height
     disputed = height is not None and any(
-        abs(other - height.value) > max(2.0, 0.3 * height.value) for other in height.others.values()
+        abs(other - height.value) > max(1.0, 0.3 * height.value) for other in height.others.values()
     )
     if not account.story and not disputed:
         return None
