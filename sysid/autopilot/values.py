@@ -7,12 +7,18 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from core.lazy import lazy
 from core.parameter import Parameter
 from core.quantity import number, uncertain
 from core.summary import Summarised, listed
 from core.table import Cell, Row, Table
-from sysid.loops.parameter_file import DIGITS, parameter_line, typed
+
+if TYPE_CHECKING:
+    from sysid.loops import parameter_file
+else:
+    parameter_file = lazy("sysid.loops.parameter_file")  # whoever reads values of a report needs no numerical package
 
 #: Standard deviations from what flies below which a value is no other.
 _OTHER = 2.0
@@ -53,7 +59,7 @@ class AutopilotValue:
         assert self.proposed.value is not None
         spread = f"± {self.proposed.sigma:.2g}; " if self.proposed.sigma else ""
         before = "" if self.now is None else f"was {self.now:g}; "
-        return parameter_line(self.name, self.proposed.value, spread + before + self.proposed.reason)
+        return parameter_file.parameter_line(self.name, self.proposed.value, spread + before + self.proposed.reason)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -78,7 +84,7 @@ class AutopilotValues(Summarised):
             for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
                 first, *others = alike
                 cell = Cell(new, "good") if new else Cell("right" if first.right else "stays", "unknown")
-                now = "" if first.now is None else number(first.now, DIGITS)
+                now = "" if first.now is None else number(first.now, parameter_file.DIGITS)
                 if new or not others:
                     rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]
                 else:
@@ -140,7 +146,10 @@ def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[
         return [one for name in found for one in refused([name], file, flown, stays[name], right=True)]
     return [
         AutopilotValue(
-            name, file, flown.get(name), replace(each, value=None if each.value is None else typed(each.value))
+            name,
+            file,
+            flown.get(name),
+            replace(each, value=None if each.value is None else parameter_file.typed(each.value)),
         )
         for name, each in found.items()
     ]
@@ -149,4 +158,4 @@ def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[
 def _as_flown(now: float | None, found: Parameter) -> bool:
     if now is None or found.value is None:
         return False
-    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-DIGITS)
+    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-parameter_file.DIGITS)
