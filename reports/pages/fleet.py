@@ -124,8 +124,8 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flight_rows(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,
-        serious=[each for each in numbers.findings if each.severity is not Severity.INFO],
-        notes=[each for each in numbers.findings if each.severity is Severity.INFO],
+        serious=[each for each in numbers.findings if each.severity is Severity.ERROR],
+        notes=[each for each in numbers.findings if each.severity is not Severity.ERROR],
         failures=[(each.file, summary.sentence(each.reason)) for each in numbers.failures],
         left_out=summary.left_out(numbers),
         unused=[
