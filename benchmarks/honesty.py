@@ -162,7 +162,7 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
             body = fit_rigid_body(seen)
         except RotoridError:
             body = None
-        for name, each in {}.items() if body is None else body.parameters.items():
+        for name, each in () if body is None else body.parameters.items():
             if each.value is not None and each.sigma:
                 found["body", name] = each.value, float(np.hypot(each.sigma, each.transfer))
         for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():

@@ -163,6 +163,20 @@ class LongTable:
     build: Callable[[], Built]
     columns: Callable[[Collection[str]], Iterator["pd.Series[float]"]] | None = None
 
+    def changed(self, change: Callable[[pd.DataFrame], pd.DataFrame]) -> "LongTable":
+        """Return the table as `change` leaves it, which must do to a column alone what it does to it among others."""
+        columns = self.columns
+
+        def build() -> Built:
+            table, others = self.build()
+            return None if table is None else change(table), others
+
+        def one_by_one(wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+            assert columns is not None
+            return (change(each.to_frame())[each.name] for each in columns(wanted))
+
+        return LongTable(build, None if columns is None else one_by_one)
+
 
 class _LongTables:
     """Slots of `Tables` for the long ones, which are built when they are asked for: their own slots stay empty."""

@@ -1,6 +1,6 @@
 """Canonical tables: one meaning, unit and frame per column, from the messages of any autopilot and age."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -87,14 +87,8 @@ def _without_wings(
             inside |= (t >= start) & (t <= stop)
         return rows.mask(inside[:, None] & ~rows.columns.isin(_MEASURED))
 
-    def columns(wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-        assert rates.columns is not None
-        return (hover(each.to_frame())[each.name] for each in rates.columns(wanted))
-
-    if (found := long.get("rates")) is not None:
-        rates = found
-        whole = LongTable(lambda: (hover(table) if (table := rates.build()[0]) is not None else None, ()))
-        long = {**long, "rates": replace(whole, columns=columns if rates.columns is not None else None)}
+    if "rates" in long:
+        long = {**long, "rates": long["rates"].changed(hover)}
     motors, measured = tables.motors, tables.rates if "rates" not in long else None
     assert motors is not None  # without them no wing was seen
     seconds = sum(stop - start for start, stop in wings)

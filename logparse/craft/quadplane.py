@@ -32,8 +32,10 @@ def copter_name(parameter: str) -> str:
     )
 
 
-def own_name(parameter: str) -> str:
-    """Name that a QuadPlane has for a parameter of a copter: the inverse of `copter_name`."""
+def own_name(parameter: str, firmware: str | None) -> str:
+    """Name by which the firmware itself knows a parameter of a copter: of a QuadPlane the inverse of `copter_name`."""
+    if firmware != "ArduPlane":
+        return parameter
     return next(
         (own + parameter.removeprefix(new) for own, new in _PREFIXES.items() if parameter.startswith(new)), parameter
     )

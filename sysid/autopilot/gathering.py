@@ -153,8 +153,7 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         rotation = survey(with_rates, tuple(AXES))
         values += feed_forward(rotation, flown)
         values += stick_values(tuning, rotation, flown)
-    if flights[0].vehicle.firmware == "ArduPlane":
-        values = [replace(each, name=own_name(each.name)) for each in values]
+    values = [replace(each, name=own_name(each.name, flights[0].vehicle.firmware)) for each in values]
     proposed = {each.file for each in values if each.proposed.value is not None}
     remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])
     return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))

@@ -198,8 +198,7 @@ def summarise(hz: Floats, response: Complexes, draws: Complexes) -> Margins:
         if not np.isfinite(value) or len(drawn) < 0.5 * len(draws):
             estimates[name] = Parameter(None, None, unit, reason)
             continue
-        half = 0.025
-        low, high = (float(q) for q in np.quantile(drawn, [half, 1.0 - half]))
+        low, high = (float(q) for q in np.quantile(drawn, [0.025, 0.975]))
         intervals[name] = (min(low, value), max(high, value))
         limit = _level(hz, response, value) if name == "crossover_hz" else ""
         estimates[name] = Parameter(value, float(0.5 * (high - low) / 1.96), unit, limit)

@@ -183,9 +183,11 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         remarks.append(
             f"{listed(kept)} changed after the flight: both files hold what flew, without which nothing is sure"
         )
-    proposed, before, flown = ({**kept, **each} for each in (proposed, before, flown))
-    if flights[0].vehicle.firmware == "ArduPlane":
-        proposed, before, flown = ({own_name(n): v for n, v in each.items()} for each in (proposed, before, flown))
+    firmware = flights[0].vehicle.firmware
+    proposed, before, flown = (
+        {own_name(name, firmware): value for name, value in {**kept, **each}.items()}
+        for each in (proposed, before, flown)
+    )
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 

@@ -44,7 +44,7 @@ def test_what_lifts_has_the_names_of_a_copter(copter, winged):
 
 def test_names_come_back_for_the_files_that_it_loads():
     for name in ("Q_A_RAT_RLL_P", "Q_M_THST_HOVER", "Q_FRAME_CLASS", "INS_GYRO_FILTER"):
-        assert own_name(copter_name(name)) == name
+        assert own_name(copter_name(name), "ArduPlane") == name
 
 
 def test_motors_and_controllers_count_in_hover_only(copter, winged):
