@@ -67,7 +67,7 @@ class AnalysisConfig:
         float, Setting("Of a single flight, the part to fit on; the rest judges.", least=0.1, most=0.95)
     ] = 0.7
     #: Several logs: names (shell patterns) of the logs to fit on; all others judge. Empty: chosen by what was flown
-    #: (`pipeline.fleet.crafts`).
+    #: (`pipeline.fleet.split`).
     training: Annotated[
         tuple[str, ...],
         Setting(

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pipeline.results.flight import FlightResult
     from reports.files import folder as reports_folder
     from reports.files.fleet import write_fleet
-    from reports.files.folder import ImageFormat, write
+    from reports.files.folder import write
+    from reports.files.plot_images import ImageFormat
     from reports.files.replay import write_replay
 else:
     reports_folder = lazy("reports.files.folder")

@@ -1,15 +1,13 @@
 """What programs and assistants can ask of one owner's flights and craft, of the service or of a folder.
 
 Numbers come with unit, error and provenance, and nothing changes anything. The same questions are asked over HTTP
-(`api.routes.questions`) and over MCP (`server_of`).
+(`api.routes.questions`) and over MCP (`api.machine.mcp_server`).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from fastapi import Query
 from sqlalchemy import func, select
@@ -32,7 +30,6 @@ from api.machine.answers import (
 from api.store.database import Database
 from api.store.ids import is_id
 from api.store.records import AnalysisRecord, CraftRecord, FlightRecord
-from core.lazy import lazy
 from core.serialization import restored
 from pipeline.config import ConfigError
 from pipeline.results.drift import CraftReview
@@ -47,14 +44,6 @@ from reports.numbers.quantities import (
     predictions_of,
 )
 from reports.numbers.reading import parse_report
-
-if TYPE_CHECKING:
-    import mcp_types
-    from mcp.server import mcpserver
-    from mcp.server.mcpserver import exceptions
-else:
-    mcpserver, exceptions = lazy("mcp.server.mcpserver"), lazy("mcp.server.mcpserver.exceptions")
-    mcp_types = lazy("mcp_types")
 
 #: Most items of one answer.
 MOST = 1000
@@ -256,36 +245,3 @@ class Tools:
             return self.objects.read(f"analyses/{analysis.id}/{analysis.results}/{name}")
         except FileNotFoundError:  # deleted at this moment
             return None
-
-
-_INSTRUCTIONS = """Flights of multirotors, analysed by rotorid. Every number comes with its unit, one standard deviation
-(sigma) and provenance: the log, the seconds of it, and the method. Where there is none the reason says "not determined"
-and why: do not fill it in. Begin with list_craft and list_flights; flights and craft may be called by id or name."""
-
-
-def server_of(tools: Tools) -> "mcpserver.MCPServer[None]":
-    """Make a server of the questions."""
-    server: mcpserver.MCPServer[None] = mcpserver.MCPServer(
-        "rotorid", version=version("rotorid"), instructions=_INSTRUCTIONS
-    )
-    for question in tools.all():
-        server.add_tool(
-            _told(question),
-            name=question.__name__,
-            description=question.__doc__,
-            annotations=mcp_types.ToolAnnotations(read_only_hint=True, open_world_hint=False, idempotent_hint=True),
-        )
-    return server
-
-
-def _told(question: Callable[..., object]) -> Callable[..., object]:
-    """Answer what is not there in a sentence."""
-
-    @wraps(question)
-    def answer(*arguments: Any, **named: Any) -> object:
-        try:
-            return question(*arguments, **named)
-        except UnknownError as error:
-            raise exceptions.ToolError(str(error)) from error
-
-    return answer

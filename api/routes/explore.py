@@ -26,7 +26,7 @@ _SIGNALS, _POINTS = 16, 20_000
 
 
 def _file(log: OwnLog, parts: PartsOf) -> pathlib.Path:
-    """Have a log as a file of this computer."""
+    """Return a log as a file of this computer."""
     path = local_copy(f"logs/{log.id}", parts)
     if path is None:
         raise missing(LogRecord)

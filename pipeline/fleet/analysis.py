@@ -24,7 +24,7 @@ from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult, Run
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
-from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
+from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import (
     FLIGHTS,
     LogRecord,
@@ -35,6 +35,7 @@ from pipeline.storage.manifest import (
     software,
     stored_flights,
 )
+from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import Found, find
 from pipeline.storage.store import Store, TemporaryStore, open_store
 

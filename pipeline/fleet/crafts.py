@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet import joint
-from pipeline.fleet.homogeneity import alike_flights, day_of, places_of, unlike_findings, unlike_flights
+from pipeline.fleet.homogeneity import alike_flights, unlike_findings
 from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, Run
+from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
-from pipeline.flight.training import (
-    excitation,
-    exclusion_of,
-)
 from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import GroupResult, LogFailure, Split, TrainingExclusion
+from pipeline.results.fleet import GroupResult, LogFailure
 from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, write_entry
 
 
@@ -116,143 +110,3 @@ def _is_there(entry: GroupEntry, run: Run) -> bool:
         return True
     same, publish = is_current(run.store, replace(entry, pages="")), run.publish
     return same and publish is not None and drawn_anew(run.store, f"{CRAFTS}/{entry.folder}", entry, publish)
-
-
-#: Most flights that train where the user names none.
-MOST_TRAINING = 20
-
-#: Most flights held out that models are judged on where the user names none.
-MOST_JUDGING = 100
-
-
-def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
-    """Divide the flights of one craft into those to fit and those to judge, and say how it was done."""
-    flights = sorted(entries, key=lambda flight: flight.name)
-    if config.training or config.validation:
-        return _by_user(flights, config)
-    never = {flight.name: reason for flight in flights if (reason := exclusion_of(flight))}
-    unlike = {name: each.reason for name, each in unlike_flights(flights).items()}
-    usable = [flight for flight in flights if flight.name not in never and flight.name not in unlike]
-    half = _half(usable)
-    chosen = _thinned(half, MOST_TRAINING)
-    names = {flight.name for flight in chosen}
-    judges = [flight for flight in flights if flight.name not in names and flight.name not in unlike]
-    return Split(
-        training=tuple(sorted(names)),
-        held_out=tuple(flight.name for flight in judges),
-        judging=tuple(sorted(flight.name for flight in _thinned(judges, MOST_JUDGING))),
-        unused=unlike,
-        never_train=never,
-        sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
-    )
-
-
-def named(flight: FlightEntry, patterns: Iterable[str]) -> bool:
-    """Return whether one of the user's patterns means a flight, or the log that it is of."""
-    names = {flight.name.casefold(), flight.log_name.casefold()}
-    return any(fnmatch(name, pattern.casefold()) for pattern in patterns for name in names)
-
-
-def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
-    training = [flight.name for flight in flights if named(flight, config.training)]
-    judges = [flight.name for flight in flights if named(flight, config.validation)]
-    if not config.validation:
-        judges = [flight.name for flight in flights if flight.name not in training]
-        sentence = "the training flights were named by the user; all others judge"
-    elif not config.training:
-        training = [flight.name for flight in flights if flight.name not in judges]
-        sentence = "the flights that judge were named by the user; all others train"
-    else:
-        # What both patterns mean trains: it is no longer unseen.
-        judges = [name for name in judges if name not in training]
-        sentence = "the flights that train and those that judge were named by the user"
-    neither = {
-        flight.name: "the user named it neither to train nor to judge"
-        for flight in flights
-        if flight.name not in (*training, *judges)
-    }
-    poor = {flight.name: reason for flight in flights if flight.name in training and (reason := exclusion_of(flight))}
-    if poor:
-        sentence += "; of those that train, " + ", ".join(
-            f"{name} teaches little ({why.reason})" for name, why in poor.items()
-        )
-    return Split(
-        training=tuple(training), held_out=tuple(judges), judging=tuple(judges), unused=neither, sentence=sentence
-    )
-
-
-def _rank(flight: FlightEntry) -> tuple[float, str]:
-    """Sort by excitation, most first; every flight that may train has been measured."""
-    return -(excitation(flight) or 0.0), flight.name
-
-
-def _half(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
-    """Choose half of the flights, give or take one, one of each pair of flights that are alike."""
-    places = places_of(flights)
-    cells: dict[tuple[int, str], list[FlightEntry]] = defaultdict(list)
-    for flight in sorted(flights, key=_rank):
-        cells[places[flight.name], day_of(flight)].append(flight)
-    # The least excited is left over: the pairs hold those that matter most.
-    rest = sorted((members.pop() for members in cells.values() if len(members) % 2), key=_rank)
-    pairs = [members[k : k + 2] for members in (*cells.values(), rest) for k in range(0, len(members), 2)]
-    pairs.sort(key=lambda pair: _rank(pair[0]))
-    chosen = {pair[k % 2].name for k, pair in enumerate(pairs) if k % 2 < len(pair)}
-    return [flight for flight in flights if flight.name in chosen]
-
-
-def _thinned(flights: Sequence[FlightEntry], most: int) -> list[FlightEntry]:
-    """Keep at most so many: every so many-th by place, day and excitation, and the one that moves most."""
-    if len(flights) <= most:
-        return list(flights)
-    places = places_of(flights)
-    ordered = sorted(flights, key=lambda f: (places[f.name], day_of(f), *_rank(f)))
-    at = [int((k + 0.5) * len(ordered) / most) for k in range(most)]
-    best = min(range(len(ordered)), key=lambda k: _rank(ordered[k]))
-    nearest = min(range(len(at)), key=lambda k: abs(at[k] - best))
-    at[nearest] = best
-    return [ordered[k] for k in sorted(set(at))]
-
-
-def _sentence(
-    usable: Sequence[FlightEntry],
-    chosen: Sequence[FlightEntry],
-    judges: Sequence[FlightEntry],
-    unable: Mapping[str, TrainingExclusion],
-    *,
-    capped: bool,
-) -> str:
-    """Report how the flights were divided, with the numbers."""
-    never = "; ".join(f"{name} never trains: {unable[name].reason}" for name in sorted(unable)[:5])
-    if len(unable) > 5:
-        never += f"; {len(unable) - 5} more never train"
-    if not chosen:
-        return f"no flight can train: {never}" if never else "there is no flight"
-    if len(usable) == 1 and not judges:
-        return "the only flight of the craft trains, and no other is there to judge"
-    if len(usable) == 1:
-        return f"{chosen[0].name} is the only flight that can train, the others judge; {never}"
-    total = len(chosen) + len(judges)
-    places = len(set(places_of(usable).values()))
-    days = len({day_of(flight) for flight in usable})
-    text = (
-        f"{len(chosen)} of {total} flights train and {len(judges)} judge, stratified by place ({places}), day ({days}) "
-        f"and excitation: RMS acceleration {_range(chosen)} in training, "
-        f"{_range([flight for flight in judges if flight.name not in unable])} in judging"
-    )
-    if capped:
-        gain = 100.0 * (math.sqrt(1.0 + 1.0 / len(chosen)) - 1.0)
-        text += (
-            f"; of the half that could train {len(chosen)} do, spread over places, days and excitation, because more "
-            f"would lower the error on unseen flights by less than {gain:.1f} %"
-        )
-    if len(judges) > MOST_JUDGING:
-        text += f"; models are judged on {MOST_JUDGING} of those held out, spread alike"
-    return f"{text}; {never}" if never else text
-
-
-def _range(flights: Sequence[FlightEntry]) -> str:
-    values = [value for flight in flights if (value := excitation(flight)) is not None]
-    if not values:
-        return "not determined"
-    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
-    return f"{low} m/s²" if low == high else f"{low}–{high} m/s²"

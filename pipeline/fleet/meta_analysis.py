@@ -13,18 +13,14 @@ Friede 2015), so that flights which agree by luck do not make every difference s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc as chi2_sf
 from scipy.special import ndtr as normal_cdf
-from scipy.special import ndtri, stdtrit
 from scipy.special import stdtr as student_cdf
-
-from pipeline.results.drift import Mean, ParameterChange
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -124,51 +120,3 @@ def holm(p: Sequence[float]) -> list[float]:
         worst = max(worst, min(1.0, (len(p) - rank) * p[k]))
         adjusted[k] = worst
     return adjusted
-
-
-#: Chance of calling any parameter changed when none did, and that with which a change called detectable is found.
-SIGNIFICANCE, POWER = 0.05, 0.8
-
-#: Standard errors that a value must differ from zero by for a change of it to be told in percent.
-KNOWN = 3.0
-
-
-def difference(
-    parameter: str, method: str, unit: str, a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float]]
-) -> ParameterChange:
-    """Compare the means of a parameter over the flights of both sides, given values and standard errors."""
-    values, sigmas = np.array([*a, *b]).T
-    after = np.repeat([0.0, 1.0], [len(a), len(b)])
-    fit = meta_regression(values, sigmas, np.column_stack([1.0 - after, after]))
-    change, sigma, p = fit.test([-1.0, 1.0])
-    before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
-    # Percent of what may be zero mean nothing.
-    percent = 100.0 / before if abs(before) > KNOWN * before_sigma else None
-    half = _quantile(1.0 - SIGNIFICANCE / 2.0, fit.df) * sigma
-    return ParameterChange(
-        parameter=parameter,
-        method=method,
-        unit=unit,
-        a=Mean(value=before, sigma=before_sigma, flights=len(a)),
-        b=Mean(value=float(fit.beta[1]), sigma=math.sqrt(fit.covariance[1, 1]), flights=len(b)),
-        between_flights=fit.tau if fit.df else None,
-        difference=change,
-        difference_sigma=sigma,
-        difference_percent=None if percent is None else percent * change,
-        interval_percent=None if percent is None else (percent * (change - half), percent * (change + half)),
-        # That of a true change that is found four times out of five.
-        detectable_percent=None if percent is None else abs(percent) * (half + _quantile(POWER, fit.df) * sigma),
-        p=p,
-    )
-
-
-def corrected(rows: Sequence[ParameterChange]) -> tuple[ParameterChange, ...]:
-    """Correct all probabilities together, and judge by them."""
-    adjusted = holm([row.p for row in rows])
-    pairs = zip(rows, adjusted, strict=True)
-    return tuple(replace(row, p_adjusted=p, significant=p < SIGNIFICANCE) for row, p in pairs)
-
-
-def _quantile(chance: float, df: int) -> float:
-    """Return the value below which an estimate over its standard error is with this chance."""
-    return float(stdtrit(df, chance) if df else ndtri(chance))

@@ -20,9 +20,10 @@ import numpy as np
 
 from core.quantity import uncertain
 from logparse import Severity
+from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
 from pipeline.fleet.history import FEWEST
-from pipeline.fleet.meta_analysis import corrected, difference, holm, meta_regression
+from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
 from pipeline.results.drift import Alert, CraftReview, Drift, History, Note, ParameterChange, Point

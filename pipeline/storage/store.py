@@ -87,7 +87,7 @@ class Store:
             sync(folder)
 
     def get(self, path: str, file: Path) -> None:
-        """Let a file be another name for one that is kept, or a copy of it."""
+        """Make a file another name for one that is kept, or a copy of it."""
         file.symlink_to((self._root / path).resolve(strict=True))
 
     def files(self, path: str) -> Iterator[tuple[str, datetime]]:

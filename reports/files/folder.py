@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 import logging
-import re
-import shutil
-import subprocess
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
-from html import unescape
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Literal
-from urllib.parse import unquote
 
 import pandas as pd
 
-from core.errors import RotoridError
 from core.serialization import as_json, from_json
 from core.table import as_cell
 from pipeline.results.fleet import GroupResult
@@ -28,12 +19,11 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.model_report import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports.figures.drawn import FlightFigures, draw_craft, draw_flight
-from reports.figures.figure import Figure
+from reports.files.plot_images import ImageFormat, write_images
 from reports.files.tracks import write_track
 from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
 from reports.pages.flight import MODELS_PAGE, flight_page, models_page
-from reports.pages.html import plotly_script, script_json
 from sysid.rigid_body.physical import quantity
 from sysid.transfer_functions.export import TransferMatrix, coefficients, write_mat
 
@@ -200,64 +190,3 @@ def _write_parameters(report: FlightReport | CraftReport, folder: Path) -> None:
         known = value is not None
         rows.append((*owner, called, value, sigma if known else None, unit, row.method, known, row.note))
     pd.DataFrame(rows, columns=list(PARAMETERS)).to_csv(folder / "parameters.csv", index=False, float_format="%.9g")
-
-
-ImageFormat = Literal["png", "svg"]
-
-#: Browsers that draw without a window, as they are called on Linux, macOS and Windows.
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge", "microsoft-edge")
-#: Pixels of a page's column, and how many of a PNG's stand for one of them.
-_WIDTH, _SCALE = 900, 2
-#: Longest time for all plots of a flight, s.
-_PATIENCE = 120.0
-_PAGE = """<!DOCTYPE html><meta charset="utf-8"><script src="plotly.min.js"></script><pre id="drawn"></pre><script>
-const figures = {figures}, format = "{format}";
-(async () => {{
-  for (const {{ data, layout }} of figures) {{
-    const size = {{ format, width: {width}, height: layout.height, scale: {scale} }};
-    document.getElementById("drawn").append(await Plotly.toImage({{ data, layout }}, size), "\\n");
-  }}
-}})();
-</script>"""
-
-
-class NoBrowserError(RotoridError):
-    """No browser that draws plots as files, or one that fails."""
-
-
-def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:
-    """Write each figure as ``plots/NAME.png`` or ``.svg``, in the order of the page."""
-    browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
-    if browser is None:
-        raise NoBrowserError(
-            "plots as files are drawn by Chromium, Chrome or Edge, and none is installed (Debian: apt-get install "
-            "chromium); report.html shows the same plots in any browser"
-        )
-    drawn = [each.light() for each in figures]
-    scale = _SCALE if image_format == "png" else 1
-    page = _PAGE.format(figures=script_json(drawn), format=image_format, width=_WIDTH, scale=scale)
-    target = folder / "plots"
-    target.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory() as scratch:
-        (Path(scratch) / "plotly.min.js").write_bytes(plotly_script())
-        (Path(scratch) / "plots.html").write_text(page, encoding="utf-8")
-        options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=600000", "--dump-dom"]
-        place = [f"--user-data-dir={scratch}/profile", (Path(scratch) / "plots.html").as_uri()]
-        try:
-            ran = subprocess.run([browser, *options, *place], capture_output=True, timeout=_PATIENCE, check=True)
-        except (OSError, subprocess.SubprocessError) as error:
-            raise NoBrowserError(f"{browser} could not draw the plots: {error}") from error
-    images = re.findall(r"data:image/[a-z+]+(;base64)?,(\S+)", ran.stdout.decode("utf-8"))
-    if len(images) != len(figures):
-        raise NoBrowserError(f"{browser} drew {len(images)} of {len(figures)} plots")
-    written = []
-    for figure, (encoded, content) in zip(figures, images, strict=True):
-        file = target / f"{figure.id}.{image_format}"
-        file.write_bytes(base64.b64decode(content) if encoded else unescaped(content).encode("utf-8"))
-        written.append(file)
-    return tuple(written)
-
-
-def unescaped(content: str) -> str:
-    """Return the text of a data address that the browser wrote into a page."""
-    return unquote(unescape(content))

@@ -12,7 +12,7 @@ import scipy
 
 from core.quantity import number
 from pipeline.config import AnalysisConfig
-from pipeline.fleet.meta_analysis import corrected, difference
+from pipeline.fleet.change import corrected, difference
 from pipeline.names import printable
 from pipeline.results.drift import ParameterChange
 from pipeline.results.model_report import average

@@ -61,7 +61,7 @@ def craft(
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
     from pipeline.names import file_name
-    from reports.pages.craft import parameters_page
+    from reports.pages.parameters import parameters_page
 
     if bench and mass is None:
         raise ConfigError("a thrust stand gives newtons and flight gives thrust over mass: give --mass with --bench")

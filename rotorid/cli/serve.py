@@ -146,7 +146,7 @@ def mcp(
 
     Example: rotorid mcp out
     """
-    from api.machine.tools import server_of
+    from api.machine.mcp_server import server_of
     from api.server import open_folder, open_service
     from pipeline.config import ConfigError
 

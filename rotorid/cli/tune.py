@@ -29,7 +29,7 @@ def frequency(
     """
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
-    from reports.pages.loops import frequency_page, sentences, terminal_table
+    from reports.pages.frequency import frequency_page, sentences, terminal_table
     from sysid.frequency.axes import AXES
     from sysid.frequency.export import survey_json, write
     from sysid.frequency.survey import survey

@@ -22,13 +22,11 @@ from sysid.loops.chirps import (
 )
 from sysid.loops.controller import LoopError
 from sysid.loops.loop import RateLoop, rate_loop
+from sysid.loops.lua import Multisine, multisine_script, orthogonal_multisines
 from sysid.loops.missions import (
     Leg,
-    Multisine,
     drag_errors,
     drag_legs,
-    multisine_script,
-    orthogonal_multisines,
     position_legs,
     thrust_errors,
     thrust_legs,

@@ -13,7 +13,7 @@ import pytest
 import reports
 from pipeline import AnalysisConfig, ConfigError, analyze_fleet
 from pipeline.fleet import analysis as fleet_module
-from pipeline.fleet import crafts, homogeneity, job, joint
+from pipeline.fleet import homogeneity, job, joint, split
 from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
@@ -121,7 +121,7 @@ def test_flights_of_another_payload_are_a_build_of_their_own(logs, tmp_path, mon
             if len(apart) < len(flights)
         }
 
-    for module in (crafts, homogeneity):
+    for module in (split, homogeneity):
         monkeypatch.setattr(module, "unlike_flights", heavy)
     fleet, _ = run(logs, tmp_path / "out")
     assert [(group.name, group.folder) for group in fleet.groups] == [
@@ -255,6 +255,16 @@ def test_logs_that_are_gone_leave_the_report_but_not_the_store(logs, tmp_path):
     assert fleet.removed == ()
     assert len(fleet.flights) == 4
     assert in_datasets() == everything
+
+
+def test_a_renamed_log_is_in_the_datasets_once(logs, tmp_path):
+    out = tmp_path / "out"
+    run(logs, out)
+    for name in ("other", "octa3"):
+        (logs / "octa3.bin" if name == "other" else logs / "other.bin").rename(logs / f"{name}.bin")
+        run(logs, out)
+        parts = {path.parent.name for path in out.glob("*/*/vehicle=*/flight=*/part.parquet")}
+        assert parts == {"flight=octa1", "flight=octa2", f"flight={name}", "flight=quad"}
 
 
 def test_logs_may_move_together(logs, tmp_path):
@@ -395,6 +405,21 @@ def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_pat
     assert analyzed == []
     assert fitted(fleet)
     assert not fleet.failures
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_work(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OSError, match="File exists"):
+        run(logs, tmp_path / "out")
+    assert flown.ANALYZED == []
+
+
+def test_another_run_on_the_same_results_is_refused(logs, tmp_path):
+    store = open_store(tmp_path / "out")
+    store.prepare()
+    with store.locked(), pytest.raises(ConfigError, match="another run"):
+        run(logs, tmp_path / "out")
 
 
 def test_the_report_is_written_again_only_when_something_is_other(logs, tmp_path):

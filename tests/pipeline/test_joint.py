@@ -10,7 +10,7 @@ import pytest
 from pipeline import AnalysisConfig
 from pipeline.execution.stages import silent
 from pipeline.fleet import joint
-from pipeline.fleet.crafts import choose_split
+from pipeline.fleet.split import choose_split
 from pipeline.flight.summary import flight_entry
 from pipeline.results.failure import Failure
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments

@@ -9,7 +9,8 @@ import pytest
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
 from pipeline.results.drift import Note
-from reports.pages.craft import craft_page, parameters_page
+from reports.pages.craft import craft_page
+from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering
 from tests.reports.builders import page_of

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from core.serialization import as_json
 from pipeline.config import ConfigError
-from pipeline.fleet.meta_analysis import SIGNIFICANCE
+from pipeline.fleet.change import SIGNIFICANCE
 from pipeline.results.report import FleetReport
 from reports.numbers.comparison import compare_reports
 from reports.pages.comparison import comparison_markdown, comparison_page

@@ -3,7 +3,7 @@
 import pytest
 
 from reports.figures.flight import flight_figures
-from reports.files.folder import NoBrowserError, write_images
+from reports.files.plot_images import NoBrowserError, write_images
 
 
 @pytest.mark.parametrize("image_format", ["png", "svg"])

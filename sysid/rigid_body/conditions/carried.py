@@ -251,6 +251,9 @@ def drift_sigma(
 
         dp' = dv,    dv' = A(t) dv + J(t) (trim, gust, departure, craft),    gusts and departures fade and are renewed
 
+    A trim makes up for most of what is wrong with the craft's parameters, thrust for the scale and drag for the wind:
+    its errors are those of a filter to which both are open.
+
     `run` are positions and velocities, (N, 6); `errors` mean squares of errors of the flight's states and of the
     craft's parameters where it begins, (STATES + SHARED, STATES + SHARED).
     """

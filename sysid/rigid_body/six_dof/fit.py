@@ -22,8 +22,9 @@ from sysid.rigid_body.six_dof.body_record import (
     drives,
     input_kinds,
 )
-from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, refuse_impossible, substeps, wrong_turns
+from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, substeps
 from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, state_errors
+from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 
 #: Horizons at which runs are compared with the record, s.
 HORIZONS = (0.05, 0.15, 0.3, 0.5)

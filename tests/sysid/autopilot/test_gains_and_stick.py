@@ -5,7 +5,7 @@ import math
 import pytest
 
 from logparse import read_log
-from sysid.autopilot.gathering import feed_forward, stick_values
+from sysid.autopilot.gains import feed_forward, stick_values
 from sysid.frequency.survey import survey
 from sysid.loops.tuning import tune
 

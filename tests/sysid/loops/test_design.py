@@ -1,6 +1,7 @@
 """Designed flights: limits kept in simulation, errors as predicted, files that can be read."""
 
 import re
+from copy import copy
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from sysid.loops.chirps import (
     flown_energy,
     predicted_errors,
 )
-from sysid.loops.missions import drag_errors, drag_legs, orthogonal_multisines, thrust_legs
+from sysid.loops.lua import orthogonal_multisines
+from sysid.loops.missions import drag_errors, drag_legs, thrust_legs
 from sysid.loops.parameter_file import read_parameter_file
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
 
@@ -120,6 +122,16 @@ def test_files_for_a_firmware_craft(log, purpose):
         if name.endswith(".lua"):
             assert not re.search(r"[{}]{3}|nan|inf\b", text)
             assert "set_target_rate_and_throttle" in text
+
+
+@pytest.mark.slow
+def test_a_designed_chirp_switches_no_message_off(log):
+    """Of a log without the parameter a mask of 4097 was written, which logs neither GPS nor IMU nor outputs."""
+    told = copy(log)
+    vars(told)["parameters"] = {name: value for name, value in log.parameters.items() if name != "LOG_BITMASK"}
+    text = next(iter(design(told, "rates").files.values()))
+    assert "LOG_BITMASK" not in read_parameter_file(text)
+    assert "Add bit 0 (ATTITUDE_FAST), bit 12 (PID) to LOG_BITMASK, keeping what is set" in text
 
 
 def test_an_unknown_purpose_is_a_sentence(log):

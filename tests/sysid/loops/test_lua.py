@@ -9,14 +9,8 @@ import pytest
 from pymavlink import mavwp
 
 from sysid.loops import Limits
-from sysid.loops.missions import (
-    drag_legs,
-    multisine_script,
-    orthogonal_multisines,
-    position_legs,
-    thrust_legs,
-    waypoints,
-)
+from sysid.loops.lua import multisine_script, orthogonal_multisines
+from sysid.loops.missions import drag_legs, position_legs, thrust_legs, waypoints
 
 LUA = shutil.which("lua5.3")
 BINDINGS = Path(__file__).with_name("bindings.lua")

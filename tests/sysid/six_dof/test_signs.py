@@ -3,7 +3,7 @@
 import pytest
 
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof.model import refuse_impossible, wrong_turns
+from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 
 
 def known(**values):
@@ -24,6 +24,11 @@ def test_drag_that_pushes_is_not_determined_nor_what_leans_on_it():
     assert not found["drag_quadratic_x"].determined
     assert found["drag_rotor_y"].determined
     assert found["thrust"].determined
+
+
+def test_drag_about_zero_stays():
+    assert refuse_impossible(known(drag_rotor_x=(-0.05, 0.05)))["drag_rotor_x"].determined
+    assert not refuse_impossible(known(roll_damping=(-3.0, 0.5)))["roll_damping"].determined
 
 
 @pytest.mark.parametrize(("value", "severity"), [(-5.5, None), (-13.0, "warning"), (5.0, None)])

@@ -1,0 +1,65 @@
+"""The page of `rotorid frequency`: what every axis does, with its plots; and the table for the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rich.console import RenderableType
+
+from pipeline.flight.rotation import coupling_of, curve_of, fitted_response, turning_of
+from reports.figures.frequency import pole_figure, response_overlays
+from reports.pages.html import render
+from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures
+from reports.views.rotation import sentences as sentences_of
+from sysid.frequency.fitted import FrequencyFit
+from sysid.frequency.response import FrequencyResponse
+from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+
+
+def frequency_page(found: FrequencySurvey) -> str:
+    """Render the page."""
+    axes = [turning_of(axis) for axis in found.axes]
+    figures = rotation_figures(axes)
+    curves = [curve_of(fitted_response(frf, None), name) for name, frf in found.single]
+    if curves:
+        summed = [fitted_response(_modelled(axis.fit), None) for axis in found.axes if axis.fit is not None]
+        figures += response_overlays([*curves, *(curve_of(each, "model of all") for each in summed)])
+    poles = pole_figure([(axis.axis, axis.fit) for axis in found.axes if axis.fit is not None])
+    if poles is not None:
+        figures.append(poles)
+    findings = {
+        (finding.id, finding.reason): finding
+        for axis in found.axes
+        if axis.response is not None
+        for finding in axis.response.findings
+    } | {(finding.id, finding.reason): finding for finding in found.findings}
+    return render(
+        "frequency.html",
+        figures,
+        title="Frequency responses",
+        facts=" · ".join(found.names),
+        sentences=[
+            *(sentence for axis in axes for sentence in sentences_of(axis)),
+            *(coupling_sentence(coupling_of(each)) for each in found.couplings if each.ratio.value is not None),
+        ],
+        table=parameter_table(axes),
+        frequency_figures=figures,
+        findings=list(findings.values()),
+    )
+
+
+def _modelled(fit: FrequencyFit) -> FrequencyResponse:
+    """Return a fit's model in the place of what was measured."""
+    measured = fit.responses[0]
+    return replace(measured, response=fit.response(measured.hz))
+
+
+def sentences(axis: AxisSurvey) -> list[str]:
+    """Return what is known of an axis in words, or why nothing is and what to fly."""
+    return sentences_of(turning_of(axis))
+
+
+def terminal_table(found: FrequencySurvey) -> RenderableType:
+    """Return the table of parameters for the terminal."""
+    table = parameter_table([turning_of(axis) for axis in found.axes], brief=True)
+    return table.terminal("Frequency responses", fold_labels=False)

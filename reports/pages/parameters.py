@@ -1,0 +1,61 @@
+"""The page of `rotorid craft`: what the flights determine of a craft, by every method side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from core.quantity import counted, uncertain
+from logparse import Finding, Vehicle
+from pipeline.results.answer import AnswerLine, Tone
+from pipeline.results.model_report import ParameterRow
+from reports.numbers.flight import parameter_rows
+from reports.pages.html import render
+from reports.views import summary
+from reports.views.parameters import parameters
+from reports.views.summary import ShownAnswer
+from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
+
+#: What a craft is asked first, and the parameters that answer, the first that is known.
+_ASKED = (
+    ("Thrust of a motor", ("thrust over mass",)),
+    ("Inertia in roll", ("roll inertia over mass and arm",)),
+    ("Inertia in pitch", ("pitch inertia over mass and arm",)),
+    ("Drag", ("linear drag over mass", "quadratic drag over mass")),
+)
+
+
+def parameters_page(
+    found: PhysicalParameters,
+    vehicle: Vehicle | None,
+    logs: Sequence[str],
+    mass: float | None = None,
+    findings: Sequence[Finding] = (),
+) -> str:
+    """Render the page."""
+    rows = parameter_rows(found)
+    weight = "mass not given, so numbers are per mass" if mass is None else f"{mass:g} kg"
+    return render(
+        "parameters.html",
+        [],
+        title="Craft" if vehicle is None else summary.craft(vehicle),
+        facts=f"{counted(len(logs), 'flight')} ({', '.join(logs)}) · {weight}",
+        answer=[_answer(asked, names, rows) for asked, names in _ASKED],
+        parameters=parameters(rows),
+        findings=[*found.findings, *findings],
+    )
+
+
+def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> ShownAnswer:
+    """Answer with the headline in SI where it is known, else per mass, else with the reason."""
+    headlines = [row for name in names for row in rows if (row.parameter, row.method) == (name, HEADLINE)]
+    for row in headlines:
+        for value, sigma, unit in ((row.si_value, row.si_sigma, row.si_unit), (row.value, row.sigma, row.unit)):
+            if value is not None and sigma is not None:
+                bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
+                divisor = quantity(row.parameter, unit)[1]
+                text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
+                line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
+                return ShownAnswer(line, uncertain(value, sigma, bare.replace("^2", "²").replace(" ", "·")))
+    reasons = [row.note for row in rows if row.parameter in names and row.note]
+    reason = summary.clause(reasons[0]) if reasons else "no method determines it"
+    return ShownAnswer(AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason), "")
