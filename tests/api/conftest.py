@@ -75,6 +75,14 @@ def service(folder: Path) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.fixture
+def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
+    """Run a service that gives uploads half a second."""
+    settings = Settings(data=tmp_path, upload_stall=0.5, workers=1)
+    with served(settings) as client:
+        yield client
+
+
 @pytest.fixture(scope="session")
 def upload() -> Callable[..., httpx.Response]:
     """Return a function that uploads bytes as a file and has them analysed."""

@@ -150,6 +150,16 @@ def test_a_board_that_was_moved_is_split_and_merged_by_its_owner(service: httpx.
     assert merged.status_code == 404
 
 
+def test_clocks_of_1980_and_none(service: httpx.Client) -> None:
+    fly(service, "a.bin", flights.log(0))
+    fly(service, "b.bin", flights.log(-16600))  # January 1980
+    fly(service, "c.bin", flights.log(None))  # type: ignore[arg-type]
+    craft = settled(service, only_craft(service)["id"])
+    assert craft["review"]["flights"] == ["a", "b", "c"]
+    assert "the clock of b, c was not set" in craft["review"]["remarks"][0]
+    assert service.get(f"/crafts/{craft['id']}").status_code == 200
+
+
 def test_names_and_notes_hold_no_control_characters_and_times_are_in_the_calendar(service: httpx.Client) -> None:
     """A terminal would obey them, and PostgreSQL keeps no NUL; a time without one in UTC was an unexpected error."""
     fly(service, "a.bin", flights.log(0))

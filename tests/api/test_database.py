@@ -187,6 +187,20 @@ def test_a_lost_lease_changes_nothing(database: Database, catalog: Catalog, keep
     assert (found.state, found.files, found.attempts) == (State.DONE, {"report.html": 3}, 2)
 
 
+def test_an_analysis_is_given_up_after_so_many_deaths(
+    database: Database, catalog: Catalog, keep: Callable[..., str]
+) -> None:
+    catalog.order([keep(b"log")], {}, "ann")
+    queue = Queue(database, lease=60.0, deaths=3)
+    for _ in range(2):
+        claim = queue.claim()
+        assert claim is not None
+        assert queue.retry(claim)
+    last = queue.claim()
+    assert last is not None
+    assert not queue.retry(last)
+
+
 def test_an_analysis_that_takes_whole_servers_down_is_given_up(
     database: Database, catalog: Catalog, keep: Callable[..., str]
 ) -> None:

@@ -37,6 +37,10 @@ def test_errors_have_one_shape(service: httpx.Client, method: str, path: str, st
     assert response.headers["X-Content-Type-Options"] == "nosniff"
 
 
+def test_a_wrong_method_is_told_the_right_ones(service: httpx.Client) -> None:
+    assert service.delete("/api/v1/logs").headers["Allow"] == "POST"
+
+
 def test_an_invalid_request_is_told_what_and_where(service: httpx.Client) -> None:
     errors = service.post("/api/v1/analyses", json={"log": 3, "poles": 5}).json()["errors"]
     assert [error["where"] for error in errors] == ["body: log", "body: poles"]

@@ -116,6 +116,18 @@ def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, conten
     assert "upload" not in response.json()["detail"]  # the name of the file in our storage
 
 
+@pytest.mark.slow
+def test_a_log_with_flipped_bits_is_analysed_as_far_as_it_goes(server: httpx.Client) -> None:
+    damaged = bytearray(SAMPLE.read_bytes())
+    for place in range(30_000, len(damaged), 30_011):
+        damaged[place] ^= 0x10
+    response = server.post(
+        "/api/v1/logs", params={"analyze": "true", "include": "report"}, files={"file": ("x.bin", bytes(damaged))}
+    )
+    assert response.status_code == 201, response.text
+    assert response.json()["report"]["findings"]
+
+
 def test_the_server_itself_does_not_load_the_numerical_packages() -> None:
     code = "import api, sys; print([room for room in ('numpy', 'pandas', 'numba') if room in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT) == "[]\n"

@@ -2,12 +2,14 @@
 
 import hashlib
 import re
+import socket
 from pathlib import Path
 
 import httpx
 import pytest
 
 from tests.api.conftest import unfinished
+from tests.api.programs import PATIENCE
 
 BOUNDARY = "b0undary"
 FORM = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
@@ -110,6 +112,16 @@ def test_a_body_of_unknown_length_is_limited_as_it_arrives(service: httpx.Client
     # Not much over the limit, so that the client has sent all when the answer comes.
     response = service.post("/api/v1/logs", content=iter([head, *[bytes(64 << 10)] * 65]), headers=FORM)
     assert response.status_code == status
+
+
+def test_an_upload_that_stalls_is_given_up(hasty_service: httpx.Client, tmp_path: Path) -> None:
+    address = (hasty_service.base_url.host, hasty_service.base_url.port or 80)
+    head = f"POST /api/v1/logs HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: {FORM['Content-Type']}"
+    with socket.create_connection(address, timeout=PATIENCE) as connection:
+        connection.sendall(head.encode() + b"\r\n\r\n" + form((disposition("file", "a.bin"), b"data"), end=False))
+        answer = connection.recv(4096).decode()
+    assert answer.startswith("HTTP/1.1 408 ")
+    assert not unfinished(tmp_path)
 
 
 def test_other_sites_cannot_upload_through_a_visitors_browser(service: httpx.Client) -> None:

@@ -64,3 +64,7 @@ def test_a_log_passes_every_function_of_the_walk_in_its_order(tmp_path, monkeypa
 def test_every_package_is_named():
     packages = [path.parent.name for path in (ROOT / "sysid").glob("*/__init__.py")]
     assert all(f"`sysid/{name}/`" in PAGE for name in packages)
+
+
+def test_the_walk_is_short():
+    assert 10 <= len(STEPS) <= 15

@@ -23,3 +23,8 @@ def test_every_option_exists(words):
     name, *arguments = shlex.split(words)
     options = {option for each in COMMANDS[name].params for option in (*each.opts, *each.secondary_opts)}
     assert {word for word in arguments if word.startswith("--")} <= options
+
+
+def test_the_readme_is_read_in_a_minute():
+    prose = re.sub(r"```.*?```", "", (DOCS.parent / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(re.sub(r"\]\(.*?\)", "]", prose).split()) < 400

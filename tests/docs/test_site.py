@@ -48,3 +48,10 @@ def test_the_reference_has_what_a_package_exports(package):
     page = (DOCS / "api" / f"{package}.md").read_text(encoding="utf-8")
     shown = re.findall(rf"^\.\. (?:auto\w+|py:data):: {package}\.(\w+)$", page, re.MULTILINE)
     assert sorted(shown) == sorted(exported)
+
+
+def test_pictures_are_small():
+    pictures = list((DOCS / "pictures").iterdir())
+    assert sum(picture.stat().st_size for picture in pictures) < 1.5e6
+    shown = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    assert {picture.name for picture in pictures} == set(re.findall(r"\(pictures/([\w.-]+)\)", shown))

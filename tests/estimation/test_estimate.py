@@ -64,6 +64,11 @@ def test_the_time_of_the_imu_is_shifted_by_its_filter(flight, trajectory):
     assert compare(trajectory, settled(flight)).tilt < compare(blind, settled(flight)).tilt
 
 
+def test_a_known_lag_is_left_alone(trajectory):
+    """Likelihood knows the lag of either sensor to some milliseconds on 100 s of flight."""
+    assert trajectory.diagnostics["lags"] == pytest.approx({"mag": 0.0, "gps": 0.0, "baro": 0.0}, abs=0.02)
+
+
 def test_an_outage_is_bridged(flight):
     gps = flight.tables.gps
     cut = estimate(replace(flight.tables, gps=gps[(gps.index < 50.0) | (gps.index > 70.0)]))

@@ -75,6 +75,12 @@ def test_columns_come_one_by_one_without_their_table(at_once, deferred):
     assert list(Tables().columns("rates", wanted)) == []
 
 
+def test_times_are_those_of_the_table(at_once, deferred):
+    for name in ("imu", "rates", "gps"):
+        assert deferred.tables.times(name).tolist() == at_once[0].times(name).tolist()
+    assert Tables().times("imu") is None
+
+
 def test_copies_hold_what_was_deferred(deferred):
     tables = deferred.tables
     same_tables(pickle.loads(pickle.dumps(tables)), tables)
@@ -88,3 +94,15 @@ def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
     assert "RATE" not in deferred.messages.decoded
     rate = deferred.messages["RATE"]
     assert deferred.messages["RATE"] is rate
+
+
+def test_a_table_may_be_kept_when_the_others_are_released(deferred):
+    imu = deferred.tables.imu
+    deferred.tables.release(keep="imu")
+    assert deferred.tables.imu is imu
+
+
+def test_messages_held_together_are_not_kept(deferred):
+    assert deferred.tables.attitude is not None
+    assert deferred.messages.counts["ATT"] >= 1000
+    assert "ATT" not in deferred.messages.decoded

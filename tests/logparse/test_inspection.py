@@ -98,6 +98,29 @@ def test_what_is_missing_is_named_with_the_bit_that_logs_it():
     assert "RCOUT logs RCOU" in findings["motors"].advice
 
 
+def test_a_bit_that_is_set_points_to_the_sensor():
+    findings = by_id(inspect(log_of(flight_messages(), {"LOG_BITMASK": 8192})))
+    assert "set already" in findings["mag"].advice
+
+
+def test_telemetry_is_told_its_stream_rates():
+    beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
+    assert "SRn_RC_CHAN" in findings["motors"].advice
+
+
+def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
+    beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
+    assert "MAV_n_RATE" in findings["motors"].advice
+    assert not any("SRn_" in each.advice or "LOG_BITMASK" in each.advice for each in findings.values())
+
+
+def test_errors_come_first():
+    severities = [finding.severity.value for finding in inspect(log_of(Decoded())).findings]
+    assert severities == sorted(severities, key=["error", "warning", "info"].index)
+
+
 def test_a_bench_log_says_why_it_is_no_flight():
     messages = flight_messages()
     for name in messages["RCOU"]:

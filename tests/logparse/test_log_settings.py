@@ -1,11 +1,13 @@
 """Advice on logging: one value for all that is lacking, which switches nothing off, in the autopilot's own words."""
 
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from logparse.craft.frames import Vehicle
-from logparse.craft.log_settings import Need, bits_of, how_to_log, log_setting
+from logparse.craft.log_settings import Need, bit_to_set, bits_of, how_to_log, log_setting
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7", frame_class="quad")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4", version="1.16.0")
@@ -50,6 +52,13 @@ def test_bits_are_those_of_the_vehicle():
     assert (copter[Need.COMPASS].number, plane[Need.COMPASS].number, rover[Need.COMPASS].number) == (13, 10, 11)
 
 
+def test_bits_that_differ_are_not_named_where_nothing_tells_the_firmware():
+    unknown = Vehicle(autopilot="ArduPilot")
+    assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 2.0}, [Need.GPS]).wanted == 6
+    assert log_setting(unknown, "dataflash", {"LOG_BITMASK": 65535.0}, [Need.MOTORS]) is None
+    assert "bit" not in how_to_log(Need.MOTORS, None, unknown, "dataflash")
+
+
 def test_firmware_before_3_3_is_not_asked_for_the_fast_imu():
     old = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="3.2.1")
     assert log_setting(old, "dataflash", {"LOG_BITMASK": 43006.0}, [Need.FAST_IMU]) is None
@@ -62,3 +71,22 @@ def test_px4_hears_of_px4_s_parameters_only(need, form):
     setting = log_setting(PX4, form, {"SDLOG_PROFILE": 1.0}, [need])
     text = how_to_log(need, setting, PX4, form)
     assert not any(word in text for word in ("LOG_BITMASK", "SRn_", "DataFlash", "RCOU"))
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "form", "parameters", "said"),
+    [
+        (Vehicle(autopilot="PX4"), "ulog", {}, "bit 4 (high rate) to SDLOG_PROFILE"),
+        (COPTER, "dataflash", {"LOG_BITMASK": 176126.0}, "add bit 0 (ATTITUDE_FAST) to LOG_BITMASK"),
+        (COPTER, "dataflash", {"LOG_BITMASK": 65535.0}, "is set already"),
+        (COPTER, "tlog", {"LOG_BITMASK": 176126.0}, "on board"),
+        (Vehicle(autopilot="ArduPilot", firmware="Blimp"), "dataflash", {}, "log rate controller"),
+    ],
+)
+def test_a_response_s_advice_speaks_the_autopilot_s_language_and_never_names_a_value(vehicle, form, parameters, said):
+    """Responses told every log to set LOG_BITMASK: PX4's, telemetry, and one of 65535, in which all is set."""
+    log = SimpleNamespace(vehicle=vehicle, format=form, parameters=parameters)
+    clause = bit_to_set(Need.FAST_RATES, log)
+    assert said in clause
+    assert "65535" not in clause
+    assert "LOG_BITMASK" not in clause or vehicle == COPTER

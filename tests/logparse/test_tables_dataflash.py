@@ -45,6 +45,13 @@ def test_motors_on_outputs_above_14_are_in_rco2():
     assert not findings
 
 
+def test_moving_servos_do_not_make_a_quad_a_hexa():
+    rng = np.random.default_rng(1)
+    outputs = {f"Ch{k}": rng.integers(1100, 1900, 50) for k in range(1, 7)}
+    tables, _ = build({"RCOU": message(np.arange(50) * 0.1, **outputs)})
+    assert tables.motors.shape == (50, 4)
+
+
 def test_impossible_pulses_are_missing_and_counted_once():
     outputs = {"C1": [65535, 100, 0, 1500], "C2": [1500, 1500, 0, -11714], "C3": [1500] * 4, "C4": [1500] * 4}
     tables, findings = build({"RCOU": message([1, 2, 3, 4], **outputs)})
@@ -54,12 +61,27 @@ def test_impossible_pulses_are_missing_and_counted_once():
     assert [finding.evidence["removed"] for finding in findings] == [3]
 
 
+def test_a_motor_that_no_output_drives_is_told():
+    parameters = QUAD | {"SERVO1_FUNCTION": 33, "SERVO2_FUNCTION": 34, "SERVO3_FUNCTION": 35}
+    tables, findings = build({"RCOU": message([1, 2], C1=[1, 2], C2=[1, 2], C3=[1, 2])}, parameters)
+    assert list(tables.motors) == ["m1", "m2", "m3"]
+    assert "not-logged" in [finding.id for finding in findings]
+
+
 @pytest.mark.parametrize("parameters", [{}, {"FRAME_CLASS": 6, "FRAME_TYPE": 0}])
 def test_outputs_of_no_known_frame_are_not_taken_for_motors(parameters):
     # A helicopter, an aeroplane, or a log that lost its parameters.
     tables, findings = build({"RCOU": message([1, 2], C1=[1500, 1600], C2=[1500, 1600])}, parameters)
     assert tables.motors is None
     assert [finding.id for finding in findings] == ["frame-unknown"]
+
+
+def test_an_aeroplane_without_outputs_in_its_log_is_told_to_be_none_of_ours():
+    """The log of an ArduPlane of 2014 has no RCOU: more log bits would not make a multirotor of it."""
+    _, findings = build({"GPS": message([1, 2], Status=[3, 3])}, {"FRAME": 1, "TRIM_ARSPD_CM": 1200.0})
+    (told,) = [finding for finding in findings if finding.id == "frame-unknown"]
+    assert "no multirotor (ArduPlane)" in told.reason
+    assert "multirotors only" in told.advice
 
 
 def test_a_frozen_compass_is_none():

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from logparse.canonical.events import ardupilot_mode
+from logparse.flights import find_flights
 from logparse.tables import COLUMNS
 from tests.logparse import builders
 from tests.logparse.builders import tables_of
@@ -157,6 +158,17 @@ def test_px4_modes_over_mavlink():
 def test_modes_of_a_plane_are_not_those_of_a_copter():
     told = [ardupilot_mode(19, firmware) for firmware in ("ArduPlane", "ArduCopter", None)]
     assert told == ["QLOITER", "AVOID_ADSB", "AVOID_ADSB"]
+
+
+def test_a_flight_shows_without_motor_outputs():
+    t = np.arange(0.0, 60.0, 0.25)
+    height = np.interp(t, [0, 10, 14, 40, 45, 60], [0, 0, 10, 10, 0, 0])
+    local = message(t, **{name: np.zeros(len(t)) for name in ("x", "y", "vx", "vy", "vz")}, z=-height)
+    beats = heartbeats(np.arange(60.0))
+    beats["base_mode"] = np.where((beats.index > 8) & (beats.index < 50), 209, 81)
+    tables, _ = build({"LOCAL_POSITION_NED": local, "HEARTBEAT": beats})
+    (flight,) = find_flights(tables)
+    assert (flight.start, flight.stop) == pytest.approx((10.0, 45.0), abs=1.0)
 
 
 def test_motors_whose_function_was_not_downloaded_are_on_the_output_of_their_number():

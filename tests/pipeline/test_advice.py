@@ -112,6 +112,22 @@ def test_advice_switches_nothing_off_that_was_logged(mask):
     assert str(value) in advice.do
 
 
+def test_the_latest_flight_s_mask_counts_for_several():
+    lacks = [lacking("mag", Need.COMPASS, 6.0)]
+    advice = only(good("a", mask=6.0, findings=lacks), good("b", mask=1030.0, findings=()))
+    assert advice.settings == {"LOG_BITMASK": 1030 | 1 << 13}
+
+
+def test_the_mask_is_known_where_coverage_failed():
+    flight = good("a", told=(), findings=[lacking("gps", Need.GPS, 176122.0)])
+    (advice,) = (each for each in for_craft([dataclasses.replace(flight, coverage=None)]) if each.id == "log-bitmask")
+    assert advice.settings == {"LOG_BITMASK": 176126}
+
+
+def test_a_bit_that_is_set_is_not_asked_for_again():
+    assert for_craft([good(mask=float(1 << 13), findings=[lacking("mag", Need.COMPASS, 8192.0)])]) == ()
+
+
 def test_slow_rates_do_not_matter_where_rotation_is_determined():
     assert for_craft([good(mask=176126.0, findings=[lacking("fast rates", Need.FAST_RATES, 176126.0)])]) == ()
 

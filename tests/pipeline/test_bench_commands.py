@@ -78,3 +78,9 @@ def test_bifilar_writes_no_zero_for_what_is_not_determined():
     done = RUN.invoke(app, ["bifilar", *hung, "--mass-sigma", "5"])
     assert done.output.startswith("I is not determined: about 0.01 kg m^2 with a standard uncertainty of 0.05 kg m^2")
     assert "inertias of the single repetitions: 0 kg m^2" in done.output
+
+
+def test_nan_is_called_no_number():
+    done = RUN.invoke(app, ["bifilar", "10", "10", "--mass", "nan", "--length", "1", "--distance", "0.2"])
+    assert done.exit_code == 2
+    assert "nan is not a number" in done.output

@@ -312,6 +312,11 @@ def test_a_flight_that_was_recorded_twice_is_counted_once(kinds):
     assert fleet_answer(made(FleetReport, flights=flights, again=("tlog",)))[0].line.text.endswith(" in 1 flight.")
 
 
+def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
+    reasons = ["only 7 s of 57 s", "no GPS", "only 18 s of 57 s", "only 11.5 s of 57 s"]
+    assert summary.alike(reasons) == {"only 7–18 s of 57 s": [0, 2, 3], "no GPS": [1]}
+
+
 def test_the_terminal_shows_the_same_lines(kinds):
     result = kinds["lost motor"]
     console = Console(width=200, record=True, file=io.StringIO())

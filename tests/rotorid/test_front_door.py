@@ -114,6 +114,11 @@ def test_no_result_shows_its_arrays_instead_of_its_summary():
     assert not found
 
 
+def test_one_record_counts_as_a_list_of_one(halves):
+    alone, listed = (ro.fit.thrust(each) for each in (halves[0], [halves[0]]))
+    assert alone.common == listed.common
+
+
 def test_a_users_own_model_is_validated_beside_ours(halves, body):
     comparison = ro.validate([body, Still()], halves[1])
     still = comparison.table.loc["Still"]

@@ -283,6 +283,12 @@ def test_miscounted_swings_and_bad_numbers():
             bifilar(times, mass, Threads(1.96, 0.2), mass_sigma=sigma)
 
 
+def test_identical_times_are_known_to_the_stop_watch_only():
+    result = bifilar([10.0, 10.0, 10.0], 1.0, Threads(1.0, 0.2))
+    assert result.std == 0.0
+    assert result.parts["period"] == pytest.approx(2.0 * 0.01 / math.sqrt(12.0) / 10.0)
+
+
 def test_a_mass_hardly_known_leaves_the_inertia_undetermined():
     result = bifilar([10.0, 10.1], 1.0, Threads(1.0, 0.2), mass_sigma=5.0)
     assert not result.determined

@@ -103,6 +103,12 @@ def test_the_simulator_s_formulae_give_the_craft_back():
     assert slope == pytest.approx(VALUES["yaw_gain"] * (0.35 + 1.3 * c), rel=1e-6)
 
 
+def test_drag_too_strong_for_a_reference_flight_at_ten_metres_per_second():
+    frame = frame_json(body(drag_quadratic_x=0.5, drag_quadratic_y=0.5)).frame
+    assert frame["refSpd"] < 10.0
+    assert 0.0 < frame["refAngle"] < 60.0
+
+
 def test_what_flight_does_not_tell_is_named():
     export = frame_json(body(missing=("climb_loss", "yaw_gain", "motor_lag"), climb_loss=0.0), disc_area=0.385)
     assert {"diagonal_size", "refCurrent", "battCapacityAh", "motor1_yaw", "slew_max"} <= set(export.undetermined)

@@ -79,6 +79,15 @@ def test_coherence_is_the_part_of_the_power_that_the_input_explains():
     np.testing.assert_allclose(found.ordinary[:, 0, 0], found.multiple[:, 0], atol=1e-9)
 
 
+def test_the_input_that_drives_is_the_one_that_coheres():
+    found = coherence([answered(seed, noise=0.1) for seed in range(3)])
+    slow = found.frequency < 5.0
+    assert np.median(found.ordinary[slow, 0, 0]) > 0.9
+    assert np.median(found.ordinary[slow, 1, 0]) < 0.1
+    assert (found.multiple[:, 0] >= found.ordinary[:, 0, 0] - 1e-9).all()
+    assert not found.findings
+
+
 @pytest.mark.parametrize("inputs", [1, 4, 8])
 def test_unrelated_signals_exceed_the_threshold_as_seldom_as_it_says(inputs):
     rng = np.random.default_rng(4)
@@ -89,3 +98,13 @@ def test_unrelated_signals_exceed_the_threshold_as_seldom_as_it_says(inputs):
         told += [finding.id for finding in found.findings if finding.notable]
     assert np.mean(shares) < 0.02
     assert told.count("output-unexplained") > 20
+
+
+def test_an_input_that_rests_beside_its_trim_is_an_input() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(200) / 10.0
+    u = np.column_stack([np.full(200, 1500.0), 1500.0 + 50.0 * rng.standard_normal(200)])
+    record = Experiment.from_arrays(t, u, t, input_trim=[1450.0, 1500.0])
+    found = examine([record])
+    assert found.active == (0, 1)
+    assert np.isfinite(found.condition)

@@ -44,6 +44,15 @@ def test_height_counts_from_where_the_craft_rested():
     assert "height" not in Experiment.from_flight(*made()).context
 
 
+def test_records_of_one_flight_and_clock_share_their_context():
+    log, trajectory = made()
+    first = Experiment.from_flight(log, trajectory)
+    same = Experiment.from_flight(log, trajectory, outputs="velocity", beside=[first])
+    faster = Experiment.from_flight(log, trajectory, rate=20.0, beside=[first])
+    assert same.context is first.context
+    assert len(faster.context) == len(faster.t)
+
+
 def test_gaps_in_the_motor_outputs_end_the_record():
     log, _ = made()
     kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
@@ -108,3 +117,9 @@ def test_without_a_barometer_the_altitude_tells_the_density():
     assert record.context["density"].iloc[0] == pytest.approx(0.9215, rel=2e-3)
     assert "conditions-assumed" in {finding.id for finding in record.findings}
     np.testing.assert_allclose(standard_density(np.array([0.0, 1000.0, 3000.0])), [1.225, 1.1116, 0.9091], rtol=2e-4)
+
+
+def test_without_barometer_and_altitude_the_density_is_not_told():
+    log, trajectory = made()
+    log.tables = Tables(motors=log.tables.motors)
+    assert Experiment.from_flight(log, trajectory).context["density"].isna().all()

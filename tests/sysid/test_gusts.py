@@ -115,6 +115,20 @@ def test_a_shaken_hover_in_wind_claims_drag_and_wind_within_three_sigma():
         assert gain.sigma >= 0.01 * gain.value
 
 
+def test_a_constant_motor_and_outputs_of_another_flight_are_named():
+    """A dead motor leaves the centre of gravity open; an axis that moved is not said to have stood still."""
+    seen = record(flown(quadcopter(), SHAKEN), np.random.default_rng(5))
+    dead, strange = seen.u.copy(), seen.u[::-1].copy()
+    dead[:, 1] = 1000.0
+    model = fit_rigid_body([replace(seen, u=dead)])
+    for name in ("cg_x", "cg_y"):
+        assert not model.parameters[name].determined
+        assert "output of m2 is constant" in model.parameters[name].reason
+    reason = fit_rigid_body([replace(seen, u=strange)]).parameters["roll_gain"].reason
+    assert "although the axis moved" in reason
+    assert "hardly" not in reason
+
+
 def test_what_only_answers_to_gusts_tells_no_curve():
     """Hovering in gusts, commands oppose what they answer to: full thrust came out 20 % low at a stated 10 %."""
     craft = quadcopter()

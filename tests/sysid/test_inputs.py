@@ -167,6 +167,14 @@ def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
     np.testing.assert_allclose(velocity.y[:, 0], 3.0, atol=1e-3)
 
 
+def test_a_motor_lost_for_a_while_ends_the_piece():
+    motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
+    motors.loc[15.0:20.0, "m2"] = np.nan
+    record = Experiment.from_flight(*made(Tables(motors=motors)))
+    assert record.t[0] > 20.0
+    assert record.input_names == ("m1", "m2")
+
+
 @pytest.mark.parametrize(
     ("tables", "inputs", "words"),
     [

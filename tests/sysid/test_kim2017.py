@@ -94,6 +94,18 @@ def test_standard_errors_agree_with_monte_carlo():
     assert np.std(levers, axis=0, ddof=1) == pytest.approx(claimed, rel=0.35)
 
 
+def test_slow_motor_outputs_say_nothing_about_rotation():
+    """PWM at 10 Hz, drawn out to 50 Hz by straight lines as logs give it."""
+    made = octocopter()
+    record = flight(made, 1, speeds=False)
+    slow = np.column_stack([np.interp(record.t, record.t[::5], record.u[::5, k]) for k in range(8)])
+    model = fit_kim2017([replace(record, u=slow)], 4.3)
+    assert not model.rotation
+    assert model.torque_per_inertia is None
+    assert "not-logged" in {f.id for f in model.findings}
+    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
+
+
 def test_bad_input(quad):
     hover = flight(craft(), 3, duration=20.0, strength=0.0)
     model = fit_kim2017([hover], 2.6)

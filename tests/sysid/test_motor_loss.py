@@ -53,6 +53,15 @@ def test_errors_are_as_large_as_sigma_says():
     assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.95
 
 
+def test_a_lost_motor_is_named_to_the_tenth_of_a_second():
+    vehicle = craft("octa", "plus")
+    tables = fly(vehicle, 5, Fault(5, 20.03, 0.0))
+    (loss,) = losses_in(tables, vehicle, 0.0, 40.0)
+    assert loss.motor == 5
+    assert loss.t == pytest.approx(20.03, abs=0.2)
+    assert loss.loss > 0.9
+
+
 @pytest.mark.parametrize(("frame_class", "frame_type"), FRAMES)
 def test_healthy_motors_are_not_named(frame_class, frame_type):
     vehicle = craft(frame_class, frame_type)

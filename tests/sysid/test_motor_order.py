@@ -130,6 +130,17 @@ def test_what_is_needed_is_said():
         check_outputs(tables, vehicle, 0.0, 8.0)
 
 
+@pytest.mark.parametrize("value", [1e30, 1e200, np.inf, np.nan])
+def test_a_number_that_no_controller_gives_costs_its_row_alone(value):
+    """A flipped bit makes 0.01 to 1e200: three garbled logs in sixty ended in an error of the solver."""
+    vehicle = craft(QUAD_X)
+    tables = flown(vehicle, 1)
+    for name in ("out_roll", "out_thrust"):
+        rates = tables.rates.copy()
+        rates.iloc[400, rates.columns.get_loc(name)] = value
+        assert not check_outputs(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
+
+
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("expo", [0.2, 0.65, 0.95])
 def test_a_curve_that_did_not_fly_is_measured_by_what_it_makes_of_outputs(frame, expo):

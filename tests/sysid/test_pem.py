@@ -39,6 +39,14 @@ def test_truth_is_found_within_the_models_own_uncertainty(joint):
     assert 0.2 < np.mean(normalised) < 2.0
 
 
+def test_free_run_on_a_new_record_is_nearly_noise_free(joint):
+    """On a record with 0.05 of noise and a spread of about 0.5, the free run errs by a tenth of the noise."""
+    _, model = joint
+    clean = simulated_record(9, noise=0.0)
+    error = model.simulate(clean) - clean.y
+    assert np.sqrt(np.mean(error[30:] ** 2)) < 0.01
+
+
 def test_standard_errors_hold_for_coloured_residuals():
     """Noise through a slow filter: white-noise formulae would claim errors several times too small."""
     from scipy.signal import lfilter

@@ -11,7 +11,7 @@ from logparse.craft.frames import motor_table
 from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands
-from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS
+from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
 from tests.sysid.simulated_craft import flight, without
 
 LOGS = Path("../shared/logs/sitl")
@@ -58,6 +58,20 @@ def test_motors_that_are_not_logged_leave_thrust_open_by_every_method(record):
     assert told["value"].isna().all()
     assert HEADLINE not in told.index.get_level_values(1)
     assert "only 8 of 10 motors are logged" in found.table.loc[("thrust over mass", "Kim 2017"), "note"]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "unit", "name", "divisor"),
+    [
+        ("roll inertia over mass and arm", "m", "roll inertia", "mass and arm"),
+        ("roll inertia over mass and arm", "kg m (inertia over arm)", "roll inertia", "arm"),
+        ("roll inertia over mass and arm", "kg m^2", "roll inertia", ""),
+        ("thrust over mass at hover", "N at the command flown on average", "thrust at hover", ""),
+        ("yaw torque over inertia", "rad/s^2, one motor at full command", "yaw torque over inertia", ""),
+    ],
+)
+def test_a_number_is_called_what_its_unit_says(parameter, unit, name, divisor):
+    assert quantity(parameter, unit) == (name, divisor)
 
 
 def test_a_curve_out_of_the_parameters_is_in_doubt_at_full_command_only(record):

@@ -7,8 +7,9 @@ import pytest
 
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter
 from sysid.rotors.refinement2020 import fit_refinement2020
-from sysid.rotors.refinement_instants import STILL_AIR
+from sysid.rotors.refinement_instants import STILL_AIR, mean_of_instants
 from sysid.rotors.thrust_regression import LEFT_OUT, pressed
 from tests.sysid.simulated_craft import disturbed, flight, without
 
@@ -50,6 +51,14 @@ def test_stacked_estimates_are_true(record):
         assert abs(found.value - value) < 2.0 * found.sigma + 1e-3 * value, name
 
 
+def test_unequal_motors_do_not_bend_the_stacked_fit():
+    made = quadcopter(16.0)
+    craft = replace(made, inertia=made.inertia / 100.0, drag_area=AREA)
+    model = fit_refinement2020([flight(craft, 1, wander=8.0)], 2.6)
+    for name, value in truth(craft, 0.4).items():
+        assert model.stacked[name].value == pytest.approx(value, rel=0.03), name
+
+
 def test_the_paper_s_mean_stands_beside_with_its_spread(record):
     """Identical motors, as the paper takes them: means come near; spreads say how far single instants are off."""
     model = fit_refinement2020([record])
@@ -61,6 +70,14 @@ def test_the_paper_s_mean_stands_beside_with_its_spread(record):
         assert mean.dropped > 0
         assert mean.spread > 3.0 * mean.spread / np.sqrt(mean.used)
     assert "mass" in {f.evidence.get("what") for f in model.findings}
+
+
+def test_outliers_do_not_move_the_stacked_fit(record):
+    context = record.context.copy()
+    context.iloc[100::200, context.columns.get_loc("f_z")] += 30.0
+    context.iloc[150::200, context.columns.get_loc("w_x")] += 2.0
+    model = fit_refinement2020([replace(record, context=context)])
+    assert model.stacked["k"].value == pytest.approx(truth(octo(), 0.35)["k"], rel=0.005)
 
 
 def test_standard_errors_agree_with_monte_carlo():
@@ -91,6 +108,17 @@ def test_slow_outputs_and_missing_columns(record):
     assert model.stacked["k"].value is not None
     with pytest.raises(MissingDataError, match="velocity or attitude not known"):
         fit_refinement2020([without(record, "v_n")])
+
+
+def test_samples_of_one_turn_are_one_instant():
+    """Four samples within 0.08 s made an inertia three times too large with a tenth of it as its error."""
+    t, kept = np.arange(1000) * 0.02, np.zeros(1000, dtype=bool)
+    kept[[500, 501, 502, 504]] = True
+    values = np.full(1000, np.nan)
+    values[kept] = (0.07, 0.06, 0.075, 0.065)
+    found = mean_of_instants(t, values, kept, "the craft hardly turns")
+    assert (found.mean, found.used, found.events) == (None, 4, 1)
+    assert "4 instants in 1 stretch of 2 s" in found.reason
 
 
 def test_what_motors_do_not_explain_gives_no_inertia():

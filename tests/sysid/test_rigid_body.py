@@ -181,6 +181,21 @@ def test_hover_alone_gives_thrust_and_says_what_it_does_not_give():
     assert "mass" in {finding.evidence.get("what") for finding in model.findings}
 
 
+def test_missing_voltage_density_and_a_stuck_motor_are_findings():
+    seen = record(exciting(), np.random.default_rng(4))
+    context = seen.context.assign(voltage=np.nan, density=np.nan)
+    stuck = seen.u.copy()
+    stuck[:, 2] = 1500.0
+    model = fit_rigid_body([replace(seen, context=context, u=stuck, input_trim=stuck.mean(axis=0))])
+    assert "constant-input" in {finding.id for finding in model.findings}
+    assumed = " ".join(finding.reason for finding in model.findings if finding.id == "conditions-assumed")
+    assert "without battery voltage" in assumed
+    assert "density of the air is unknown" in assumed
+    assert model.reference_voltage is None
+    # A motor and 2 % of density less than it thinks: drag suffers, but is of the right size.
+    assert model.parameters["drag_linear_x"].value == pytest.approx(0.45 / 4.3, rel=0.2)
+
+
 def test_motors_that_are_not_logged_leave_thrust_undetermined():
     seen = record(exciting())
     part = replace(seen, u=seen.u[:, :6], input_names=seen.input_names[:6], input_trim=seen.input_trim[:6])

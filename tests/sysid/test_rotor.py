@@ -7,7 +7,9 @@ import pytest
 
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
+from simulation.kim2017 import quadcopter
 from sysid.records.thrust_curve import Law
+from sysid.rotors.kim2017 import fit_kim2017
 from sysid.rotors.rotor import fit_rotor
 from tests.sysid.simulated_craft import flight, without
 
@@ -59,6 +61,20 @@ def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
     assert model.law is Law.COMMAND
     assert "not-logged" in ids(model)
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
+
+
+def test_in_stabilised_flight_the_weak_motor_shows_in_kim_2017():
+    """Vertical force alone does not tell motors apart that a controller moves together; rates do."""
+    craft, thrust = quadcopter(16.0), (2.8e-5, 2.8e-5, 2.1e-5, 2.8e-5)
+    mounts = [
+        replace(mount, rotor=replace(mount.rotor, thrust_coefficient=k))
+        for mount, k in zip(craft.rotors, thrust, strict=True)
+    ]
+    record = flight(replace(craft, inertia=craft.inertia / 100.0, rotors=tuple(mounts)), 3)
+    model = fit_rotor([record], mass=2.6)
+    assert not any(value.determined for value in model.per_motor.values())
+    found = fit_kim2017([record], 2.6)
+    assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
 def test_what_is_missing_is_said(octo):

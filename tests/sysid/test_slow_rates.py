@@ -91,6 +91,14 @@ def test_a_controller_that_answers_to_noise_shows_in_a_craft_driven_by_its_own_r
     assert rotation_doubt("yaw", replace(seen, damping=-0.5, damping_sigma=0.2), "rate outputs", 50.0) == ""
 
 
+def test_an_axis_that_slow_rows_hardly_saw_move_has_no_gain():
+    """Noise that folded at 10 Hz made a roll gain 26 % small at a stated 10 %, with 0.03 rad/s and 91 % coherent."""
+    seen = AxisFit(gain=61.8, gain_sigma=0.5, damping=1.6, damping_sigma=0.4, coherent=0.911, lead=0.0, moved=0.032)
+    assert "noise folds" in rotation_doubt("roll", seen, "rate outputs", 10.0)
+    assert rotation_doubt("roll", seen, "rate outputs", 50.0) == ""
+    assert rotation_doubt("roll", replace(seen, moved=0.2), "rate outputs", 10.0) == ""
+
+
 def test_a_lag_of_thrust_beyond_that_of_torque_is_not_believed():
     """Of motors whose torque follows within 57 ms, a thrust that seemed to lag by 111 ms (truth 23) had been stated."""
     axis = AxisFit(gain=60.0, gain_sigma=1.0, damping=0.0, damping_sigma=0.1, coherent=0.99, lead=0.0, moved=0.2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from logparse import MissingDataError
+from logparse.craft.frames import motor_table
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
 from sysid.rotors.thrust_regression import AIR_SIGMA, LEFT_OUT
@@ -63,6 +64,15 @@ def test_voltage_sag_does_not_change_the_coefficient():
     assert model.reference_voltage == pytest.approx(16.0)
 
 
+def test_a_motor_that_works_harder_shows_in_its_effort():
+    made = flight(10, spread=0.02)
+    harder = made.u.copy()
+    harder[:, 2] += 110.0
+    uneven = Experiment.from_arrays(made.t, harder, made.y, context=made.context, vehicle=CRAFT, input_names="abcd")
+    model = fit_thrust([uneven])
+    assert model.effort["c"] == pytest.approx(1.21, abs=0.02)
+
+
 def test_what_is_not_known_is_said():
     found = fit_thrust([flight(6, density=np.nan, f_z=-9.8, vehicle=None, voltage=np.nan)]).findings
     assert {"conditions-assumed", "frame-unknown"} <= {f.id for f in found}
@@ -80,6 +90,13 @@ def test_bad_input_is_refused():
         fit_thrust([flight(7, samples=60)])
     with pytest.raises(ExperimentError, match="too few"):  # less than a block
         fit_thrust([flight(7, samples=9)])
+
+
+def test_hover_command_carries_the_weight():
+    model = fit_thrust([flight(8)])
+    c = model.hover_command
+    assert 4 * 3.2 * 1.1 / 1.225 * (0.4 * c + 0.6 * c**2) == pytest.approx(9.80665, rel=1e-3)
+    assert motor_commands(np.array(model.hover_pwm), CRAFT) == pytest.approx(c)
 
 
 def test_flights_that_disagree_widen_the_standard_error():
@@ -117,3 +134,12 @@ def test_unknown_air_widens_the_standard_error():
     on_another_day = np.hypot(model.common.sigma, model.air_sigma * model.common.per_mass)
     assert on_another_day > 0.1 * model.common.per_mass
     assert abs(model.common.per_mass - 3.2) < 2.0 * on_another_day
+
+
+def test_with_some_motors_unlogged_no_coefficient_is_told():
+    octa = replace(CRAFT, motors=motor_table("octa", "x"))
+    model = fit_thrust([flight(11, vehicle=octa)])
+    assert not model.common.determined
+    assert model.common.reason == "only 4 of 8 motors are logged"
+    assert not any(value.determined for value in model.per_motor.values())
+    assert "not-logged" in {finding.id for finding in model.findings}

@@ -72,6 +72,11 @@ def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_verdict_says_so():
     assert not validate(Known(0.5), records).own_trim
 
 
+def test_one_unseen_record_does_not_show_that_a_model_generalises():
+    verdict = validate(Known(0.5), [record("unseen")]).verdicts[0]
+    assert "one record is weak evidence: free-run RMSE 0.5 m on 1 unseen record" in verdict
+
+
 def test_nothing_unseen_is_nothing_validated():
     validation = validate(Known(0.01), [record("seen")])
     assert not validation.unseen

@@ -15,6 +15,16 @@ EXPO = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.3, Parameter(0.6512,
 HOVER = AutopilotValue("MOT_THST_HOVER", ParameterFile.THROTTLE, None, Parameter(None, None, "", "no hover"))
 
 
+def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
+    (tmp_path / ParameterFile.WIND).write_text("EK3_DRAG_MCOEF,9\n")
+    found = AutopilotValues(("a.bin",), (EXPO, HOVER))
+    assert found.write(tmp_path) == [tmp_path / "20_esc.param"]
+    assert [path.name for path in tmp_path.iterdir()] == ["20_esc.param"]
+    text = (tmp_path / "20_esc.param").read_text(encoding="utf-8")
+    assert text == "MOT_THST_EXPO,0.6512  # ± 0.02; was 0.3; a curve\n"
+    assert read_parameter_file(text) == found.proposed == {"MOT_THST_EXPO": 0.6512}
+
+
 def test_the_table_says_what_flew_and_why_nothing_is_proposed():
     text = AutopilotValues(("a.bin",), (EXPO, HOVER)).table().markdown()
     assert "| 0.3000 | 0.65 ± 0.02 | a curve |" in text
@@ -66,3 +76,10 @@ def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
     assert (
         rotorid_here("export", "sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin").returncode == 2
     )
+
+
+def test_the_command_says_that_two_craft_have_no_numbers_in_common(rotorid_here, tmp_path):
+    logs = ("sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin")
+    done = rotorid_here("export", *logs, "--autopilot", "--out", tmp_path)
+    assert done.returncode == 3
+    assert "two craft" in done.stdout

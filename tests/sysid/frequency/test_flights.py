@@ -107,6 +107,13 @@ def test_errors_that_go_with_what_was_asked_are_seen(found: frequency.FrequencyF
     assert verify(found, log).correlation < UNRELATED < verify(strong, log).correlation
 
 
+def test_a_fit_to_a_chirp_is_not_judged_by_the_chirp(chirped: FlightLog) -> None:
+    # The flight is nothing else, and nobody moved the sticks.
+    axis = survey(chirped, ["roll"]).axes[0]
+    assert axis.check is None
+    assert "hardly moved" in axis.check_reason
+
+
 def test_ordinary_sticks_give_gain_and_delay(tmp_path: Path) -> None:
     found = frequency.fit(frequency.response(flown(tmp_path, STICKS, 2, rate=50.0), "roll"))
     assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.10)
@@ -159,6 +166,17 @@ def test_several_axes_share_lag_and_delay(tmp_path: Path) -> None:
     assert joint.parameters["lag"].value == pytest.approx(0.03, rel=0.05)
     assert joint.parameters["roll.gain"].value == pytest.approx(300.0, rel=0.05)
     assert joint.parameters["pitch.gain"].value == pytest.approx(250.0, rel=0.05)
+
+
+def test_experiments_give_responses_too() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(6000) * 0.01
+    u = np.convolve(rng.normal(0.0, 0.1, len(t)), np.ones(5) / 5.0, "same")
+    rate = np.concatenate([[0.0], np.cumsum(200.0 * u)[:-1] * 0.01])
+    data = Experiment.from_arrays(t, u, rate, input_names=["roll"], output_names=["w_x"])
+    # Above 10 Hz a sum of samples is no integral any more.
+    found = frequency.fit(frequency.response([data], "roll"), band=(0.2, 10.0))
+    assert found.parameters["gain"].value == pytest.approx(200.0, rel=0.02)
 
 
 class TestBadInput:

@@ -1,5 +1,7 @@
 """Frequency responses of records whose truth is a formula."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -61,3 +63,16 @@ def test_a_record_of_nearly_nothing_but_a_hole_is_refused() -> None:
     t = np.concatenate([np.arange(0.0, 20.0, 0.0025), 1.6e8 + np.arange(0.0, 20.0, 0.0025)])
     with pytest.raises(FrequencyError, match="nearly all holes"):
         on_uniform_clock(t, [np.sin(t)])
+
+
+def test_signals_in_single_precision_have_the_same_response() -> None:
+    record = noise_driven(1, noise=0.3)
+    single = replace(
+        record,
+        inputs=record.inputs.astype(np.float32),
+        output=record.output.astype(np.float32),
+        instruments=record.instruments.astype(np.float32),
+    )
+    one, other = (response_of_records([each], AXES["roll"]) for each in (record, single))
+    good = one.usable
+    assert np.max(np.abs(np.log(other.response / one.response))[good] / one.sigma[good]) < 0.01

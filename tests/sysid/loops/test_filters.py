@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, freqz
+from scipy.signal import butter, freqz, lfilter
 
-from sysid.loops.filters import cascade, first_order, harmonic_notches, low_pass_alpha, second_order
+from sysid.loops.filters import cascade, first_order, harmonic_notches, low_pass_alpha, notch, second_order
 
 
 def test_gyro_low_pass_is_the_bilinear_butterworth_of_scipy():
@@ -27,6 +27,14 @@ def test_first_order_alpha_is_ardupilots_not_the_exact_exponential():
     assert low_pass_alpha(400.0, 20.0) == pytest.approx(0.2391, abs=1e-4)
 
 
+def test_running_a_filter_agrees_with_its_response():
+    one = first_order(400.0, 10.0)
+    t = np.arange(4000) / 400.0
+    y = lfilter(one.b, one.a, np.exp(2j * np.pi * 7.0 * t).real)
+    expected = (one.response(np.array([7.0])) * np.exp(2j * np.pi * 7.0 * t)).real
+    np.testing.assert_allclose(y[2000:], expected[2000:], atol=1e-9)
+
+
 def test_notch_attenuates_by_what_its_parameter_says():
     """The gain at the centre is the attenuation of INS_HNTCH_ATT; half an octave away it is nearly one."""
     (one,) = harmonic_notches(2000.0, 80.0, nominal=80.0, bandwidth=40.0, attenuation_db=40.0, harmonics=1)
@@ -39,3 +47,10 @@ def test_harmonics_share_quality_and_stop_below_nyquist():
     assert len(notches) == 2  # 600 Hz is beyond 0.48 of 1000 Hz
     depth = np.abs(cascade(notches, np.array([200.0, 400.0])))
     assert np.all(20.0 * np.log10(depth) < -29.0)
+
+
+def test_notch_phase_lag_below_its_centre():
+    """A notch costs phase below its centre: for small f, 2 alpha-like lag of (1 - A^2) / Q f / f0."""
+    one = notch(8000.0, 100.0, 0.1, 2.0)
+    lag = -np.angle(one.response(np.array([10.0]))[0])
+    assert lag == pytest.approx((1.0 - 0.01) / 2.0 * 0.1, rel=0.03)

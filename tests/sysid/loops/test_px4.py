@@ -50,6 +50,13 @@ def test_responses_are_those_of_the_recursion(which):
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
 
+def test_the_derivative_answers_the_rate_and_not_the_target():
+    hz = np.array([10.0, 40.0])
+    without = Px4RateController(P=0.15, I=0.2, D=0.0, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
+    np.testing.assert_allclose(CONTROLLER.target_response(hz), without.target_response(hz))
+    assert np.all(np.abs(CONTROLLER.error_response(hz)) > np.abs(without.error_response(hz)))
+
+
 def test_the_torque_of_yaw_has_its_own_filter():
     yaw = Px4RateController(P=0.2, I=0.0, D=0.0, output_filter=2.0, loop_rate=800.0)
     assert abs(yaw.error_response(np.array([2.0]))[0]) == pytest.approx(0.2 / np.sqrt(2.0), rel=0.02)
