@@ -15,6 +15,7 @@ import numpy as np
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer import known_slope
+from sysid.records.motor_scaling import curve_slope, motor_commands
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, column, thrust_signals
 
@@ -23,6 +24,12 @@ ENOUGH = 20.0
 
 #: Time over which the scale of the controller's outputs is averaged, s, and the least thrust output to read it from.
 SCALE_SECONDS, LEAST_THRUST = 10.0, 0.02
+
+#: Slope of a thrust curve below which nothing is divided by it.
+LEAST_SLOPE = 0.05
+
+#: Source of the signals where the rate controller's outputs are not logged.
+MOTOR_OUTPUTS = "motor outputs"
 
 #: Part of the power of rates that motors must explain: noise and aliases in their signals bias effectiveness by up to
 #: the rest.
@@ -40,22 +47,32 @@ class MotorSignals:
 
 
 def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float) -> MotorSignals:
-    """Return the fastest signals that the record has."""
+    """Return the fastest signals that the record has.
+
+    Commands do what the curve `expo` makes of them, about which the controller's outputs become commands by the curve
+    in the parameters.
+    """
     signals = thrust_signals(record, law, vehicle, voltage, expo)
     rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
     if law is Law.SPEED:
         return MotorSignals(signals, rates, _fast(record, signals), "ESC speeds")
     outputs = np.column_stack([column(record, f"out_{name}") for name in ("thrust", "roll", "pitch", "yaw")])
-    # Where motor outputs follow the controller by another factor than the parameters say, motors do so.
-    outputs[:, 1:] *= known_slope(record.findings)
     controller = np.column_stack([column(record, f"rate_{axis}") for axis in "xyz"])
     known = {f"m{motor.number}": motor for motor in vehicle.motors}
-    if not (np.isfinite(outputs).all() and np.isfinite(controller).all() and set(record.input_names) <= set(known)):
-        return MotorSignals(signals, rates, _fast(record, record.u), "motor outputs")
+    logged = np.isfinite(outputs[:, 1:]).all() and np.isfinite(controller).all()
+    if not (logged and set(record.input_names) <= set(known)):
+        return MotorSignals(signals, rates, _fast(record, record.u), MOTOR_OUTPUTS)
     motors = [known[name] for name in record.input_names]
     factors = np.array([[1.0, motor.roll, motor.pitch, motor.yaw] for motor in motors])
     size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
-    mean, asked = _moving_mean(signals.mean(axis=1), size), _moving_mean(outputs[:, 0], size)
+    set_curve = thrust_signals(record, law, vehicle, voltage).mean(axis=1)
+    if not np.isfinite(outputs[:, 0]).all():
+        outputs[:, 0] = set_curve
+    # Where motor outputs follow the controller by another factor than the parameters say, motors do so.
+    command = _moving_mean(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean(axis=1), size)
+    steeper = curve_slope(command, expo) / np.maximum(curve_slope(command, vehicle.thrust_expo), LEAST_SLOPE)
+    outputs[:, 1:] *= known_slope(record.findings) * steeper[:, None]
+    mean, asked = _moving_mean(set_curve, size), _moving_mean(outputs[:, 0], size)
     scale = np.where(asked > LEAST_THRUST, mean / np.maximum(asked, LEAST_THRUST), 1.0)
     slow = signals - signals @ np.linalg.pinv(factors).T @ factors.T
     return MotorSignals(

@@ -2,11 +2,15 @@
 
 Two laws turn a logged signal into a number s that thrust is proportional to, ``T = k s``::
 
-    command:  s = (rho / 1.225) [(1 - e) c V + e (c V)^2]    c: PWM between idle and full spin, 0 .. 1 (ArduPilot
+    command:  s = (rho / 1.225) V^2 [(1 - e) c + e c^2]      c: PWM between idle and full spin, 0 .. 1 (ArduPilot
                                                              AP_MotorsMulticopter); V: voltage over the reference
     speed:    s = (rho / 1.225) w^2                          w: rotor speed, rad/s (Kim 2017 eq. 13, Refinement 2020)
 
 so that k is the thrust at full command [N], or the coefficient of the rotor [N s^2], in sea-level air.
+
+At one output a motor's speed goes nearly with the voltage, and thrust with its power 1.8 to 1.9 (a DC motor against
+its propeller; 2 in ArduPilot's simulator). The autopilot's own compensation, which has V beside c within the curve
+(`sysid.records.mixer` inverts it), would make that 1.2 to 1.5, because c is counted from where motors begin to spin.
 """
 
 from __future__ import annotations
@@ -85,7 +89,7 @@ def thrust_signals(
         return np.asarray(density * speeds**2)
     command = np.clip(motor_commands(record.u, vehicle), 0.0, 1.0)
     if voltage is not None:
-        command = command * (column(record, "voltage") / voltage)[:, None]
+        density = density * ((column(record, "voltage") / voltage) ** 2)[:, None]
     return np.asarray(density * curve(command, vehicle.thrust_expo if expo is None else expo))
 
 

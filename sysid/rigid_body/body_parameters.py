@@ -11,7 +11,7 @@ import numpy as np
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.motor_scaling import EXPO_SIGMA
-from sysid.records.motor_signals import ENOUGH
+from sysid.records.motor_signals import ENOUGH, MOTOR_OUTPUTS
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior
 from sysid.rigid_body.methods.systematic import unlike_motors, usual_speed
@@ -268,11 +268,11 @@ def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
 
 def _incoherent(axis: str, coherent: float, moved: float, source: str) -> str:
     text = f"the {source} explain only {100.0 * max(coherent, 0.0):.0f} % of the angular acceleration in {axis}"
-    log = "log RATE and " if source == "motor outputs" else ""
+    log = "log RATE and " if source == MOTOR_OUTPUTS else ""
     if moved < STILL:
         return f"{text}: the axis was hardly moved ({moved:.2g} rad/s); {log}fly sticks or SYSTEMID on it"
     why = "outputs and rates do not belong together"
-    if source == "motor outputs":
+    if source == MOTOR_OUTPUTS:
         why = "outputs are logged too slowly, or do not reach the motors"
     advice = f"{log}check the motors' order, their outputs and the logs' times"
     return f"{text}, although the axis moved ({moved:.2g} rad/s): {why}; {advice}"

@@ -17,18 +17,17 @@ that the flight shows (`TorqueCurve`), whose slope about the command flown is wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.mixer import known_slope
-from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
-from sysid.records.motor_signals import motor_geometry
+from sysid.records.motor_scaling import EXPO_SIGMA, curve_slope, motor_commands
+from sysid.records.motor_signals import LEAST_SLOPE, MOTOR_OUTPUTS, SCALE_SECONDS, motor_geometry, motor_signals
 from sysid.records.resampling import logged_rate
-from sysid.records.thrust_curve import REFERENCE_DENSITY
+from sysid.records.thrust_curve import Law, thrust_signals
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -48,15 +47,6 @@ COHERENT = 0.9
 #: Angular rate (root mean square in the band) below which an axis was hardly moved, rad/s: that of a swing by one
 #: degree at 0.6 Hz.
 STILL = 0.05
-
-#: Time over which the scale of the controller's outputs is averaged, s.
-SCALE_SECONDS = 10.0
-
-#: Slope of a thrust curve below which nothing is divided by it.
-_LEAST_SLOPE = 0.05
-
-#: Thrust output below which the scale is not read off it.
-_LEAST_THRUST = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +72,7 @@ class RotationFit:
     #: First-order lag and pure delay between command and torque, gyro filters included, s.
     lag: float
     delay: float
-    source: str  #: ``"rate outputs"`` or ``"motor outputs"``.
+    source: str  #: As `MotorSignals.source`.
     rate: float  #: Rows of the source a second.
     per_expo: float = 0.0  #: Relative change of the gains with the curvature of the torque commands.
 
@@ -102,17 +92,6 @@ class TorqueCurve:
         return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
 
 
-def thrust_commands(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Floats:
-    """Thrust command of every motor, full at 1, in sea-level air at the reference voltage [V]; shape (N, motors)."""
-    assert record.context is not None
-    thrust = curve(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0), vehicle.thrust_expo)
-    voltages = record.context["voltage"].to_numpy(np.float64)
-    if voltage is not None and np.isfinite(voltages).all():
-        thrust = thrust * ((voltages / voltage) ** 2)[:, None]
-    density = record.context["density"].to_numpy(np.float64) / REFERENCE_DENSITY
-    return np.asarray(thrust * np.where(np.isfinite(density), density, 1.0)[:, None])
-
-
 def centre_of_gravity(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None
 ) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -123,7 +102,7 @@ def centre_of_gravity(
     """
     ahead, right = [], []
     for record in records:
-        thrust = thrust_commands(record, vehicle, voltage)
+        thrust = thrust_signals(record, Law.COMMAND, vehicle, voltage)
         arms = motor_geometry(record).levers
         size = max(round(SCALE_SECONDS / record.dt), 1)
         for k in range(0, max(len(thrust) - size // 2, 1), size):
@@ -138,43 +117,21 @@ def centre_of_gravity(
     return x, y
 
 
-def torque_commands(
-    record: Experiment, vehicle: Vehicle, voltage: float | None, expo: float
-) -> tuple[Floats, Floats, str]:
-    """Torque commands and rates about the three axes."""
-    context = record.context
-    assert context is not None
-    geometry = motor_geometry(record)
-    if "out_roll" not in context or "rate_x" not in context:
-        thrust = thrust_commands(record, replace(vehicle, thrust_expo=expo), voltage)
-        return thrust @ geometry.levers.T, context[["w_x", "w_y", "w_z"]].to_numpy(np.float64), "motor outputs"
-    per_output = np.einsum("an,na->a", geometry.levers, geometry.factors)
-    outputs = context[[f"out_{axis}" for axis in AXES]].to_numpy(np.float64)
-    size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
-    command = _moving_mean(np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean(axis=1), size)
-    scale = curve_slope(command, expo) / np.maximum(curve_slope(command, vehicle.thrust_expo), _LEAST_SLOPE)
-    scale = scale * known_slope(record.findings)
-    if "out_thrust" in context:
-        thrust = thrust_commands(record, vehicle, voltage).mean(axis=1)
-        together, asked = (
-            _moving_mean(values, size) for values in (thrust, context["out_thrust"].to_numpy(np.float64))
-        )
-        scale = scale * np.where(asked > _LEAST_THRUST, together / np.maximum(asked, _LEAST_THRUST), 1.0)
-    rates = context[["rate_x", "rate_y", "rate_z"]].to_numpy(np.float64)
-    return outputs * per_output * scale[:, None], rates, "rate outputs"
-
-
 def fit_rotation(
     records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> RotationFit | None:
     """Estimate effectiveness and damping about each axis."""
     expo = vehicle.thrust_expo if expo is None else expo
-    parts = [torque_commands(record, vehicle, voltage, expo) for record in records]
-    source = parts[0][2]
-    same = [(commands, rates) for commands, rates, kind in parts if kind == source]
+    parts = [motor_signals(record, Law.COMMAND, vehicle, voltage, expo) for record in records]
+    source = parts[0].source
+    same = [
+        (part.signals @ motor_geometry(record).levers.T, part.rates)
+        for record, part in zip(records, parts, strict=True)
+        if part.source == source
+    ]
     # Rates and outputs of one message fade alike on the lines between rows, up to where these fold.
     rate = min(logged_rate(np.hstack(pair), records[0].dt) for pair in same)
-    slow = rate if source == "rate outputs" else np.inf
+    slow = np.inf if source == MOTOR_OUTPUTS else rate
     spectra = rotation_spectra(
         [commands for commands, _ in same], [rates for _, rates in same], records[0].dt, NYQUIST_PART * slow
     )
@@ -199,14 +156,8 @@ def fit_rotation(
     }
     command = float(np.mean([np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean() for record in records]))
     # Gain times slope is what the flight shows.
-    per_expo = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), _LEAST_SLOPE)
+    per_expo = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), LEAST_SLOPE)
     return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate, per_expo=per_expo)
-
-
-def _moving_mean(values: Floats, size: int) -> Floats:
-    padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="reflect")
-    sums = np.cumsum(np.concatenate([[0.0], padded]))
-    return np.asarray((sums[size:] - sums[:-size]) / size)
 
 
 def rotation_spectra(

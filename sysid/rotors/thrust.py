@@ -5,7 +5,7 @@ the thrust that it wants to PWM by a curve of its own (ArduPilot `AP_MotorsMulti
 MOT_SPIN_MIN/MAX, MOT_THST_EXPO), and its inverse says which thrust a PWM stands for::
 
     c   = (pwm - pwm(spin_min)) / (pwm(spin_max) - pwm(spin_min))        command, 0 .. 1
-    g   = (1 - e) c V + e (c V)^2                                        thrust command; V: voltage over reference
+    g   = V^2 [(1 - e) c + e c^2]                                        thrust command; V: voltage over reference
     T_k = k_k (rho / 1.225) g_k
 
 so that k is the thrust of one motor at full command in sea-level air. Motion alone gives k / m.

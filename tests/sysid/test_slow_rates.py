@@ -8,6 +8,7 @@ import pytest
 from logparse import Finding, Severity, Vehicle
 from logparse.craft.frames import motor_table
 from sysid.records.mixer import MIXER_DIFFERS
+from sysid.records.motor_scaling import command_for
 from sysid.records.motor_signals import motor_signals
 from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import Law, lagged
@@ -82,27 +83,45 @@ def test_slow_rows_tell_effectiveness_below_where_they_fold(rate, within):
     assert motor_signals(record, Law.COMMAND, record.vehicle, 16.0, 0.0).fast == (rate > 20.0)
 
 
+@pytest.mark.parametrize("expo", [0.0, 0.65])
+def test_a_low_battery_is_no_weaker_craft(expo):
+    """At 15.2 V motors turn the craft by (15.2 / 16)^2; the gain is that at 16 V, whatever the curve."""
+    record, volts = chirped(50.0), 15.2
+    context = record.context.assign(voltage=volts)
+    context[["rate_x", "rate_y", "rate_z"]] *= (volts / 16.0) ** 2
+    # Thrust of 0.4 by the curve: what the controller asks for is what the motors are told.
+    pwm = np.full((len(record.t), 4), 1000.0 + 1000.0 * (0.15 + 0.8 * command_for(0.4, expo)))
+    low = replace(record, u=pwm, context=context, vehicle=replace(record.vehicle, thrust_expo=expo))
+    found = fit_rotation([low], low.vehicle, 16.0)
+    for axis in ("roll", "pitch"):
+        assert found.axes[axis].gain == pytest.approx(GAIN, rel=0.015)
+    signals = motor_signals(low, Law.COMMAND, low.vehicle, 16.0, expo).signals
+    assert signals.mean() == pytest.approx(0.4 * (volts / 16.0) ** 2, rel=1e-3)
+
+
 def test_a_controller_that_answers_to_noise_shows_in_a_craft_driven_by_its_own_rate():
     """In calm hovers of four craft yaw torque over inertia came out nine times too large at a stated 9 %."""
     seen = AxisFit(
         gain=43.1, gain_sigma=0.7, damping=-37.0, damping_sigma=1.0, coherent=0.913, lead=0.025, moved=0.0026
     )
-    assert "controller to noise" in rotation_doubt("yaw", seen, "rate outputs", 50.0)
-    assert rotation_doubt("yaw", replace(seen, damping=-0.5, damping_sigma=0.2), "rate outputs", 50.0) == ""
+    assert "controller to noise" in rotation_doubt("yaw", seen, "rate controller's outputs", 50.0)
+    assert (
+        rotation_doubt("yaw", replace(seen, damping=-0.5, damping_sigma=0.2), "rate controller's outputs", 50.0) == ""
+    )
 
 
 def test_an_axis_that_slow_rows_hardly_saw_move_has_no_gain():
     """Noise that folded at 10 Hz made a roll gain 26 % small at a stated 10 %, with 0.03 rad/s and 91 % coherent."""
     seen = AxisFit(gain=61.8, gain_sigma=0.5, damping=1.6, damping_sigma=0.4, coherent=0.911, lead=0.0, moved=0.032)
-    assert "noise folds" in rotation_doubt("roll", seen, "rate outputs", 10.0)
-    assert rotation_doubt("roll", seen, "rate outputs", 50.0) == ""
-    assert rotation_doubt("roll", replace(seen, moved=0.2), "rate outputs", 10.0) == ""
+    assert "noise folds" in rotation_doubt("roll", seen, "rate controller's outputs", 10.0)
+    assert rotation_doubt("roll", seen, "rate controller's outputs", 50.0) == ""
+    assert rotation_doubt("roll", replace(seen, moved=0.2), "rate controller's outputs", 10.0) == ""
 
 
 def test_a_lag_of_thrust_beyond_that_of_torque_is_not_believed():
     """Of motors whose torque follows within 57 ms, a thrust that seemed to lag by 111 ms (truth 23) had been stated."""
     axis = AxisFit(gain=60.0, gain_sigma=1.0, damping=0.0, damping_sigma=0.1, coherent=0.99, lead=0.0, moved=0.2)
-    turning = RotationFit(axes={"roll": axis}, lag=0.04, delay=0.017, source="rate outputs", rate=50.0)
+    turning = RotationFit(axes={"roll": axis}, lag=0.04, delay=0.017, source="rate controller's outputs", rate=50.0)
     lag = BodyParameter(name="motor_lag", unit="s", value=0.111, sigma=0.013, determined=True, reason="", used=0.111)
     doubted = held_against_torque(lag, turning)
     assert (doubted.value, doubted.used) == (None, 0.111)

@@ -7,8 +7,10 @@ import pytest
 
 from logparse import MissingDataError
 from logparse.craft.frames import motor_table
+from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import Law, thrust_signals
 from sysid.rotors.thrust_regression import AIR_SIGMA, LEFT_OUT
 from tests.sysid.level_flight import CRAFT, flight
 
@@ -52,16 +54,35 @@ def test_motors_that_move_as_one_are_not_told_apart():
 
 
 def test_voltage_sag_does_not_change_the_coefficient():
-    """A battery that sags by 10 % while the autopilot's curve is followed: k at the median voltage stays."""
-    t = np.arange(1200) * 0.1
+    """A battery that sags by 10 %, rotors as the simulator drives them: k at the median voltage stays."""
     voltage = np.linspace(16.8, 15.2, 1200)
     made = flight(5, voltage=voltage)
-    c = motor_commands(made.u, CRAFT) * (voltage / 16.0)[:, None]
-    f_z = -3.2 * 1.1 / 1.225 * (0.4 * c + 0.6 * c**2).sum(axis=1)
-    sagging = Experiment.from_arrays(t, made.u, made.y, context=made.context.assign(f_z=f_z), vehicle=CRAFT)
-    model = fit_thrust([sagging])
+    drive = replace(octocopter().drive, spin_min=0.15, spin_max=0.95, expo=0.6, pwm_min=1000.0, pwm_max=2000.0)
+    speeds = [[drive.speed(pwm, volts) for pwm in row] for row, volts in zip(made.u, voltage, strict=True)]
+    part = (np.array(speeds) / drive.speed(1950.0, 16.0)) ** 2
+    model = fit_thrust([replace(made, context=made.context.assign(f_z=-3.2 * 1.1 / 1.225 * part.sum(axis=1)))])
     assert model.common.per_mass == pytest.approx(3.2, rel=1e-3)
     assert model.reference_voltage == pytest.approx(16.0)
+
+
+@pytest.mark.parametrize("part", [0.25, 0.4, 0.5])
+def test_thrust_follows_the_voltage_as_a_motor_s_does(part):
+    """A DC motor (920 rpm/V, 0.09 ohm) against its propeller (1e-5 N s^2, 1.5e-7 N m s^2), from 16.8 to 14.3 V.
+
+    With V inside the curve, as the autopilot compensates it, thrust at one output would be 6 to 10 % too large.
+    """
+    back = 60.0 / (2.0 * np.pi * 920.0)
+    loss = 0.09 * 1.5e-7 / back
+
+    def thrust(duty, volts):
+        return 1e-5 * ((np.sqrt(back**2 + 4.0 * loss * volts * duty) - back) / (2.0 * loss)) ** 2
+
+    duty = np.linspace(0.1, 0.95, 400)
+    hover = np.interp(part, thrust(duty, 16.8) / thrust(0.95, 16.8), duty)
+    made = flight(1, samples=12, voltage=np.repeat([16.8, 14.3], 6))
+    constant = replace(made, u=np.full((12, 4), 1000.0 + 1000.0 * hover))
+    signals = thrust_signals(constant, Law.COMMAND, replace(CRAFT, spin_min=0.1), 16.8)
+    assert signals[-1, 0] / signals[0, 0] == pytest.approx(thrust(hover, 14.3) / thrust(hover, 16.8), rel=0.035)
 
 
 def test_a_motor_that_works_harder_shows_in_its_effort():
