@@ -37,6 +37,12 @@ _OTHER_FILTERS, _FF, _HIGHEST_FILTER = (0.7, 1.0, 1.5, 2.0), (0.7, 1.0, 1.4), 10
 #: that the attitude loop keeps: a step of attitude then overshoots by less than 10 %.
 _ANGLE, _HIGHEST_ANGLE, _ATTITUDE_PHASE = (1.2, 1.5), 12.0, 60.0
 
+#: Factors of it where no rate gains beside it keep the aim: a slow rate loop bears no fast one about it.
+_SLOWER = (0.7, 0.5)
+
+#: Logarithm of bandwidth or answer to gusts that is the rounding of gains that flew.
+_ROUNDED = 1e-9
+
 #: Score that another filter of the target or error must gain to be proposed.
 _WORTH_A_FILTER = 0.02
 
@@ -73,7 +79,7 @@ class AxisTuning:
     @property
     def gains(self) -> bool:
         """Return whether the proposal rejects disturbances better than as flown, by bandwidth and by the score."""
-        return self.wider and self.score > 0.0
+        return self.wider and self.score > _ROUNDED
 
     @property
     def promise(self) -> str:
@@ -96,7 +102,8 @@ class _Field:
     score: Floats
     unseen: Floats  #: Factor by which the gain rises beyond the measured band where it may count.
     noise: Floats  #: The same wherever it does, with which noise from there rises.
-    ending: Floats  #: Amplification of disturbances where a low chirp ended.
+    #: Whether disturbances are amplified little where a low chirp ended, or as flown and nothing is raised beyond.
+    ends_well: NDArray[np.bool_]
 
 
 def without_integral(settings: LoopSettings) -> bool:
@@ -147,26 +154,35 @@ def flown_margins(loop: RateLoop) -> MarginSet:
 
 def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) -> AxisTuning:
     bare = loop.flown.changed(gyro_filter=other_gyro_filter(loop, gyro_factor))
+    best, allowed, candidates = _raised_least(loop, aim, bare, part)
+    for slower in _SLOWER if best.tuned is None and lacks(loop, aim) else ():
+        angle = typed(slower * loop.flown.angle.P)
+        best, allowed, candidates = _raised_least(loop, aim, bare.changed(angle_P=angle), part)
+        if best.tuned is not None:
+            break
+    if best.tuned is None and lacks(loop, aim):
+        best = _first_step(loop, aim, candidates, best)
+    if best.tuned is None or best.short or loop.ordinary:
+        return best
+    for more in (_others(loop), _angles(loop)):
+        found = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
+        if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER and _attitude_keeps(found.tuned):
+            best = found
+    return best
+
+
+def _raised_least(loop: RateLoop, aim: Aim, bare: LoopSettings, part: float | None) -> tuple[AxisTuning, float, _Field]:
+    """Return the best of the gains about `bare` that raises least what nobody saw, by how much, and all of them."""
     candidates = _field(loop, bare, _gains(loop, part))
     raised = may_raise(loop)
-    best = _best(loop, aim, candidates, raised[0])
-    allowed = raised[0]
+    best, allowed = _best(loop, aim, candidates, raised[0]), raised[0]
     for most in raised[1:]:
         if best.gains:
             break
         found = _best(loop, aim, candidates, most)
         if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
             best, allowed = found, most
-    if best.tuned is None and lacks(loop, aim):
-        best = _first_step(loop, aim, candidates, best)
-    others = _others(loop)
-    if best.tuned is None or best.short or loop.ordinary:
-        return best
-    for more in (others, _angles(loop)):
-        found = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
-        if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER and _attitude_keeps(found.tuned):
-            best = found
-    return best
+    return best, allowed, candidates
 
 
 def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTuning) -> AxisTuning:
@@ -267,7 +283,9 @@ def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str,
     with np.errstate(invalid="ignore"):
         gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
         score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
-    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise, ending)
+    as_flown = (ending <= amplified_at_end(loop, hz, flown_loop)) & (unseen <= may_raise(loop)[0])
+    ends_well = np.asarray((ending <= AMPLIFIED) | as_flown)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise, ends_well)
 
 
 def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
@@ -312,7 +330,7 @@ def _sound(field: _Field, aim: Aim, unseen: float) -> NDArray[np.bool_]:
     return np.asarray(
         (field.unseen <= unseen)
         & (field.noise <= 1.01 * aim.noise)
-        & (field.ending <= AMPLIFIED)
+        & field.ends_well
         & nominal.stable
         & keeps(nominal, aim)
         & np.isfinite(nominal.rejection_hz),
@@ -333,7 +351,7 @@ def _tuning(
         noise=ActuatorNoise(loop).factor(tuned),
         score=float(field.score[k]),
         unseen=float(field.unseen[k]),
-        wider=bool(field.gained[k] > 0.0),
+        wider=bool(field.gained[k] > _ROUNDED),
         short=not bounds_keep(bounds, aim),
     )
 

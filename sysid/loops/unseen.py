@@ -39,7 +39,7 @@ _CHIRP_BELOW, _NO_CHIRP = 0.8, 1e-4
 
 #: Resolutions [Hz] of the spectrum, and what stands out of it: about as wide as a mode, of whose height the resolution
 #: leaves little above twice the floor; and narrow as a loop that hardly keeps from ringing, at three times.
-_STANDS_OUT = {1.5: 0.75, 0.5: 1.2}
+_STANDS_OUT = {1.5: 0.75, 0.5: 0.9}
 
 #: Standard deviations of the spectrum's scatter beyond which nothing is taken for scatter; largest swing of 1 / |S| at
 #: the first resolution that is (of 250 craft without modes there none reached 0.4).
