@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sysid.rigid_body.six_dof.model import SixDofModel
     from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
     from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
-    from sysid.rotors.rotor import RotorModel, fit_rotor
     from sysid.rotors.thrust import fit_thrust
     from sysid.rotors.thrust_record import ThrustCoefficient, ThrustModel
     from sysid.transfer_functions.arx import ArxModel, fit_arx
@@ -66,7 +65,6 @@ __all__ = [
     "Predictor",
     "Refinement2020Model",
     "RigidBodyModel",
-    "RotorModel",
     "SixDofModel",
     "StateValidation",
     "ThrustCoefficient",
@@ -86,7 +84,6 @@ __all__ = [
     "fit_kim2017",
     "fit_refinement2020",
     "fit_rigid_body",
-    "fit_rotor",
     "fit_six_dof",
     "fit_thrust",
     "fit_transfer_functions",

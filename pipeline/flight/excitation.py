@@ -10,8 +10,8 @@ import numpy as np
 from core.units import STANDARD_GRAVITY
 from pipeline.results.coverage import AxisExcitation, Excitation, Linearity
 from sysid.records.excitation import Coherence
+from sysid.records.thrust_curve import VARYING
 from sysid.rigid_body.rotation import STILL
-from sysid.rotors.rotor import VARYING
 
 if TYPE_CHECKING:
     import pandas as pd

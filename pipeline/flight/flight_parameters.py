@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 BATTERY = "battery monitor"
 
 #: A method whose column "sigma" is the spread over instants, not the standard error of the value.
-_SPREAD = METHODS[3]
+_SPREAD = METHODS[2]
 
 #: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
-WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[4])
+WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[3])
 
 
 def flight_parameters(result: FlightResult) -> list[FlightParameter]:

@@ -19,7 +19,7 @@ class AxisExcitation:
     rms: float
     unit: str
     #: ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
-    #: (`sysid.rigid_body.rotation.STILL`, `sysid.rotors.rotor.VARYING`).
+    #: (`sysid.rigid_body.rotation.STILL`, `sysid.records.thrust_curve.VARYING`).
     word: str
 
 

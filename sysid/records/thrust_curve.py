@@ -29,17 +29,15 @@ from sysid.records.motor_scaling import curve, motor_commands
 #: Density to which coefficients refer, kg/m^3.
 REFERENCE_DENSITY = 1.225
 
+#: Part by which commands must vary (standard deviation over mean) before their ratio to speeds says anything.
+VARYING = 0.03
+
 
 class Law(StrEnum):
     """How the signal of a motor becomes thrust."""
 
     COMMAND = "command"
     SPEED = "speed"
-
-    @property
-    def specific_unit(self) -> str:
-        """Unit of k/m."""
-        return "m/s^2 at full command" if self is Law.COMMAND else "N s^2/kg"
 
 
 def column(record: Experiment, name: str) -> Floats:
@@ -68,13 +66,24 @@ def reference_voltage(records: Sequence[Experiment]) -> float | None:
     return float(np.median(voltages)) if np.isfinite(voltages).all() else None
 
 
-def rotor_speeds(record: Experiment) -> Floats | None:
-    """Return the speeds that the ESCs report for the record's motors, rad/s, (N, motors); None unless all report."""
-    if record.context is None:
+def rotor_speeds(record: Experiment, vehicle: Vehicle) -> Floats | None:
+    """Return the speeds that the ESCs report for the record's motors, rad/s, (N, motors).
+
+    None unless all report, and where what they report is the command: so does ArduPilot's simulator.
+    """
+    speeds = np.column_stack([column(record, f"rotor_speed_{name.removeprefix('m')}") for name in record.input_names])
+    commands = motor_commands(record.u, vehicle)
+    turning = (commands > 0.05) & (commands < 1.0) & (speeds > 0.0)
+    if not np.isfinite(speeds).all() or not turning.any():
         return None
-    speeds = [column(record, f"rotor_speed_{name.removeprefix('m')}") for name in record.input_names]
-    result = np.column_stack(speeds)
-    return result if np.isfinite(result).all() and (result.max(axis=0) > 0.0).any() else None
+    ratio = speeds[turning] / commands[turning]
+    varied = np.std(commands[turning]) > VARYING * np.mean(commands[turning])
+    return None if varied and np.std(ratio) < 0.02 * np.mean(ratio) else speeds
+
+
+def law_of(records: Sequence[Experiment], vehicle: Vehicle) -> Law:
+    """Return what thrust goes with: rotor speeds where every record has them."""
+    return Law.SPEED if all(rotor_speeds(record, vehicle) is not None for record in records) else Law.COMMAND
 
 
 def thrust_signals(
@@ -83,7 +92,7 @@ def thrust_signals(
     """Return s of the module's text for each motor, (N, motors)."""
     density = relative_density(record)[:, None]
     if law is Law.SPEED:
-        speeds = rotor_speeds(record)
+        speeds = rotor_speeds(record, vehicle)
         if speeds is None:
             raise ValueError(f"{record.name}: rotor speeds are not logged")
         return np.asarray(density * speeds**2)

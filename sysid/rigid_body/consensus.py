@@ -15,8 +15,7 @@ import numpy as np
 from core.quantity import uncertain
 from logparse import Finding, Severity
 
-#: Methods that may be the headline. Left out are the mean of instants, which noise biases, and the rotor model, whose
-#: standard errors are three to ten times too small on craft of known truth.
+#: Methods that may be the headline. Left out is the mean of instants, which noise biases.
 TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
 
 #: Standard deviations beyond which two methods disagree.

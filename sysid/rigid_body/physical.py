@@ -21,7 +21,6 @@ from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
-from sysid.rotors.rotor import RotorModel, fit_rotor
 from sysid.rotors.thrust import fit_thrust
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.rotors.thrust_regression import vehicle_of
@@ -34,14 +33,13 @@ HEADLINE = "headline"
 _TURNING = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
 
 #: Methods, in the order of the columns of a report.
-METHODS = ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
+METHODS = ("mean thrust", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
 
 #: What each is asked for.
 _GIVEN: Mapping[str, tuple[str, ...]] = {
     "mean thrust": ("thrust over mass",),
-    "rotor": ("thrust over mass", "thrust curve", "motor lag"),
     "Kim 2017": ("thrust over mass", *_TURNING),
-    **dict.fromkeys(METHODS[3:5], ("thrust over mass", *_TURNING, "whole drag in still air over mass")),
+    **dict.fromkeys(METHODS[2:4], ("thrust over mass", *_TURNING, "whole drag in still air over mass")),
     "rigid body": ("thrust over mass", "thrust curve", "motor lag", "yaw torque over inertia"),
 }
 
@@ -93,7 +91,6 @@ _OVER_ARM = "kg m (inertia over arm)"
 #: Why numbers stand without a standard error.
 WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
 NOISY = "noise of the rates makes inertia too small, by half on craft of known truth, which no scatter shows"
-SHORT_OF_TRUTH = "its standard errors are too small by several times on craft of known truth"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -106,7 +103,6 @@ class PhysicalParameters(Summarised):
     table: pd.DataFrame
     #: The models; None where a method could not be applied.
     thrust: ThrustModel | None
-    rotor: RotorModel | None
     kim2017: Kim2017Model | None
     refinement2020: Refinement2020Model | None
     rigid_body: RigidBodyModel | None
@@ -163,26 +159,25 @@ def physical_parameters(
         return model
 
     thrust = attempt(METHODS[:1], lambda: fit_thrust(experiments, mass), _of_thrust)
-    rotor = attempt(METHODS[1:2], lambda: fit_rotor(experiments, mass), _of_rotor)
     refinement = attempt(
-        METHODS[3:5],
+        METHODS[2:4],
         lambda: fit_refinement2020(experiments, mass, time_constant=None, law=Law.COMMAND),
         _of_refinement,
     )
     lag = refinement.time_constant if refinement is not None else 0.0
     given = inertia is not None and arm is not None and mass is not None
     kim = attempt(
-        METHODS[2:3],
+        METHODS[1:2],
         lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag, law=Law.COMMAND),
         lambda model: _of_kim(model, given),
     )
     records = [experiments] if isinstance(experiments, Experiment) else experiments
     for row in () if rigid_body is None else _of_rigid_body(rigid_body):
         sheet.put(*row)
-    _at_hover(sheet, records, rotor, rigid_body)
+    _at_hover(sheet, records, rigid_body)
     disagree = _conclude(sheet, shared_air(records))
     return PhysicalParameters(
-        sheet.table(), thrust, rotor, kim, refinement, rigid_body, () if disagree is None else (disagree,)
+        sheet.table(), thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,)
     )
 
 
@@ -232,18 +227,6 @@ def _of_thrust(model: ThrustModel) -> _Rows:
     yield "thrust over mass", "mean thrust", model.common.per_mass, model.common.sigma, model.common.reason
 
 
-def _of_rotor(model: RotorModel) -> _Rows:
-    value = model.common.per_mass
-    if model.law is Law.COMMAND:
-        yield "thrust over mass", "rotor", value, None, model.common.reason or SHORT_OF_TRUTH
-    else:
-        told = "not determined" if value is None else f"{value:.4g} {model.law.specific_unit}"
-        yield "thrust over mass", "rotor", None, None, f"thrust goes with rotor speed squared: {told}"
-    delays = f"with every delay between log and thrust; {SHORT_OF_TRUTH}"
-    yield "thrust curve", "rotor", model.expo.value, None, model.expo.reason or SHORT_OF_TRUTH
-    yield "motor lag", "rotor", model.time_constant.value, None, model.time_constant.reason or delays
-
-
 def _of_kim(model: Kim2017Model, given: bool) -> _Rows:
     """Name what Kim 2017 found; inertia is as `given` where a pendulum measured it."""
     yield "thrust over mass", "Kim 2017", model.common.per_mass, model.common.sigma, model.common.reason
@@ -261,7 +244,7 @@ def _of_kim(model: Kim2017Model, given: bool) -> _Rows:
 
 
 def _of_refinement(model: Refinement2020Model) -> _Rows:
-    names = dict(zip(_GIVEN[METHODS[3]], ("k", "Jx", "Jy", "b/Jz", "C"), strict=True))
+    names = dict(zip(_GIVEN[METHODS[2]], ("k", "Jx", "Jy", "b/Jz", "C"), strict=True))
     for parameter, name in names.items():
         # The paper takes roll and pitch inertia to be one.
         mean = model.instants.get("Jx" if name == "Jy" else name)
@@ -271,10 +254,10 @@ def _of_refinement(model: Refinement2020Model) -> _Rows:
                 note += f"; {NOISY}"
             if name in ("Jx", "Jy") and mean.mean is not None:
                 note += "; one value for roll and pitch, as the paper takes them"
-            yield parameter, METHODS[3], mean.mean, None, note
+            yield parameter, METHODS[2], mean.mean, None, note
         stacked = model.stacked[name]
         sigma, note = (None, WIND_WITHIN) if name == "C" else (stacked.sigma, "")
-        yield parameter, METHODS[4], stacked.value, sigma, stacked.reason or note
+        yield parameter, METHODS[3], stacked.value, sigma, stacked.reason or note
 
 
 def _of_rigid_body(model: RigidBodyModel) -> _Rows:
@@ -300,18 +283,14 @@ def _of_rigid_body(model: RigidBodyModel) -> _Rows:
         yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
 
-def _at_hover(
-    sheet: _Sheet, records: Sequence[Experiment], rotor: RotorModel | None, body: RigidBodyModel | None
-) -> None:
+def _at_hover(sheet: _Sheet, records: Sequence[Experiment], body: RigidBodyModel | None) -> None:
     """Put thrust at the command flown on average beside that at full command, to which each method extrapolates."""
     vehicle, _ = vehicle_of(records[0])
     commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
     command = float(np.mean(np.concatenate(commands)))
     bent = _curve_sigma(vehicle, body)
-    expos = dict.fromkeys(METHODS, vehicle.thrust_expo)
-    if rotor is not None:
-        expos["rotor"] = rotor.thrust_expo
-    for method, expo in expos.items():
+    expo = vehicle.thrust_expo
+    for method in METHODS:
         full = sheet.rows.get(("thrust over mass", method))
         if full is None:
             continue
@@ -324,7 +303,6 @@ def _at_hover(
         sheet.put("thrust over mass at hover", method, float(value), float(sigma), note)
     # Methods without a curve of their own take the autopilot's as it stands in its parameters, from hover to full
     # command, and for its slope, by which motors turn the craft.
-    expo = vehicle.thrust_expo
     full_over_hover = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
     slope_over_full = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), 1e-3)
     parts = {
@@ -335,7 +313,7 @@ def _at_hover(
     }
     for (parameter, method), row in list(sheet.rows.items()):
         value, sigma = float(row["value"]), float(row["sigma"])
-        if parameter in parts and method not in ("rigid body", "rotor") and np.isfinite([value, sigma]).all():
+        if parameter in parts and method != "rigid body" and np.isfinite([value, sigma]).all():
             sheet.curved[parameter, method] = bent * parts[parameter]
             wider = float(np.hypot(sigma, bent * parts[parameter] * value))
             sheet.put(parameter, method, value, wider, str(row["note"]))

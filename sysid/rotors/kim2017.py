@@ -30,7 +30,7 @@ from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.motor_signals import MotorGeometry, motor_geometry, too_slow, unexplained
-from sysid.records.thrust_curve import Law, rotor_speeds
+from sysid.records.thrust_curve import Law, law_of
 from sysid.rotors.kim2017_windows import (
     FlightData,
     TorqueEstimate,
@@ -203,7 +203,7 @@ def fit_kim2017(
     time_constant : float
         Lag of the motors, s; 0 as in the paper.
     law : Law, optional
-        By default rotor speeds where every record has them (`sysid.rotors.rotor.fit_rotor` says whether they are any).
+        By default rotor speeds where every record has them.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def fit_kim2017(
     require_all_motors(records[0], vehicle)
     geometry = motor_geometry(records[0])
     if law is None:
-        law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+        law = law_of(records, vehicle)
     known = (
         None if mass is None or inertia is None or arm is None else (arm * mass / inertia[0], arm * mass / inertia[1])
     )

@@ -35,7 +35,7 @@ from core.summary import Summarised, listed
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, require_alike
 from sysid.records.motor_signals import motor_geometry, motor_signals, too_slow, unexplained
-from sysid.records.thrust_curve import Law, lagged, rotor_speeds
+from sysid.records.thrust_curve import Law, lagged, law_of
 from sysid.rotors.refinement_instants import (
     PARAMETERS,
     InstantMean,
@@ -111,7 +111,7 @@ def fit_refinement2020(
     require_all_motors(records[0], vehicle)
     geometry = motor_geometry(records[0])
     if law is None:
-        law = Law.SPEED if all(rotor_speeds(record) is not None for record in records) else Law.COMMAND
+        law = law_of(records, vehicle)
     signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
     rotation = all(each.fast for each in signals)
 

@@ -22,19 +22,24 @@ from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rotors.thrust_record import ThrustModel
+from sysid.rotors.thrust_record import ThrustCoefficient, ThrustModel
 from sysid.rotors.thrust_regression import (
     BLOCK_SECONDS,
+    SEPARABLE,
+    Blocks,
     air_sigma_of,
     blocks_of,
     changed_in_flight,
+    coefficient,
     coefficients,
+    condition_of,
     conditions_of,
-    fit_blocks,
     mass_unknown,
     outputs_of,
     pressed,
+    regress,
     require_specific_force,
+    scatter_between,
     summed,
     unlogged_motors,
 )
@@ -67,10 +72,15 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     if usable < 2 * len(motors) + 4:
         raise ExperimentError(f"{usable} s of flight with all motors inside their range are too few to estimate thrust")
     unlogged = unlogged_motors(records[0], vehicle)
-    fit = fit_blocks(blocks, motors, mass, unlogged, pressed(records))
-    together, per_motor, condition = fit.together, fit.per_motor, fit.condition
+    sums, forces = summed(blocks), [block.force for block in blocks]
+    together = regress(sums, forces)
+    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
+    spread = float(np.hypot(spread, pressed(records) * together.values[0]))
+    condition, effort = condition_of(blocks), np.vstack([block.thrust for block in blocks]).mean(axis=0)
+    alike = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
+    per_motor = _each_motor(blocks, motors, mass, unlogged or alike)
     if reference is not None:
-        for rows, block in zip(summed(blocks), blocks, strict=True):
+        for rows, block in zip(sums, blocks, strict=True):
             findings += changed_in_flight(block, rows @ together.values)
     undetermined = [motor for motor, value in per_motor.items() if not value.determined]
     if undetermined and not unlogged:
@@ -90,14 +100,14 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     hover = command_for(STANDARD_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
-        common=fit.common,
+        common=coefficient(float(together.values[0]), spread, mass, unlogged),
         per_motor=per_motor,
         mass=mass,
         thrust_expo=expo,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=reference,
         damping=float(together.values[1]) if len(together.values) > 1 else None,
-        effort=fit.effort,
+        effort=dict(zip(motors, map(float, effort / effort.mean()), strict=True)),
         hover_command=hover,
         hover_pwm=motor_pwm(hover, vehicle),
         rmse=together.rmse,
@@ -107,6 +117,19 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         findings=tuple(findings),
         air_sigma=air_sigma_of(records),
     )
+
+
+def _each_motor(
+    blocks: Sequence[Blocks], motors: Sequence[str], mass: float | None, reason: str
+) -> dict[str, ThrustCoefficient]:
+    """Estimate a coefficient for each motor, with the reason why none is determined, if there is one."""
+    rows = [np.hstack([block.thrust, sums[:, 1:]]) for block, sums in zip(blocks, summed(blocks), strict=True)]
+    apart = regress(rows, [block.force for block in blocks])
+    still = np.all(np.vstack([block.thrust for block in blocks]) == 0.0, axis=0)
+    return {
+        motor: coefficient(float(value), float(sigma), mass, reason or ("the motor never turns" if idle else ""))
+        for motor, value, sigma, idle in zip(motors, apart.values, apart.sigma, still, strict=False)
+    }
 
 
 def thrust_changes(record: Experiment) -> list[Finding]:

@@ -87,14 +87,7 @@ def require_all_motors(record: Experiment, vehicle: Vehicle) -> None:
         )
 
 
-def body_down(record: Experiment) -> Floats:
-    """Speed along body z, m/s, (N,); 0 where unknown."""
-    return np.nan_to_num(body_velocity(record)[:, 2])
-
-
-def blocks_of(
-    record: Experiment, vehicle: Vehicle, voltage: float | None, law: Law = Law.COMMAND, expo: float | None = None
-) -> Blocks:
+def blocks_of(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Blocks:
     """Average a record over seconds in which every motor stays inside its range (or does not move at all)."""
     command = motor_commands(record.u, vehicle)
     inside = np.all((command > 0.0) & (command < 1.0), axis=1) | (np.ptp(record.u, axis=0) == 0.0).any()
@@ -109,54 +102,9 @@ def blocks_of(
     return Blocks(
         t=mean(record.t)[keep, 0],
         force=-mean(column(record, "f_z"))[keep, 0],
-        thrust=mean(thrust_signals(record, law, vehicle, voltage, expo))[keep],
-        climb=mean(body_down(record))[keep, 0],
+        thrust=mean(thrust_signals(record, Law.COMMAND, vehicle, voltage))[keep],
+        climb=mean(np.nan_to_num(body_velocity(record)[:, 2]))[keep, 0],
         density=float(relative_density(record).mean()),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class ThrustFit:
-    """Coefficients of all motors alike and of each, and how well signals tell motors apart."""
-
-    together: Regression  #: Thrust of all motors and, where flights climb, its loss with the climb.
-    common: ThrustCoefficient
-    per_motor: dict[str, ThrustCoefficient]
-    condition: float  #: Of the signals of motors that turn, scaled.
-    effort: dict[str, float]  #: Mean signal of each motor over the mean of all.
-
-
-def fit_blocks(
-    blocks: Sequence[Blocks],
-    motors: Sequence[str],
-    mass: float | None,
-    unlogged: str = "",
-    press: float = 0.0,
-) -> ThrustFit:
-    """Fit thrust coefficients; `press` is the part of thrust by which air presses on craft that lean."""
-    sums, forces = summed(blocks), [block.force for block in blocks]
-    together = regress(sums, forces)
-    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
-    spread = float(np.hypot(spread, press * together.values[0]))
-    apart = regress([np.hstack([b.thrust, x[:, 1:]]) for b, x in zip(blocks, sums, strict=True)], forces)
-    condition = condition_of(blocks)
-    reason = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    signals = np.vstack([block.thrust for block in blocks])
-    still, means = np.all(signals == 0.0, axis=0).tolist(), signals.mean(axis=0)
-    return ThrustFit(
-        together,
-        coefficient(float(together.values[0]), spread, mass, unlogged),
-        {
-            motor: coefficient(
-                float(apart.values[k]),
-                float(apart.sigma[k]),
-                mass,
-                unlogged or reason or ("the motor never turns" if still[k] else ""),
-            )
-            for k, motor in enumerate(motors)
-        },
-        condition,
-        {motor: float(part) for motor, part in zip(motors, means / means.mean(), strict=True)},
     )
 
 

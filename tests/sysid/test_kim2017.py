@@ -8,6 +8,7 @@ import pytest
 from logparse import MissingDataError
 from simulation import kim2017 as paper
 from simulation.elhesasy2024 import octocopter
+from sysid import fit_thrust
 from sysid.records.experiment import ExperimentError
 from sysid.records.thrust_curve import Law
 from sysid.rotors.kim2017 import fit_kim2017
@@ -73,6 +74,29 @@ def test_eight_motors_driven_by_four_commands_are_not_told_apart():
     assert "independent signals" in model.per_motor["m1"].reason
     assert model.lever[0] == pytest.approx(0.35 * 4.3 / 0.06006, rel=0.01)
     assert model.torque_per_inertia == pytest.approx(1.779e-7 / 0.105, rel=0.03)
+
+
+def test_esc_numbers_that_are_the_command_are_no_rotor_speeds():
+    """ArduPilot's simulator reports command times a constant: thrust must not be taken for its square."""
+    octo = flight(octocopter(), 1)
+    command = (octo.u - 1150.0) / 800.0
+    context = octo.context.assign(**{f"rotor_speed_{k + 1}": 700.0 * command[:, k] for k in range(8)})
+    model = fit_kim2017([replace(octo, context=context)], 4.3)
+    assert model.law is Law.COMMAND
+    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
+
+
+def test_in_stabilised_flight_the_weak_motor_shows():
+    """Vertical force alone does not tell motors apart that a controller moves together; rates do."""
+    made, thrust = paper.quadcopter(16.0), (2.8e-5, 2.8e-5, 2.1e-5, 2.8e-5)
+    mounts = [
+        replace(mount, rotor=replace(mount.rotor, thrust_coefficient=k))
+        for mount, k in zip(made.rotors, thrust, strict=True)
+    ]
+    record = flight(replace(made, inertia=made.inertia / 100.0, rotors=tuple(mounts)), 3)
+    assert not any(value.determined for value in fit_thrust([record], 2.6).per_motor.values())
+    found = fit_kim2017([record], 2.6)
+    assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
 def test_from_pwm_with_the_motors_lag():

@@ -11,6 +11,7 @@ from logparse.craft.frames import motor_table
 from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters, read_bench
 from sysid.records.motor_scaling import motor_commands
+from sysid.records.thrust_curve import Law, law_of
 from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
 from tests.sysid.simulated_craft import flight, without
 
@@ -26,14 +27,10 @@ def test_methods_agree_on_a_simulated_craft(record):
     found = physical_parameters([record], 4.3, arm=0.35)
     table = found.table
     thrust = 1.105e-5 * 1050.0**2
-    for method in ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, stacked"):
+    for method in ("mean thrust", "Kim 2017", "Refinement 2020, stacked"):
         row = table.loc[("thrust over mass", method)]
         assert row["si_value"] == pytest.approx(thrust, rel=0.03), method
-        if method != "rotor":
-            assert abs(row["si_value"] - thrust) < 2.0 * row["si_sigma"], method
-    # Its standard errors are not trusted, and it makes no headline.
-    assert table.loc["thrust over mass", "sigma"].isna()["rotor"]
-    assert "rotor" not in table.loc[("thrust over mass", "headline"), "note"]
+        assert abs(row["si_value"] - thrust) < 2.0 * row["si_sigma"], method
     command = float(np.mean(motor_commands(record.u, record.vehicle)))
     hover = thrust * ((1.0 - 0.65) * command + 0.65 * command**2)
     assert table.loc[("thrust over mass at hover", "headline"), "si_value"] == pytest.approx(hover, rel=0.01)
@@ -45,7 +42,6 @@ def test_methods_agree_on_a_simulated_craft(record):
     for method in ("Kim 2017", "Refinement 2020, stacked"):
         assert table.loc[("roll inertia over mass and arm", method), "si_value"] == pytest.approx(0.06006, rel=0.03)
         assert table.loc[("pitch inertia over mass and arm", method), "si_value"] == pytest.approx(0.06016, rel=0.03)
-    assert table.loc[("motor lag", "rotor"), "value"] == pytest.approx(0.045, abs=0.005)
     assert set(table.index.get_level_values(0)) <= set(UNITS)
     assert set(table.index.get_level_values(1)) <= {HEADLINE, *METHODS}
 
@@ -145,10 +141,9 @@ def test_firmware_in_the_loop(name, turned, sitl):
     found = physical_parameters([made], truth["mass_kg"], arm=truth["arm_length_m"])
     voltage = found.thrust.reference_voltage / truth["model_inputs"]["maxVoltage"]
     expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2
-    for method in ("mean thrust", "rotor", "Kim 2017", "Refinement 2020, stacked"):
+    for method in ("mean thrust", "Kim 2017", "Refinement 2020, stacked"):
         assert found.table.loc[("thrust over mass", method), "si_value"] == pytest.approx(expected, rel=0.02), method
-    if name.startswith("octa11"):
-        assert "not-logged" in {f.id for f in found.rotor.findings}
+    assert law_of([made], made.vehicle) is Law.COMMAND
     for axis, label in (("roll", "Ixx"), ("pitch", "Iyy")):
         row = found.table.loc[(f"{axis} inertia over mass and arm", "Refinement 2020, stacked")]
         if turned:
