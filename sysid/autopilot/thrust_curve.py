@@ -36,13 +36,13 @@ _CLIMB = {
 #: Largest sigma of a curvature, and of the command at which thrust begins, that are set.
 _EXPO_SIGMA, _BEGIN_SIGMA = 0.05, 0.02
 
-#: Standard deviations from zero, and the command, at which thrust clearly begins elsewhere than MOT_SPIN_MIN says: a
-#: battery that sags with throttle feigns 0.04 (`octa11_auto_8kg`).
-_ELSEWHERE, _NOTICED = 4.0, 0.05
+#: Standard deviations beyond which a departure is one, and the command at which thrust clearly begins elsewhere than
+#: MOT_SPIN_MIN says: a battery that sags with throttle feigns 0.04 (`octa11_auto_8kg`).
+_CLEARLY, _NOTICED = 4.0, 0.05
 
-#: Change of the loops' gain over the thrust flown for which no curve is changed, and standard deviations from which on
-#: it is all the same: hover with small climbs errs by 2.3 (`vibration_octa8_off`).
-_SAME_GAIN, _CLEARLY = 0.03, 3.0
+#: Change of the loops' gain over the thrust flown for which no curve is changed unless it is clearly another: hover
+#: with small climbs errs by 3.1 standard deviations where the accelerometer folds vibration (`vibration_octa8_off`).
+_SAME_GAIN = 0.03
 
 #: Change of the curve that goes with a change of where thrust begins, which is not known as well as its sigma says
 #: (`expo_quad15_right` read with MOT_SPIN_MIN 0.20 and 0.25).
@@ -120,7 +120,7 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
         return replace(vehicle, thrust_expo=expo), sigma, np.inf
     begin, begin_sigma = -2.0 * a / (b + np.sqrt(slope)), float(np.sqrt(covariance[0, 0]) / b)
     spin = vehicle.spin_min + begin * (vehicle.spin_max - vehicle.spin_min)
-    if begin_sigma > _BEGIN_SIGMA or abs(begin) < max(_ELSEWHERE * begin_sigma, _NOTICED) or not 0.0 < spin < 0.5:
+    if begin_sigma > _BEGIN_SIGMA or abs(begin) < max(_CLEARLY * begin_sigma, _NOTICED) or not 0.0 < spin < 0.5:
         # What is not believed of the departure is an error of it.
         return replace(vehicle, thrust_expo=expo), sigma, float(np.hypot(begin_sigma, begin))
     straight, bent = b + 2.0 * d * begin, d * (1.0 - begin)

@@ -170,10 +170,14 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
 def lost_one_by_one(t: Floats, step: float) -> float:
     """Return how many rows are missing one by one for each that is there.
 
+    Rows that were slower for a while are not: beside a lost one there is one at its time.
+
     `t` (N,): times of rows, s.
     """
     steps = np.diff(t) / step
-    return float(np.sum(np.rint(steps[(steps > 1.5) & (steps < 10.0)]) - 1.0)) / len(t)
+    long = steps > 1.5
+    alone = long & (steps < 10.0) & ~(np.roll(long, 1) & np.roll(long, -1))
+    return float(np.sum(np.rint(steps[alone]) - 1.0)) / len(t)
 
 
 def refuse_scattered(log: FlightLog, lost: float) -> None:

@@ -13,6 +13,7 @@ import logparse
 from rotorid.cli.main import app
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import frequency
+from sysid.frequency.records import lost_one_by_one
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
 from tests.sysid.rate_logs import logged
@@ -120,6 +121,14 @@ def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
     log.messages.replace("RATE", kept)
     with pytest.raises(frequency.FrequencyError, match="% of the rows are lost one by one"):
         frequency.response(log, "roll")
+
+
+def test_rows_that_came_slower_for_a_while_are_not_lost() -> None:
+    """ArduCopter logs RATE at 100 Hz during SYSTEMID and at 10 Hz before and after, not quite evenly."""
+    slow = 0.1 * np.arange(300) + np.random.default_rng(3).uniform(-1e-3, 1e-3, 300)
+    t = np.concatenate([slow, slow[-1] + 0.01 * np.arange(1, 900)])
+    assert lost_one_by_one(t, 0.01) < 0.02
+    assert lost_one_by_one(np.delete(t, np.arange(400, 1100, 4)), 0.01) > 0.1
 
 
 def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
