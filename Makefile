@@ -3,8 +3,11 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 SEED   := $(or $(SEED),$(shell date +%s))
+INSTALLED := $(VENV)/.installed
 READY  := $(VENV)/.ready
 TOOLS  := $(VENV)/.tools
+# What to install beside rotorid itself: EXTRA=[dev] spares a second look at everything where tools are wanted anyway.
+EXTRA  ?=
 # Installs, and says which package is being fetched: that takes a minute or two.
 INSTALL = .ci/install $(BIN)/python
 # One worker more than there are cores: tests of services and schedulers wait a good part of their time.
@@ -15,27 +18,30 @@ export OPENBLAS_NUM_THREADS := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup tools analyze check test lint bench fuzz docs serve lock clean
+.PHONY: help setup tools analyze check test whole lint bench fuzz docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 setup: $(READY)  ## make .venv and install rotorid with its pinned dependencies
 
-tools: $(TOOLS)  ## install what tests and lint need as well
+tools: $(READY) $(TOOLS)  ## install what tests and lint need as well
 
-$(READY): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("rotorid needs Python >= 3.11; set PYTHON=python3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	@echo "1 of 3: making $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "2 of 3: installing rotorid and what it needs (a minute or two) ..."
-	@$(INSTALL) .
+	@$(INSTALL) '.$(EXTRA)'
+	@touch $@
+
+$(READY): $(INSTALLED)
 	@echo "3 of 3: compiling the numerical loops (once, half a minute) ..."
 	@{ $(BIN)/rotorid analyze sample_logs/octa01_zurich_calm.bin --out $(VENV)/compiled && $(BIN)/rotorid inspect sample_logs/octa02_alain_breeze.tlog; } > $(VENV)/compiled.log 2>&1 || \
 		{ echo "That failed; each loop is compiled at its first use instead. Its last words, of $(VENV)/compiled.log:"; tail -n 5 $(VENV)/compiled.log; }
 	@touch $@
 
-$(TOOLS): $(READY)
+$(TOOLS): $(INSTALLED)
 	@echo "Installing what tests and lint need (a minute) ..."
 	@$(INSTALL) '.[dev]'
 	@touch $@
@@ -47,11 +53,16 @@ check: lint  ## lint and the fast tests: what to run before a commit
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow and not lengthy"
 
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
-test: tools  ## run all tests in random order; SEED=n repeats an order
-	@echo "Running all tests in random order, SEED=$(SEED) ..."
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED) --durations=20
+ORDER   = -n $(JOBS) --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED)
 
-lint: tools  ## ruff, mypy --strict and the import direction
+test: tools  ## run all tests in random order, the longest in a short form; SEED=n repeats an order
+	@echo "Running the tests in random order, SEED=$(SEED) ..."
+	@$(BIN)/python -m pytest $(ORDER) --durations=20 -m "not whole"
+
+whole: tools  ## run what `make test` runs in a short form as it is: many flights, all real logs, kills, the tutorial
+	@$(BIN)/python -m pytest $(ORDER) -m whole $$(git grep -l 'mark\.whole' -- tests)
+
+lint: $(TOOLS)  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy

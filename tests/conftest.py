@@ -144,6 +144,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
     for item in items:
         if item.path in _LENGTHY:
             item.add_marker("lengthy")
+        if item.get_closest_marker("whole"):
+            item.add_marker("slow")
         parameters = getattr(item, "callspec", None)
         used = {*getattr(item, "fixturenames", ()), *map(str, parameters.params.values() if parameters else ())}
         if used & _PROGRAMS:

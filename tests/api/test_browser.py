@@ -277,7 +277,7 @@ def test_the_reference_is_drawn_without_anything_from_elsewhere(page: Page) -> N
     assert_fits(page)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> None:
     """The pipeline itself, and its report in our frame: drawn under its policy, on a phone, with a choice of models."""
     with (

@@ -16,7 +16,7 @@ from tests.api.programs import Service, wait_until
 from tests.api.visits import ordered, told
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.whole)])
 def service(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Service]:
     """Run a service on each of the databases."""
     with ExitStack() as stack:
@@ -41,7 +41,7 @@ def begun(service: Service, go_on: Path) -> tuple[str, str]:
     return log, address
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_database_that_is_gone_for_longer_than_a_lease_delays_but_breaks_nothing(tmp_path: Path) -> None:
     """The analysis comes to its end meanwhile."""
     go_on = tmp_path / "go on"

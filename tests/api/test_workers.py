@@ -31,7 +31,7 @@ def start_worker(folder: Path, settings: dict[str, str]) -> subprocess.Popen[byt
     return subprocess.Popen([sys.executable, "-m", "tests.api.serving"], cwd=PROJECT, env=os.environ | own)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tmp_path: Path) -> None:
     with ExitStack() as stack:
         service = stack.enter_context(closing(Service(tmp_path / "server", **elsewhere | {"ROTORID_WORKERS": "0"})))

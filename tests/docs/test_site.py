@@ -13,7 +13,7 @@ DOCS = ROOT / "docs"
 PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "simulation")
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_site_builds_without_warnings(tmp_path):
     site = tmp_path / "site"
     command = [

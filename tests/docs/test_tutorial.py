@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.usefixtures("forks")
 def test_every_command_does_what_it_says(folder, monkeypatch, rotorid_here):
     monkeypatch.chdir(folder)

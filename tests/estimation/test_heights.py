@@ -71,7 +71,7 @@ def gained(height: pd.Series, takeoff: float, landing: float) -> float:
     return float(smooth.max() - before)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/logs/real")
 def test_heights_of_real_flights_are_those_that_were_read():
     """Within 1.1 m or 10 % of the barometer, which the readings call credible; it was off by up to 70 %."""

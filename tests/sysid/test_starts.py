@@ -59,7 +59,7 @@ def test_table_a1_of_the_paper_from_blind_starts():
     assert np.sqrt(np.mean((model.simulate(experiment) - clean) ** 2)) < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_shared_modes_that_get_stuck_start_from_another_grid() -> None:
     """Table A1, set 8, to y: from the first grid a fifth of a metre was left, and free runs erred by six metres."""
     records = [record(8, number)[0] for number in range(10)]
