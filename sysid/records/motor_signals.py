@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from logparse import Finding, MissingDataError, Severity, Vehicle
+from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer import known_slope
 from sysid.records.motor_scaling import curve_slope, motor_commands
@@ -80,17 +80,6 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
         controller,
         logged_rate(outputs, record.dt) >= ENOUGH,
         "rate controller's outputs",
-    )
-
-
-def too_slow(method: str, source: str) -> Finding:
-    """Explain why nothing about rotation is determined."""
-    return Finding(
-        "not-logged",
-        Severity.WARNING,
-        f"{method}: {source} are logged too slowly for rotation ({ENOUGH:g} Hz or more show it), so that inertia and "
-        "yaw torque are not determined",
-        "log the rate controller at the rate of the loop (rotorid inspect names the setting), and analyse at 50 Hz",
     )
 
 

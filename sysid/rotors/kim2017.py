@@ -27,9 +27,9 @@ import pandas as pd
 from core.quantity import uncertain
 from core.summary import Summarised, listed
 from core.units import STANDARD_GRAVITY
-from logparse import Finding, Severity
+from logparse import Finding
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
-from sysid.records.motor_signals import MotorGeometry, motor_geometry, too_slow, unexplained
+from sysid.records.motor_signals import MotorGeometry, motor_geometry, unexplained
 from sysid.records.thrust_curve import Law, law_of
 from sysid.rotors.kim2017_windows import (
     FlightData,
@@ -46,7 +46,6 @@ from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
     coefficient,
     conditions_of,
-    mass_unknown,
     require_all_motors,
 )
 
@@ -88,7 +87,7 @@ class Kim2017Model(Summarised):
     explained: Mapping[str, float]
     geometry: MotorGeometry
     training: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  #: What of craft, air and battery is assumed; what is not determined has its reason.
     #: Thrust coefficients of a thrust stand to compare with, by motor, and ``"torque"``.
     bench: Mapping[str, float] = field(default_factory=dict)
 
@@ -259,9 +258,6 @@ def fit_kim2017(
         )
         for sigma, lever, axis in zip(best.lever_sigma, best.lever, "xy", strict=True)
     ]
-    if not rotation:
-        findings.append(too_slow("Kim 2017", data[0].source))
-    findings += _remarks(per_motor, torque, rotation, mass, known, bench)
     return Kim2017Model(
         name=f"Kim 2017, output error, thrust by {law}",
         law=law,
@@ -295,66 +291,6 @@ def _torque_sigma(torque: TorqueEstimate, law: Law) -> float:
     """
     indirect = 0.0 if law is Law.SPEED else float(np.hypot(np.sqrt((1.0 - torque.explained) / 3.0), TORQUE_LAW))
     return float(np.hypot(torque.sigma, indirect * torque.value))
-
-
-def _remarks(
-    per_motor: Mapping[str, ThrustCoefficient],
-    torque: TorqueEstimate | None,
-    rotation: bool,
-    mass: float | None,
-    known: tuple[float, float] | None,
-    bench: Mapping[str, float] | None,
-) -> list[Finding]:
-    findings = []
-    blind = [motor for motor, value in per_motor.items() if not value.determined]
-    if blind:
-        findings.append(
-            Finding(
-                "not-determined",
-                Severity.INFO,
-                f"Kim 2017: thrust of single motors is not determined for {', '.join(blind)}: "
-                f"{per_motor[blind[0]].reason}; the common coefficient stands for them",
-                "fly with roll, pitch and yaw excitation, or measure motors on a bench",
-                {"undetermined": len(blind)},
-            )
-        )
-    if torque is None and rotation:
-        findings.append(
-            Finding(
-                "not-determined",
-                Severity.INFO,
-                "Kim 2017: the torque coefficient is not determined: the craft hardly yawed against its motors' torque",
-                "fly yaw steps or a SYSTEMID chirp on yaw",
-            )
-        )
-    if mass is None:
-        findings.append(mass_unknown())
-    if known is None:
-        findings.append(
-            Finding(
-                "conditions-assumed",
-                Severity.INFO,
-                "Kim 2017 takes inertia and arm from the bench; without them arm times mass over inertia is fitted "
-                "too, and torque is known over Izz only",
-                "give mass, inertia (rotorid bifilar) and arm",
-            )
-        )
-    off = [
-        motor
-        for motor, value in per_motor.items()
-        if bench and motor in bench and value.newton is not None and abs(value.newton / bench[motor] - 1.0) > 0.2
-    ]
-    if off:
-        findings.append(
-            Finding(
-                "methods-disagree",
-                Severity.WARNING,
-                f"thrust in flight differs by more than 20 % from the thrust stand for {', '.join(off)}",
-                "check the voltage and air the stand's coefficients hold for, propellers, and the mass",
-                {"motors": ", ".join(off)},
-            )
-        )
-    return findings
 
 
 def _columns(value: ThrustCoefficient) -> dict[str, float]:

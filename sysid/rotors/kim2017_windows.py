@@ -37,7 +37,6 @@ class FlightData:
     lift: Floats
     signals: Floats
     fast: bool
-    source: str
 
     @classmethod
     def of(cls, record: Experiment, law: Law, voltage: float | None, expo: float, time_constant: float) -> FlightData:
@@ -58,7 +57,6 @@ class FlightData:
             lift=np.cos(attitude).prod(axis=1, keepdims=True),
             signals=lagged(motors.signals, time_constant, record.dt),
             fast=motors.fast,
-            source=motors.source,
         )
 
 

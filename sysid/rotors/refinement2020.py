@@ -32,9 +32,9 @@ from dataclasses import dataclass
 from core.parameter import Parameter
 from core.quantity import uncertain
 from core.summary import Summarised, listed
-from logparse import Finding, Severity
+from logparse import Finding
 from sysid.records.experiment import Experiment, require_alike
-from sysid.records.motor_signals import motor_geometry, motor_signals, too_slow, unexplained
+from sysid.records.motor_signals import motor_geometry, motor_signals, unexplained
 from sysid.records.thrust_curve import Law, lagged, law_of
 from sysid.rotors.refinement_instants import (
     PARAMETERS,
@@ -46,7 +46,6 @@ from sysid.rotors.refinement_instants import (
 )
 from sysid.rotors.thrust_regression import (
     conditions_of,
-    mass_unknown,
     pressed,
     require_all_motors,
     require_specific_force,
@@ -66,7 +65,7 @@ class Refinement2020Model(Summarised):
     reference_voltage: float | None
     time_constant: float  #: Lag of the motors in use, s.
     training: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  #: What of craft, air and battery is assumed; what is not determined has its reason.
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -127,15 +126,11 @@ def fit_refinement2020(
     stacked, explained = fit_stacked(motion, pressed(records), law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
-        findings.append(too_slow("Refinement 2020", signals[0].source))
         why, rotational = "motor signals are logged too slowly for rotation", list(PARAMETERS)[2:]
         stacked |= {name: Parameter(None, None, "", why) for name in rotational}
         instants |= {name: InstantMean(None, None, None, 0, 0, why) for name in rotational}
     else:
         instants = _believed(instants, explained)
-    if mass is None:
-        findings.append(mass_unknown())
-    findings += _remarks(stacked)
     return Refinement2020Model(
         name=f"Refinement 2020, thrust by {law}",
         law=law,
@@ -156,27 +151,3 @@ def _believed(instants: Mapping[str, InstantMean], explained: Sequence[float]) -
     yawing = unexplained(yaw, "angular acceleration in yaw")
     doubts = {"Jx": turning, "Jz": turning, "b": turning, "b/Jz": yawing}
     return {name: each if each.mean is None else each.doubted(doubts.get(name, "")) for name, each in instants.items()}
-
-
-def _remarks(stacked: Mapping[str, Parameter]) -> list[Finding]:
-    findings = [
-        Finding(
-            "conditions-assumed",
-            Severity.INFO,
-            "Refinement 2020 takes the air to be at rest; wind goes into its drag coefficient (the rigid body "
-            "estimates wind)",
-        )
-    ]
-    missing = {name: value.reason for name, value in stacked.items() if value.value is None}
-    if missing:
-        findings.append(
-            Finding(
-                "not-determined",
-                Severity.INFO,
-                "Refinement 2020 does not determine "
-                + "; ".join(f"{name} ({reason})" for name, reason in missing.items()),
-                "fly roll, pitch and yaw excitation at speed, record at 50 Hz",
-                {"undetermined": len(missing)},
-            )
-        )
-    return findings

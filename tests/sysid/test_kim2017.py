@@ -55,7 +55,6 @@ def test_without_inertia_the_levers_are_fitted_too(quad):
     assert [each.newton for each in model.per_motor.values()] == pytest.approx(list(THRUST), rel=0.03)
     assert model.torque_per_inertia == pytest.approx(TORQUE / INERTIA[2], rel=0.03)
     assert model.torque is None
-    assert any(f.id == "conditions-assumed" and "inertia" in f.reason for f in model.findings)
 
 
 def test_residual_simulation_of_another_part(quad):
@@ -126,7 +125,6 @@ def test_slow_motor_outputs_say_nothing_about_rotation():
     model = fit_kim2017([replace(record, u=slow)], 4.3)
     assert not model.rotation
     assert model.torque_per_inertia is None
-    assert "not-logged" in {f.id for f in model.findings}
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
@@ -142,4 +140,4 @@ def test_bad_input(quad):
     with pytest.raises(ExperimentError, match="inertia must be positive"):
         fit_kim2017([quad], 2.6, inertia=(0.0, 1.0, 1.0), arm=0.4)
     wrong = BENCH | {"m2": 5.0e-5}
-    assert "methods-disagree" in {f.id for f in fit_kim2017([quad], 2.6, bench=wrong).findings}
+    assert fit_kim2017([quad], 2.6, bench=wrong).thrust_table().loc["m2", "ratio"] < 0.8

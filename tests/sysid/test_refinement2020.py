@@ -69,7 +69,6 @@ def test_the_paper_s_mean_stands_beside_with_its_spread(record):
         mean = model.instants[name]
         assert mean.dropped > 0
         assert mean.spread > 3.0 * mean.spread / np.sqrt(mean.used)
-    assert "mass" in {f.evidence.get("what") for f in model.findings}
 
 
 def test_outliers_do_not_move_the_stacked_fit(record):
@@ -97,7 +96,6 @@ def test_hover_tells_thrust_only():
     for name in ("Jx", "Jy", "Jz", "b", "b/Jz"):
         assert model.stacked[name].value is None
         assert model.stacked[name].reason
-    assert "not-determined" in {f.id for f in model.findings}
 
 
 def test_slow_outputs_and_missing_columns(record):

@@ -221,22 +221,6 @@ def ahead(
 
 
 @njit(cache=True)
-def free_run(
-    theta: Floats, drives: Floats, wind: Floats, push: Floats, states: Floats, dt: float, substeps: int, given: bool
-) -> Floats:
-    """Run through a whole record from its first state; shape (N, 18)."""
-    out = np.empty((len(drives), STATES))
-    state = states[0].copy()
-    out[0] = state
-    for row in range(len(drives) - 1):
-        advance(theta, drives[row], wind[row], push, dt, substeps, state)
-        if given:
-            state[6:] = states[row + 1, 6:]
-        out[row + 1] = state
-    return out
-
-
-@njit(cache=True)
 def shifted_and_lagged(values: Floats, delay: float, lag: float) -> Floats:
     """Delay a signal by a number of samples of either sign, then pass it through a first-order lag.
 

@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 
 from sysid.records.experiment import Floats
 from sysid.records.filtering import lfilter
-from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 
 
@@ -33,21 +32,6 @@ class Observer:
     torque_memory: float = 0.3
     #: Of the vertical force, s; None: as of the others. A battery lasts a flight, gusts and trim do not.
     lift_memory: float | None = None
-
-
-def missed_accelerations(
-    theta: Floats, drives: Floats, wind: Floats, record: BodyRecord, substeps: int, given: bool
-) -> Floats:
-    """Accelerations (world) and angular accelerations (body) that the model missed up to each sample, (N, 6)."""
-    n, dt = len(record.t), record.dt
-    starts = np.arange(n - 1, dtype=np.int64)
-    one = ahead(theta, drives, wind, np.zeros((n - 1, 6)), record.states, starts, np.array([1]), dt, substeps, given)[
-        :, 0
-    ]
-    missed = np.zeros((n, 6))
-    missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / dt
-    missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / dt
-    return missed
 
 
 def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
@@ -106,7 +90,7 @@ class HorizonCorrection:
     ) -> Floats:
         """Return predictions (S, M, 18) less their learned errors; marks beyond the horizon stay as they are.
 
-        `missed` (N, 6) is what the model missed (`missed_accelerations`); None without a memory.
+        `missed` (N, 6) is what the model missed (`SixDofModel.missed`); None without a memory.
         """
         inside = np.flatnonzero((marks <= self.steps) & (marks >= 1))
         usable = starts + self.steps < len(record.t)

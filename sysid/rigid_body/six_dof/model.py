@@ -32,13 +32,12 @@ from core.summary import Summarised, listed
 from logparse import Finding, MissingDataError
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.six_dof._kernels import advance, ahead, free_run
+from sysid.rigid_body.six_dof._kernels import advance, ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord, InputKinds, InputShape, body_record, drives, input_kinds
 from sysid.rigid_body.six_dof.correction import (
     CorrectionRecord,
     HorizonCorrection,
     Observer,
-    missed_accelerations,
     pushes,
 )
 
@@ -153,13 +152,9 @@ class SixDofModel(Summarised):
     def simulate_states(self, experiment: Experiment) -> Floats:
         """Run freely from the first measured state; the whole state, shape (N, 18), see `BodyRecord.states`."""
         record = self.record(experiment)
-        dt = record.dt
-        drive = drives(record, self.kinds, self.shape)
-        return np.asarray(
-            free_run(
-                self.theta, drive, self._wind(record), np.zeros(6), record.states, dt, substeps(dt), self.attitude_given
-            )
-        )
+        after = np.arange(1, len(record.t), dtype=np.int64)
+        run = self._runs(record, np.zeros(1, dtype=np.int64), after, np.zeros((1, 6)))
+        return np.concatenate([record.states[:1], run[0]])
 
     def fly(
         self, experiment: Experiment, controller: Callable[[float, Floats, Floats], Floats]
@@ -203,26 +198,31 @@ class SixDofModel(Summarised):
 
     def ahead(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray) -> Floats:
         """States at the marked numbers of samples after each start, (S, M, 18), as in `BodyRecord.states`."""
-        dt = record.dt
         push = np.zeros((len(starts), 6))
         missed = None
         if self.observer is not None or (self.correction is not None and self.correction.memory > 0.0):
             missed = self.missed(record)
         if self.observer is not None and missed is not None:
-            push = pushes(self.observer, missed, dt)[starts]
-        first, after = starts.astype(np.int64), marks.astype(np.int64)
-        drive, wind = drives(record, self.kinds, self.shape), self._wind(record)
-        predicted = ahead(
-            self.theta, drive, wind, push, record.states, first, after, dt, substeps(dt), self.attitude_given
-        )
+            push = pushes(self.observer, missed, record.dt)[starts]
+        predicted = self._runs(record, starts.astype(np.int64), marks.astype(np.int64), push)
         if self.correction is not None:
             predicted = self.correction.corrected(record, starts, marks, predicted, missed, self.attitude_given)
-        return np.asarray(predicted)
+        return predicted
+
+    def _runs(self, record: BodyRecord, starts: np.ndarray, marks: np.ndarray, push: Floats) -> Floats:
+        """States of the equations alone at the marks after each start, (S, M, 18), under a push (S, 6) from outside."""
+        drive, wind, dt = drives(record, self.kinds, self.shape), self._wind(record), record.dt
+        given = self.attitude_given
+        return np.asarray(ahead(self.theta, drive, wind, push, record.states, starts, marks, dt, substeps(dt), given))
 
     def missed(self, record: BodyRecord) -> Floats:
         """Accelerations and angular accelerations that the model missed up to each sample, (N, 6)."""
-        drive, wind, dt = drives(record, self.kinds, self.shape), self._wind(record), record.dt
-        return missed_accelerations(self.theta, drive, wind, record, substeps(dt), self.attitude_given)
+        starts = np.arange(len(record.t) - 1, dtype=np.int64)
+        one = self._runs(record, starts, np.ones(1, dtype=np.int64), np.zeros((len(starts), 6)))[:, 0]
+        missed = np.zeros((len(record.t), 6))
+        missed[1:, :3] = (record.states[1:, 3:6] - one[:, 3:6]) / record.dt
+        missed[1:, 3:] = (record.states[1:, 15:] - one[:, 15:]) / record.dt
+        return missed
 
     def record(self, experiment: Experiment) -> BodyRecord:
         """Bring an experiment into the form of the equations; MissingDataError if inputs are others or motion lacks."""
