@@ -37,9 +37,9 @@ _DRIFT = 5.0
 _FOLLOWS, _VARIED = 0.3, 0.1
 #: Share of the PWM range by which motors must exceed idle: hovering takes at least 0.1.
 _ABOVE_IDLE = 0.03
-#: Pause [s] of motors (dropping with closed throttle) or of data that a flight may have; the same in
-#: intervals of slow telemetry, and at most: where a clock claims years between rows, they are no flight of years.
-_PAUSE, _PAUSE_SAMPLES, LONGEST_GAP = 5.0, 20.0, 60.0
+#: Pause [s] of motors (dropping with closed throttle) that a flight may have, and hole in the log [s]: one that begins
+#: and ends in the air is flown through, if it is no clock that claims years.
+_PAUSE, LONGEST_GAP = 5.0, 60.0
 #: Height [m] at which a barometer shows that the craft has left the ground, and the time [s] that it takes to rise so.
 _LIFTED, _LIFTING = 0.3, 0.5
 #: Specific force [m/s^2] of a contact with the ground: 20 to 160 at hard landings and crashes.
@@ -115,8 +115,9 @@ class _Run:
 def find_flights(tables: Tables) -> tuple[Flight, ...]:
     """Find the airborne intervals of a log, in order.
 
-    Flights are separated by landings and by gaps in the log; a log that starts or ends in the air has a flight that
-    does. After a crash the flight ends at the first contact after which the craft stays on the ground.
+    Flights are separated by landings and by gaps of more than a minute in the log; a log that starts or ends in the
+    air has a flight that does. After a crash the flight ends at the first contact after which the craft stays on the
+    ground.
 
     Returns
     -------
@@ -235,9 +236,7 @@ def _intervals(t: Array, on: Flags, pause: float) -> list[tuple[float, float]]:
     """Intervals of consecutive times with `on`, pauses of at most `pause` bridged, cut at gaps in the data."""
     if not on.any():
         return []
-    gap = min(max(_PAUSE, _PAUSE_SAMPLES * float(np.median(np.diff(t)))) if len(t) > 1 else _PAUSE, LONGEST_GAP)
-    # A pause in which samples went on may be bridged; a gap without samples may not.
-    section = np.cumsum(np.diff(t, prepend=t[0]) > gap)[on]
+    section = np.cumsum(np.diff(t, prepend=t[0]) > LONGEST_GAP)[on]
     rows, times = np.flatnonzero(on), t[on]
     ends = np.flatnonzero(((np.diff(rows) > 1) & (np.diff(times) > pause)) | (np.diff(section) != 0))
     first, last = np.append(0, ends + 1), np.append(ends, len(times) - 1)
@@ -271,11 +270,10 @@ def _airborne(readings: _Readings, run: _Run) -> Iterator[Flight]:
     air = np.ones(len(t), np.bool_)
     for start, stop in _intervals(t, carried, 0.0):
         stretch = slice(*np.searchsorted(t, (start, stop + 1e-6)))
-        edge = stretch.start == 0 or stretch.stop == len(t)
         # Fast descents and vibration feign support high above the ground.
         above = float(np.median(height[stretch])) - np.array([run.ground, landed])
         high = (above > 0.0).any() and not (np.abs(above) < _DRIFT).any()
-        air[stretch] = high or (stop - start < _STANDING and not edge)
+        air[stretch] = high or (stop - start < _STANDING and stretch.stop < len(t))
     for start, stop in _intervals(t, air, 0.0):
         flight = _trimmed(readings, start, _touching(readings, air, stop))
         if flight is not None:

@@ -44,13 +44,19 @@ def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
             yield source, height
 
 
-def ground_level(height: "pd.Series[float]", flight: "_Interval") -> float:
-    """Return the height of the ground that a flight left, or of that where it ended, or the lowest of the flight."""
+def ground_level(height: "pd.Series[float]", flight: "_Interval") -> float | None:
+    """Return the height of the ground that a flight left, or of that where it ended; None where the log has neither."""
     for start, stop in ((flight.start - _GROUND, flight.start), (flight.stop, flight.stop + _GROUND)):
         near = height.loc[start:stop]
-        if len(near) > 1:
+        if len(near) > 1 and near.index[-1] - near.index[0] > 0.5 * _GROUND:  # a log may begin at lift-off
             return float(near.median())
-    return float(height.loc[flight.start : flight.stop].min())
+    return None
+
+
+def above_ground(height: "pd.Series[float]", flight: "_Interval") -> "pd.Series[float]":
+    """Return a height above the ground beside a flight, or above its lowest where the log shows no ground."""
+    ground = ground_level(height, flight)
+    return height - (float(height.loc[flight.start : flight.stop].min()) if ground is None else ground)
 
 
 def smoothed(height: "pd.Series[float]") -> "pd.Series[float]":

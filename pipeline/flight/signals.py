@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from logparse import FlightLog, Tables
 from logparse.craft.pwm_range import pwm_range
-from logparse.heights import ground_level, heights
+from logparse.heights import above_ground, heights
 from logparse.messages import NumericMessages
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.account.state import SOURCES
@@ -64,7 +64,7 @@ def _heights(tables: Tables, flight: Span) -> Iterator[Signal | None]:
     """Yield height above the ground that the flight left, by every sensor."""
     shown = Span(flight.start - 2.0, flight.stop + 5.0)
     for source, known in heights(tables):
-        yield _line(SOURCES[source], known - ground_level(known, flight), shown)
+        yield _line(SOURCES[source], above_ground(known, flight), shown)
 
 
 def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:

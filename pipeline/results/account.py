@@ -147,6 +147,7 @@ class Account:
     happenings: tuple[Finding, ...] = ()  #: Each with its time; the gravest first, what is only to be known last.
     story: tuple[Finding, ...] = ()  #: The gravest with what led to it and what followed, in the order of time.
     headline: str = ""  #: The story in a sentence, or that nothing happened.
+    unseen: tuple[str, ...] = ()  #: Which parts of the flight the log does not hold, a sentence each.
     unknown: tuple[str, ...] = ()  #: What the log does not tell, a clause each.
     #: The part of the flight before anything broke, which serves models; None without a flight.
     sound: Span | None = None

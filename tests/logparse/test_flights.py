@@ -69,6 +69,9 @@ def shaken():
 #: Landing 30 m below the place of the take-off.
 ELSEWHERE = profile(T, (0, 0), (14, 0), (18, 10), (70, 10), (80, -30), (100, -30))
 T2 = np.arange(0.0, 200.0, 0.1)
+DIVED = profile(T, (0, 5), (30, 5), (34, 3), (40, 3), (50, 12), (70, 10), (80, 0), (100, 0))
+KEPT = (T < 40) | (T > 55)
+T3, PWM3, HEIGHT3 = np.where(T < 40, T, T + 60.0)[KEPT], PWM[KEPT], HEIGHT[KEPT]
 TOUCHED = profile(T, (0, 0), (14, 0), (18, 10), (30, 10), (40, 0), (43, 0), (47, 10), (70, 10), (80, 0), (100, 0))
 #: Firmware that disarmed 8 m up fell for 1.3 s.
 FALLEN = np.where(T < 60.0, HEIGHT, np.maximum(10.0 - 4.9 * (T - 60.0) ** 2, 0.0))
@@ -112,7 +115,16 @@ SCENES = {
         0.4,
     ),
     "shock": (struck(), [(14.0, 80.0)], 0.4),
-    "gap": (cut((T < 40) | (T > 55)), [(14.0, 40.0), (55.0, 80.0)], 0.4),
+    "hole in the air": (cut((T < 40) | (T > 55)), [(14.0, 80.0)], 0.4),
+    "more than a minute": (flown(T3, PWM3, HEIGHT3), [(14.0, 40.0), (115.0, 140.0)], 0.4),
+    # A row or two of a manoeuvre, as which the ground would show, are no ground that it lifts off from.
+    "begins in a dive": (
+        flown(
+            T[T > 30], np.where(T < 30.3, 1250.0, PWM)[T > 30], DIVED[T > 30], air=(T[T > 30] > 30.3) & (T[T > 30] < 80)
+        ),
+        [(30.1, 80.0)],
+        0.3,
+    ),
     # Telemetry leaves off below trees: the last rows are 2 m up, the next ones minutes later on the ground.
     "hole at the landing": (cut((T < 78) | (T > 90)), [(14.0, 80.0)], 0.4),
     "two rows a second": (cut(slice(None, None, 5)), [(14.0, 80.0)], 0.75),

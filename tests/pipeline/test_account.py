@@ -414,6 +414,14 @@ def test_a_log_that_was_cut_in_the_air_says_so():
         cut = Tables(**{name: each.loc[part] for name, each in tables.items()})
         flight = Span(max(10.0, part.start or 0.0), min(70.0, part.stop or 70.0))
         assert account(cut, flight=flight).headline.endswith(f"The log {words} in the air.")
+    cut = Tables(**{name: each[(each.index < 30.0) | (each.index > 50.0)] for name, each in tables.items()})
+    assert account(cut).headline.endswith("of flight, up to 20 m high. Nothing was logged from 30 to 50 s.")
+    # In level flight alone no ground tells how high it is.
+    tables["baro"] = baro_of((55, 20), (70, 0), noise=0.1 * np.sin(np.arange(800)))
+    level = account(Tables(**{name: each.loc[30.0:50.0] for name, each in tables.items()}), flight=Span(30.0, 50.0))
+    assert level.headline == "Nothing happened in 20 s of flight. The log begins in the air. The log ends in the air."
+    assert level.height is None
+    assert "the ground is not in the log: how high it flew" in level.unknown
     # A hill on which it lands is no air.
     landed = flown(baro=table(10.0, alt=lambda t: np.maximum(height(t), np.where(t > 40.0, 5.0, 0.0))))
     assert "air" not in account(landed).headline

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator
 
 from core.findings import Finding
 from logparse import FlightLog, Tables
+from logparse.heights import heights
 from pipeline.flight.account import state
 from pipeline.flight.account.attitude import attitude_happenings
-from pipeline.flight.account.ground import begins_in_the_air, contact, ends_in_the_air, ground_happenings
+from pipeline.flight.account.ground import begins_in_the_air, contact, ground_happenings, unseen
 from pipeline.flight.account.motors import motor_happenings
 from pipeline.flight.account.power import power_happenings
 from pipeline.flight.account.readings import Readings
@@ -47,7 +48,8 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     nowhere = Span(float("inf"), float("inf"))
     readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
     noted = gravest_first(list(reported_happenings(readings)))
-    return Account(flight=None, happenings=noted, headline=_on_the_ground(noted), unknown=_unknown(log.tables))
+    told = _on_the_ground(noted, high=any(heights(log.tables)))
+    return Account(flight=None, happenings=noted, headline=told, unknown=_unknown(log.tables))
 
 
 def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]]:
@@ -69,16 +71,16 @@ def account_of(readings: Readings) -> Account:
     doubtful = [(each.t, each.end or each.t) for each in ordered if each.id in _GPS_WRONG and each.t is not None]
     speed = state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
+    if height is None and readings.height is not None:
+        unknown = (*unknown, "the ground is not in the log: how high it flew")
     voltage = state.battery(readings)
     if voltage is None and tables.has("battery"):
         unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
     if readings.attitude_error is None and tables.has("attitude") and tables.has("setpoints"):
         unknown = (*unknown, "attitude or its target too slow: whether it followed")
     seen = tables.has("imu") or tables.has("attitude")
-    begun, ended = begins_in_the_air(readings), ends_in_the_air(readings)
+    begun, cuts = begins_in_the_air(readings), tuple(unseen(readings))
     told = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)
-    for cut, words in ((begun, "begins"), (ended, "ends")):
-        told += f" The log {words} in the air." if cut else ""
     return Account(
         flight=flight,
         phases=_phases(readings, story),
@@ -94,7 +96,8 @@ def account_of(readings: Readings) -> Account:
         motors=state.motors(readings),
         happenings=ordered,
         story=story,
-        headline=told,
+        headline=" ".join((told, *cuts)),
+        unseen=cuts,
         unknown=unknown,
         sound=_sound(flight, ordered, story),
     )
@@ -164,7 +167,7 @@ def _end(t: float) -> float | None:
     return t if math.isfinite(t) else None
 
 
-def _on_the_ground(noted: tuple[Finding, ...]) -> str:
+def _on_the_ground(noted: tuple[Finding, ...], *, high: bool) -> str:
     last = max(noted, key=lambda each: each.t or 0.0, default=None)
     said = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
-    return f"The log shows no flight.{said}"
+    return f"The log shows {'no flight' if high else 'no height: whether the craft flew is not known'}.{said}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from core.quantity import joined
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.heights import ground_level, heights, slope_down
+from logparse.heights import above_ground, ground_level, heights, slope_down
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
@@ -68,9 +68,14 @@ class Readings:
 
     @cached_property
     def height(self) -> pd.Series[float] | None:
-        """Credible height above the ground that the flight left, m up."""
+        """Credible height above the ground that the flight left, m up; above its lowest where no ground was logged."""
         found = next((height for _, height in heights(self.tables)), None)
-        return None if found is None else found - ground_level(found, self.flight)
+        return None if found is None else above_ground(found, self.flight)
+
+    @property
+    def ground_logged(self) -> bool:
+        """Whether the credible height is above the ground."""
+        return any(ground_level(height, self.flight) is not None for _, height in list(heights(self.tables))[:1])
 
     @property
     def own_height(self) -> bool:

@@ -32,9 +32,10 @@ def height(readings: Readings) -> Reading | None:
     gains: dict[str, tuple[float, float]] = {}
     for source, known in heights(readings.tables):
         inside = smoothed(known.loc[flight.start : flight.stop])
-        if len(inside) > 2:
+        ground = ground_level(known, flight)
+        if len(inside) > 2 and ground is not None:
             top = int(np.argmax(inside.to_numpy()))
-            gains[SOURCES[source]] = float(inside.iloc[top]) - ground_level(known, flight), float(inside.index[top])
+            gains[SOURCES[source]] = float(inside.iloc[top]) - ground, float(inside.index[top])
     if not gains:
         return None
     source = next(iter(gains))

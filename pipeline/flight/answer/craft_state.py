@@ -25,7 +25,7 @@ def happened(account: Account) -> AnswerLine:
     tone = Tone.UNKNOWN if account.flight is None else Tone.GOOD
     if story:
         tone = _TONES[min((each.severity for each in story), key=list(_TONES)[::-1].index)]
-    elif others:
+    elif others or account.unseen:
         tone = Tone.CARE
     remark = ""
     if others and not story:
