@@ -88,7 +88,7 @@
       ? { title: { text: "frequency (Hz)" }, gridcolor: grid, zeroline: false, range: [0, last] }
       : { title: { text: "time on the log’s clock (s)" }, gridcolor: grid, zeroline: false, range: span ?? undefined };
     const layout = {
-      height: 300, margin: { l: 60, r: units.length > 1 ? 60 : 14, t: 30, b: 40 }, font: { color: ink }, showlegend: false,
+      margin: { l: 60, r: units.length > 1 ? 60 : 14, t: 30, b: 40 }, font: { color: ink }, showlegend: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", xaxis: along, yaxis: axis(units[0]), hovermode: "x",
       ...(panel.spectrum ? rotorLines(rotors, last, ink) : bands(ink)),
     };
@@ -182,6 +182,7 @@
     let panel = panels.at(-1);
     if (!panel || apart) {
       const node = document.createElement("section"), plot = document.createElement("div"), list = document.createElement("div");
+      plot.className = "plot";
       node.setAttribute("aria-label", `Plot ${panels.length + 1}`);
       list.className = "row";
       node.append(plot, list);

@@ -175,9 +175,8 @@ def _escs(messages: Messages, kind: Kind) -> Iterator[tuple[int, pd.DataFrame]]:
     if kind is Kind.DATAFLASH:
         fields = {"w": "RPM rpm", "voltage": "Volt V", "current": "Curr A"}
         for name, frame in instances(messages, "ESC", *(f"ESC{k}" for k in range(1, 13))):
-            match = re.fullmatch(r"ESC\[(\d+)\]", name)
-            number = int(match[1]) + 1 if match else int(name.removeprefix("ESC") or 1)
-            yield number, table(frame, fields)
+            number = re.search(r"-?\d+", name)  # of instances from 0, of messages from 1
+            yield int(number[0]) + name.endswith("]") if number else 1, table(frame, fields)
         return
     if kind is Kind.TELEMETRY:  # in groups of four
         groups = {f"ESC_TELEMETRY_{k}_TO_{k + 3}": k for k in range(1, 33, 4)}

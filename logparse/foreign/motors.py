@@ -104,6 +104,8 @@ def _following(pull: Floats, strength: Floats, dt: float) -> tuple[float, float,
     whether thrust changes enough to tell.
     """
     span = max(round(_SPAN / dt), 3)
+    if len(pull) <= span:
+        return -1.0, 0.0, False
     quick, driving = (_without_knocks(each - uniform_filter1d(each, span)) for each in (pull, strength))
     likeness, change = -1.0, 0.0
     for shift in _SHIFTS:
@@ -111,7 +113,7 @@ def _following(pull: Floats, strength: Floats, dt: float) -> tuple[float, float,
         b = driving[max(-shift, 0) : len(driving) - max(shift, 0)]
         if (found := alike(a, b)) > likeness:
             likeness, change = found, ratio(a, b) * float(strength.mean()) / max(float(pull.mean()), 1e-300)
-    return likeness, change, len(pull) > span and float(quick.std()) > _STILL
+    return likeness, change, float(quick.std()) > _STILL
 
 
 def _without_knocks(values: Floats) -> Floats:

@@ -238,7 +238,8 @@ class TlogSource(MessageSource):
         if "PARAM_VALUE" not in self.counts(whole):
             return {}
         rows = self.decode("PARAM_VALUE", whole)
-        values = rows["param_value"].to_numpy(np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaNs
+            values = rows["param_value"].to_numpy(np.float64)
         if self._is_px4(whole):
             bits = rows["param_value"].to_numpy(np.float32)
             for number, dtype in _INTEGER_PARAMETERS.items():

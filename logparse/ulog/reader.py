@@ -113,7 +113,8 @@ class UlogSource(MessageSource):
             raise LogError(f"pyulog cannot read this PX4 log, it is damaged: {error}") from error
         self._topics: dict[str, list[Any]] = {}
         for topic in self._log.data_list:
-            if len(topic.data.get("timestamp", ())):
+            stamps = topic.data.get("timestamp", np.empty(0))
+            if len(stamps) and stamps.dtype == np.uint64:  # damage gives it other types
                 name = topic.name if topic.multi_id == 0 else f"{topic.name}_{topic.multi_id}"
                 self._topics.setdefault(name, []).append(topic)
         for topics in self._topics.values():

@@ -258,7 +258,9 @@ def line(
         step = max(1, -(-np.size(x) // most))
         xs, ys, time = xs[::step], ys[::step], time[::step]
     # A line across a gap would show what nobody measured.
-    gaps = np.flatnonzero(np.diff(time) > max(LONGEST_JOIN, 5.0 * float(np.median(np.diff(time))))) + 1
+    apart = np.diff(time)
+    usual = float(np.median(apart)) if len(apart) else 0.0
+    gaps = np.flatnonzero(apart > max(LONGEST_JOIN, 5.0 * usual)) + 1
     return {
         "type": "scatter",
         "mode": "lines",

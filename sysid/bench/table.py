@@ -254,7 +254,7 @@ def _number(cell: str) -> float:
 
 def _motor(cell: str) -> str:
     digits = re.search(r"\d+", cell)
-    return f"m{int(digits[0])}" if digits else (cell or "m1")
+    return f"m{digits[0].lstrip('0') or 0}" if digits else (cell or "m1")
 
 
 def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Finding]]:

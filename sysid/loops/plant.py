@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.frequency import FrequencyResponse
-from sysid.frequency.axes import AXES
+from sysid.frequency.axes import AXES, FrequencyError
 from sysid.loops.filters import Complexes, Floats
 
 #: Points of the dense grid per factor e of frequency.
@@ -51,6 +51,8 @@ def plant_of(frf: FrequencyResponse, systematic: Callable[[Floats], Floats] | No
     ones (Lepskii 1991), so that a flexible mode is not smoothed away.
     """
     keep = np.isfinite(frf.sigma) & (np.abs(frf.response) > 0.0)
+    if not keep.any():
+        raise FrequencyError(f"{frf.axis}: no part of the response has a known error; fly the chirp again")
     hz = frf.hz[keep]
     log_g = np.log(np.abs(frf.response[keep])) + 1j * np.unwrap(np.angle(frf.response[keep]))
     sigma = np.maximum(frf.sigma[keep], 1e-4)

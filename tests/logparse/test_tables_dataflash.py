@@ -361,6 +361,8 @@ def test_esc_telemetry_is_by_motor_and_not_by_output():
     # Motor 1 is on output 5, which is ESC instance 4.
     assert tables.esc["w1"].iloc[0] == pytest.approx(2400 * 2 * math.pi / 60)
     assert [name for name in tables.esc if name.startswith("w")] == ["w1", "w2", "w3", "w4"]
+    tables, _ = build({"ESC": pd.concat([rows[0].assign(Instance=-1), rows[1]]).sort_index(kind="stable")})
+    assert [name for name in tables.esc if name.startswith("w")] == ["w2"]  # damage numbers one below the first
 
 
 def test_rangefinder_is_the_one_that_looks_down():

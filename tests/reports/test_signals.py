@@ -10,6 +10,7 @@ from logparse import read_log
 from pipeline.flight.signals import flight_signals, thin
 from pipeline.results.failure import Failure
 from pipeline.results.span import Span
+from reports.figures.figure import line
 from reports.figures.signals import signal_figures
 from reports.views.account import shown_account
 from tests.reports.accounts import account, happening, signals
@@ -95,3 +96,10 @@ def test_the_page_shows_what_happened_escaped(shaken):
     ]
     assert [row.name for row in view.quiet] == ["failsafe"]
     assert [bool(row.advice) for row in view.rows] == [True, False], "an advice is given once"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_signal_of_one_sample_is_drawn(samples):
+    trace = line(np.arange(samples) + 5.0, np.ones(samples), "x", "#000000")
+    assert trace["x"] == [5.0][:samples]

@@ -294,3 +294,10 @@ def test_a_mass_hardly_known_leaves_the_inertia_undetermined():
     assert not result.determined
     (finding,) = result.findings
     assert "most of it from the mass (500 %)" in finding.reason
+
+
+def test_a_motor_of_any_number_of_digits_is_a_motor(tmp_path):
+    """Python converts no number of 4,301 digits."""
+    rows = [f"{motor},{row}" for motor in ("007", "9" * 5000) for row in thrusts()]
+    path = sweep(tmp_path, head="Motor,PWM (us),Thrust (N),Voltage (V)", rows=rows)
+    assert list(read_bench([path]).rows["motor"].unique()) == ["m7", "m" + "9" * 5000]

@@ -505,6 +505,13 @@ def test_a_chirp_after_calm_is_no_spike_and_a_lost_sample_in_it_is_one():
     assert "2 samples leap away" in found.reason
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_quarter_of_a_second_is_too_short_to_tell_what_motors_do():
+    short = table().head(60)
+    found = doubtful(short.assign(t=0.4 * short.t), without("velocity", "rates"))
+    assert not any("grow with the motors" in each.reason for each in found)
+
+
 @pytest.mark.parametrize("content", [b"", b"\x00\x01\x02", b"a,b\n"])
 @pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.mat"])
 def test_files_that_are_no_tables_are_refused(tmp_path, content, name):
