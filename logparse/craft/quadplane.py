@@ -5,6 +5,7 @@ its rate controllers log PIQR, PIQP and PIQY, its vertical control QTUN. Its PID
 fixed wing, which become FW_PIDR and so on.
 """
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
 
@@ -17,6 +18,12 @@ from logparse.source import Boot, MessageSource
 _PREFIXES: Mapping[str, str] = MappingProxyType(
     {"Q_A_": "ATC_", "Q_M_": "MOT_", "Q_P_": "PSC_", "Q_LOIT_": "LOIT_", "Q_WP_": "WPNAV_", "Q_FRAME_": "FRAME_"}
 )
+_OWN: Mapping[str, str] = MappingProxyType({new: own for own, new in _PREFIXES.items()})
+_COPTER_NAME = re.compile(rf"\b(?:{'|'.join(_OWN)})(?=[A-Z])")
+
+#: How ArduPlane flies chirps with the motors that lift.
+CHIRP_SWITCH = "System ID (RCn_OPTION 184, in QHOVER or QLOITER)"
+
 #: Messages of the motors that lift, and the copter's.
 _LIFTING: Mapping[str, str] = MappingProxyType(
     {"PIQR": "PIDR", "PIQP": "PIDP", "PIQY": "PIDY", "PIQA": "PIDA", "QTUN": "CTUN"}
@@ -32,13 +39,14 @@ def copter_name(parameter: str) -> str:
     )
 
 
-def own_name(parameter: str, firmware: str | None) -> str:
-    """Name by which the firmware itself knows a parameter of a copter: of a QuadPlane the inverse of `copter_name`."""
+def own_names(text: str, firmware: str | None) -> str:
+    """Return a name, or sentences with names, of a copter's parameters as the firmware itself knows them.
+
+    Of a QuadPlane the inverse of `copter_name`; it has no mode SYSTEMID, but chirps in its Q modes.
+    """
     if firmware != "ArduPlane":
-        return parameter
-    return next(
-        (own + parameter.removeprefix(new) for own, new in _PREFIXES.items() if parameter.startswith(new)), parameter
-    )
+        return text
+    return _COPTER_NAME.sub(lambda found: _OWN[found[0]], text).replace("mode SYSTEMID", CHIRP_SWITCH)
 
 
 def lifted_by_motors(firmware: str | None, parameters: Mapping[str, float]) -> bool:

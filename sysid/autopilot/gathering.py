@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from estimation import estimate
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from logparse.craft.quadplane import own_name
+from logparse.craft.quadplane import own_names
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
 from sysid.autopilot.gains import feed_forward, gain_values, stick_values
@@ -74,10 +74,16 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         rotation = survey(with_rates, tuple(AXES))
         values += feed_forward(rotation, flown)
         values += stick_values(tuning, rotation, flown)
-    values = [replace(each, name=own_name(each.name, flights[0].vehicle.firmware)) for each in values]
+    values = [_in_names_of(flights[0].vehicle.firmware, each) for each in values]
     proposed = {each.file for each in values if each.proposed.value is not None}
     remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])
     return AutopilotValues(tuple(log.name for log in flights), tuple(values), tuple(remarks))
+
+
+def _in_names_of(firmware: str | None, value: AutopilotValue) -> AutopilotValue:
+    """Return a value whose parameters the firmware itself knows."""
+    reason = own_names(value.proposed.reason, firmware)
+    return replace(value, name=own_names(value.name, firmware), proposed=replace(value.proposed, reason=reason))
 
 
 def batch_values(

@@ -8,6 +8,7 @@ import numpy as np
 
 from logparse import FlightLog, RotoridError
 from logparse.craft.log_settings import Need, log_setting
+from logparse.craft.quadplane import own_names
 from sysid.frequency.fit import fit
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (
@@ -44,6 +45,19 @@ RELATIVE = "1 (relative)"
 #: Frequency [Hz] below which a chirp that ends leaves modes of frames unseen, and what to do for `tune`.
 _WIDE = 30.0
 _TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
+
+
+#: How a chirp is started and ended: by a copter, and by a QuadPlane.
+_CHIRPS = (
+    (
+        "hover, switch to SYSTEMID, sticks still",
+        "SYSTEMID ends itself beyond 30 deg of lean; switch back to ALT_HOLD or LOITER at any time",
+    ),
+    (
+        "hover in QHOVER, start by the switch of RCn_OPTION 184 (System ID), sticks still; ArduPlane 4.6 or later",
+        "no lean ends it: put the switch back at any time, and leave room for QLOITER",
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +116,7 @@ def design(log: FlightLog, purpose: str, limits: Limits | None = None) -> Design
             return _inertia(log, limits)
         return _mission(log, purpose, limits)
     except RotoridError as error:
-        return Design(purpose, {}, (), limits, (), str(error))
+        return Design(purpose, {}, (), limits, (), own_names(str(error), log.vehicle.firmware))
 
 
 def _rates(log: FlightLog, limits: Limits) -> Design:
@@ -173,13 +187,14 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
     setting = log_setting(log.vehicle, log.format, log.parameters, (Need.FAST_RATES, Need.PID))
     if setting is not None and setting.wanted is not None:
         values[setting.parameter] = float(setting.wanted)
+    start, end = _CHIRPS[log.vehicle.firmware == "ArduPlane"]
     comments = (
         f"rotorid design --for rates: {chirp.axis} of the craft of {log.path.name}",
         *_predicted(chirp),
         f"expected at most: lean {chirp.lean_deg:.1f} deg (limit {limits.lean_deg:.0f}), rate "
         f"{chirp.rate_deg:.0f} deg/s (limit {limits.rate_deg:.0f}), mixer {chirp.mixer:.2f} (limit {limits.mixer:.2f})",
-        f"fly in calm air, {limits.height_m:.0f} m or more above ground; hover, switch to SYSTEMID, sticks still",
-        "SYSTEMID ends itself beyond 30 deg of lean; switch back to ALT_HOLD or LOITER at any time",
+        f"fly in calm air, {limits.height_m:.0f} m or more above ground; {start}",
+        end,
         "load these before the flight, one axis a run; put SID_AXIS back to 0 afterwards",
         *((setting.sentence(),) if setting is not None and setting.wanted is None else ()),
         *(() if chirp.high >= _WIDE else (_TUNE_BOTH,)),
@@ -188,6 +203,11 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
 
 
 def _inertia(log: FlightLog, limits: Limits) -> Design:
+    if log.vehicle.firmware == "ArduPlane":
+        raise LoopError(
+            f"{log.path.name} is of a QuadPlane, whose scripts cannot ask the motors that lift for rates; fly the "
+            "chirps of --for rates, which tell its inertia as well"
+        )
     for axis in ("roll", "pitch"):
         _check_flown(log, axis)
     loops = {axis: rate_loop(log, axis) for axis in ("roll", "pitch")}
@@ -239,6 +259,7 @@ def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:
         home = (float(np.degrees(origin.lat)), float(np.degrees(origin.lon)), origin.alt)
     else:
         raise LoopError(f"{log.path.name} has no position: a mission needs the place where it is flown")
+    vtol = log.vehicle.firmware == "ArduPlane"
     legs: tuple[Leg, ...]
     if purpose == "drag":
         legs = drag_legs(limits.height_m)
@@ -257,7 +278,9 @@ def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:
         f"{max(leg.speed for leg in legs):.0f} m/s: look at the map first, and set a fence.",
         "Predicted standard deviations:",
         *(f"  {item.name} {item.sigma:.2g} {item.unit}" for item in expected),
-        "Fly in mode AUTO; switch to LOITER or RTL at any time.",
+        "Fly in mode AUTO, which stays on the motors that lift; switch to QLOITER or QRTL at any time."
+        if vtol
+        else "Fly in mode AUTO; switch to LOITER or RTL at any time.",
     ]
-    files = {f"{purpose}.waypoints": waypoints(home, legs), f"{purpose}.txt": "\n".join(lines) + "\n"}
+    files = {f"{purpose}.waypoints": waypoints(home, legs, vtol), f"{purpose}.txt": "\n".join(lines) + "\n"}
     return Design(purpose, files, expected, limits, (), None)

@@ -10,8 +10,9 @@ import numpy as np
 
 from core.units import STANDARD_GRAVITY
 
-#: MAVLink commands.
-_WAYPOINT, _TAKEOFF, _LAND, _SPEED, _DELAY = 16, 22, 21, 178, 93
+#: MAVLink commands; those of VTOLs take off, land and stay on the motors that lift (state 3).
+_WAYPOINT, _TAKEOFF, _LAND, _SPEED = 16, 22, 21, 178
+_VTOL_TAKEOFF, _VTOL_LAND, _VTOL_STATE, _LIFTED = 84, 85, 3000, 3.0
 
 #: Relative altitude, and the frame of commands without a place.
 _RELATIVE, _MISSION = 3, 2
@@ -35,11 +36,14 @@ class Leg:
     stay: float = 0.0
 
 
-def waypoints(home: tuple[float, float, float], legs: Sequence[Leg]) -> str:
-    """Write a mission: take-off, legs with their speeds, landing at home."""
+def waypoints(home: tuple[float, float, float], legs: Sequence[Leg], vtol: bool = False) -> str:
+    """Write a mission: take-off, legs with their speeds, landing at home; of a VTOL without its wings."""
     lat, lon, alt = home
     lines = ["QGC WPL 110", _line(0, 1, 0, _WAYPOINT, (0.0, 0.0), lat, lon, alt)]
-    lines.append(_line(1, 0, _RELATIVE, _TAKEOFF, (0.0, 0.0), 0.0, 0.0, legs[0].height))
+    up, down = (_VTOL_TAKEOFF, _VTOL_LAND) if vtol else (_TAKEOFF, _LAND)
+    lines.append(_line(1, 0, _RELATIVE, up, (0.0, 0.0), 0.0, 0.0, legs[0].height))
+    if vtol:
+        lines.append(_line(2, 0, _MISSION, _VTOL_STATE, (_LIFTED, 0.0), 0.0, 0.0, 0.0))
     speed = None
     for leg in legs:
         if leg.speed != speed:
@@ -48,7 +52,7 @@ def waypoints(home: tuple[float, float, float], legs: Sequence[Leg]) -> str:
         north = lat + leg.north / _METRES_PER_DEGREE
         east = lon + leg.east / (_METRES_PER_DEGREE * math.cos(math.radians(lat)))
         lines.append(_line(len(lines) - 1, 0, _RELATIVE, _WAYPOINT, (leg.stay, 0.0), north, east, leg.height))
-    lines.append(_line(len(lines) - 1, 0, _RELATIVE, _LAND, (0.0, 0.0), lat, lon, 0.0))
+    lines.append(_line(len(lines) - 1, 0, _RELATIVE, down, (0.0, 0.0), lat, lon, 0.0))
     return "\n".join(lines) + "\n"
 
 

@@ -62,10 +62,12 @@ def firmware_version(log: FlightLog) -> tuple[int, int]:
         raise LoopError(f"{log.path.name} is of {vehicle.firmware} {vehicle.version or ''}".rstrip() + f"; {known}")
     numbers = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
     if numbers is None:
-        raise LoopError(f"{log.path.name} does not tell the version of ArduCopter; {known}")
+        raise LoopError(f"{log.path.name} does not tell the version of {vehicle.firmware}; {known}")
     version = int(numbers[1]), int(numbers[2])
     if not OLDEST <= version <= NEWEST:
-        raise LoopError(f"{log.path.name} is of ArduCopter {vehicle.version}, whose controller is another; {known}")
+        raise LoopError(
+            f"{log.path.name} is of {vehicle.firmware} {vehicle.version}, whose controller is another; {known}"
+        )
     return version
 
 

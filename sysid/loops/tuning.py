@@ -16,7 +16,7 @@ import numpy as np
 
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
-from logparse.craft.quadplane import own_name
+from logparse.craft.quadplane import own_names
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.criteria import identified, sheet
@@ -75,6 +75,26 @@ class Tuning(Summarised):
     remarks: tuple[str, ...]
     made: str  #: UTC.
 
+    def in_names_of(self, firmware: str | None) -> Tuning:
+        """Return the same with parameters and procedures as the firmware itself names them."""
+
+        def own(text: str | None) -> str | None:
+            return None if text is None else own_names(text, firmware)
+
+        proposed, rollback, flown = (
+            {own_names(name, firmware): value for name, value in each.items()}
+            for each in (self.proposed, self.rollback, self.flown)
+        )
+        return replace(
+            self,
+            proposed=proposed,
+            rollback=rollback,
+            flown=flown,
+            refused=own(self.refused),
+            axes=tuple(replace(each, refused=own(each.refused)) for each in self.axes),
+            remarks=tuple(own_names(each, firmware) for each in self.remarks),
+        )
+
     def proposed_file(self) -> str:
         """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
         unchanged = (f"{each.axis}: unchanged: {each.refused}" for each in self.axes if each.tuned is None)
@@ -131,6 +151,11 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
     flights = without_copies(logs_of(logs))
+    result = _tuned(flights, aim, i_term)
+    return result.in_names_of(flights[0].vehicle.firmware) if flights else result
+
+
+def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None) -> Tuning:
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
@@ -183,11 +208,7 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
         remarks.append(
             f"{listed(kept)} changed after the flight: both files hold what flew, without which nothing is sure"
         )
-    firmware = flights[0].vehicle.firmware
-    proposed, before, flown = (
-        {own_name(name, firmware): value for name, value in {**kept, **each}.items()}
-        for each in (proposed, before, flown)
-    )
+    proposed, before, flown = ({**kept, **each} for each in (proposed, before, flown))
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 

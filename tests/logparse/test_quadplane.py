@@ -1,5 +1,6 @@
 """QuadPlanes: in hover a multirotor like any other, on their wings none."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,9 @@ import pytest
 
 from estimation import estimate
 from logparse import read_log
-from logparse.craft.quadplane import copter_name, own_name
+from logparse.craft.quadplane import copter_name, own_names
 from sysid import Experiment, fit_thrust
-from sysid.loops import tune
+from sysid.loops import design, tune
 from tests.logparse.quadplanes import quadplane
 
 ROOT = Path(__file__).parents[2]
@@ -44,7 +45,7 @@ def test_what_lifts_has_the_names_of_a_copter(copter, winged):
 
 def test_names_come_back_for_the_files_that_it_loads():
     for name in ("Q_A_RAT_RLL_P", "Q_M_THST_HOVER", "Q_FRAME_CLASS", "INS_GYRO_FILTER"):
-        assert own_name(copter_name(name), "ArduPlane") == name
+        assert own_names(copter_name(name), "ArduPlane") == name
 
 
 def test_motors_and_controllers_count_in_hover_only(copter, winged):
@@ -69,13 +70,37 @@ def test_hover_has_the_thrust_of_the_copter(copter, winged):
     assert part.per_mass == pytest.approx(whole.per_mass, abs=2.0 * np.hypot(whole.sigma, part.sigma))
 
 
-def test_gains_are_proposed_by_the_craft_s_own_names(tmp_path):
-    chirped = tmp_path / "chirped.bin"
-    chirped.write_bytes(quadplane((ROOT / "sample_logs/quad02_delft_systemid.bin").read_bytes()))
-    assert "PIDR" in read_log(chirped).messages
+@pytest.fixture(scope="module")
+def chirped(tmp_path_factory):
+    path = tmp_path_factory.mktemp("quadplane") / "chirped.bin"
+    path.write_bytes(quadplane((ROOT / "sample_logs/quad02_delft_systemid.bin").read_bytes()))
+    return read_log(path)
+
+
+def test_gains_are_proposed_by_the_craft_s_own_names(chirped):
+    assert "PIDR" in chirped.messages
     tuned = tune(chirped)
     assert "Q_A_RAT_RLL_P," in tuned.proposed_file()
     assert "Q_A_RAT_RLL_P," in tuned.rollback_file()
+
+
+@pytest.mark.parametrize("purpose", ["rates", "drag", "thrust", "position"])
+def test_the_next_flight_is_one_that_a_quadplane_can_fly(chirped, winged, purpose):
+    """Chirps by a switch in a Q mode (ArduPlane has no mode SYSTEMID), missions on the motors that lift."""
+    planned = design(chirped if purpose == "rates" else winged, purpose)
+    assert planned.refused is None
+    text = "\n".join(planned.files.values())
+    assert not re.search(r"\b(ATC_|MOT_|LOITER|ALT_HOLD|switch to SYSTEMID)", text)
+    assert ("RCn_OPTION 184" in text) == (purpose == "rates")
+    commands = [int(line.split("\t")[3]) for line in text.splitlines() if line.count("\t") == 11]
+    assert commands[1:3] + commands[-1:] == ([] if purpose == "rates" else [84, 3000, 85])
+
+
+def test_what_a_quadplane_cannot_do_is_said_in_its_words(chirped, winged):
+    assert "QuadPlane" in design(chirped, "inertia").refused
+    reason = tune(winged).refused
+    assert "RCn_OPTION 184" in reason
+    assert "mode SYSTEMID" not in reason
 
 
 def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):
