@@ -74,6 +74,10 @@ def tune(
     i_term: Annotated[
         float | None, typer.Option(help="I as a part of P. Default: what is best; where I flew at 0, 1 (yaw 0.1).")
     ] = None,
+    size: Annotated[
+        float | None,
+        typer.Option(min=0.05, max=20.0, help="Distance of opposite hubs, m, to scale the criteria's limits to."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for proposed.param, rollback.param, tuning.json and tuning.html. Default: out/NAME."),
@@ -96,7 +100,7 @@ def tune(
 
     out = out or folder_of(parted(logs[0])[0])
     prepare(out)
-    result = propose([open_log(log) for log in logs], aim, i_term)
+    result = propose([open_log(log) for log in logs], aim, i_term, size)
     text = strict_json(tuning_report(result))
     (out / "tuning.json").write_text(text, encoding="utf-8")
     (out / "tuning.html").write_text(loops_page(result), encoding="utf-8")

@@ -1,7 +1,8 @@
 """One sheet of criteria for a loop: each with its value, its limit, where the limit is from, and whether it is kept.
 
-Limits of helicopters are those of their size: smaller craft are asked for more, by the square root of the scale
-(Froude), which is not done here.
+Limits of helicopters are those of their size. Froude's law, by which they are scaled to unmanned craft (Ivler and Geyer
+2024), multiplies frequencies by the root of how many times the craft is smaller than the UH-60 that they are from,
+hub-to-hub distance to its rotor's diameter; decibels and degrees stay.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from sysid.loops.responses import attitude_loop, rate_transfer
 
 #: Rejection of disturbances at the attitude that is asked for, rad/s.
 _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
+
+#: Diameter of the UH-60's rotor, m.
+_REFERENCE = 16.36
 
 _MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "Tischler et al. 2017, hover"
 _TISCHLER = "Tischler and Remple 2012"
@@ -48,9 +52,12 @@ def _criterion(
     return Criterion(name, value, limit, least, source, kept)
 
 
-def sheet(loop: RateLoop) -> tuple[Criterion, ...]:
-    """Return the criteria of a loop as its settings have it: at the mixer, at the attitude, and steps."""
-    return (*_at_mixer(loop), *_at_attitude(loop), *_steps(loop))
+def sheet(loop: RateLoop, size: float | None = None) -> tuple[Criterion, ...]:
+    """Return the criteria of a loop as its settings have it: at the mixer, at the attitude, and steps.
+
+    Of a craft of known `size` [m], hub to hub, the limits of helicopters are scaled to it.
+    """
+    return (*_at_mixer(loop), *_at_attitude(loop, size), *_steps(loop))
 
 
 def _at_mixer(loop: RateLoop) -> Iterator[Criterion]:
@@ -63,18 +70,21 @@ def _at_mixer(loop: RateLoop) -> Iterator[Criterion]:
         yield _criterion(f"{names[name]} at the mixer", getattr(margins, name), limit, least, source)
 
 
-def _at_attitude(loop: RateLoop) -> Iterator[Criterion]:
+def _at_attitude(loop: RateLoop, size: float | None) -> Iterator[Criterion]:
     """Yield those of the attitude loop broken at the attitude, and of how the attitude follows its target."""
+    scale = 1.0 if size is None else float(np.sqrt(_REFERENCE / size))
+    scaled = ", unscaled" if size is None else f", times {scale:.2g} (Froude, Ivler and Geyer 2024)"
     broken = attitude_loop(loop, _drawn(loop))
     found = margins_of(loop.hz, broken)
     turn = 2.0 * np.pi
     yield _criterion("phase margin of the attitude", _known(found.phase_deg, "deg"), 45.0, True, _MIL)
     bandwidth = _known(turn * found.rejection_hz, "rad/s")
-    yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, _REJECTION[loop.axis], True, _HOLD)
+    least = scale * _REJECTION[loop.axis]
+    yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, least, True, _HOLD + scaled)
     yield _criterion("disturbance rejection peak at the attitude", _known(found.peak_db, "dB"), 5.0, False, _HOLD)
     closed = broken / (1.0 + broken)
     at_135, at_180 = (_passing(loop.hz, closed, level) for level in (-135.0, -180.0))
-    yield _criterion("attitude bandwidth", _known(turn * at_135, "rad/s"), 2.0, True, _ADS)
+    yield _criterion("attitude bandwidth", _known(turn * at_135, "rad/s"), scale * 2.0, True, _ADS + scaled)
     twice = np.array(
         [np.interp(2.0 * f, loop.hz, row, right=np.nan) for f, row in zip(at_180, _phase(closed), strict=True)]
     )

@@ -18,7 +18,7 @@ from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.craft.quadplane import own_names
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
-from sysid.loops.controller import AXES, LoopError
+from sysid.loops.controller import AXES, LoopError, LoopSettings
 from sysid.loops.criteria import identified, sheet
 from sysid.loops.evidence import (
     autotuned,
@@ -127,7 +127,9 @@ class Tuning(Summarised):
         return {"logs": listed(self.logs), "proposed": listed(changes, most=4)}
 
 
-def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = None) -> Tuning:
+def tune(
+    logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = None, size: float | None = None
+) -> Tuning:
     """Propose gains for the axes whose logs support it.
 
     Parameters
@@ -138,6 +140,8 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
     i_term : float, optional
         I as a part of P; default: what rejects best about the I that flew, and where that was 0, as in ArduPilot's
         published procedure, the firmware's own part of 1 (0.1 for yaw).
+    size : float, optional
+        Distance between opposite hubs, m, to which the criteria's limits of helicopters are scaled.
 
     Raises
     ------
@@ -151,11 +155,11 @@ def tune(logs: GivenLogs, aim: Aim | str = "rejection", i_term: float | None = N
             raise LoopError(f"there is no aim {aim!r}; the aims are {', '.join(AIMS)}")
         aim = AIMS[aim]
     flights = without_copies(logs_of(logs))
-    result = _tuned(flights, aim, i_term)
+    result = _tuned(flights, aim, i_term, size)
     return result.in_names_of(flights[0].vehicle.firmware) if flights else result
 
 
-def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None) -> Tuning:
+def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: float | None) -> Tuning:
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
@@ -188,7 +192,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None) -> Tuni
         tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
         if all(item.tuned is not None for item in tuned.values()) and worth_of(tuned) > worth_of(best):
             best = tuned
-    axes = tuple(with_sheets(best.get(item.axis, item)) for item in found)
+    axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in found)
     proposed = _proposed(axes)
     during = _during(loops)
     before, flown = _before(flights, during, proposed), {name: during[name] for name in proposed}
@@ -238,15 +242,40 @@ def _remarks(
             f"from ordinary flying, which shows the craft up to {loop.plant.seen:.0f} Hz: gains are raised by a factor "
             f"of {LARGEST_OF_STICKS:g} at most; fly a chirp of mode SYSTEMID to win more",
         )
-    less = rejects_less(item, aim)
-    if less is not None:
-        yield axis, less
+    for told in (_filters_opened(item), rejects_less(item, aim)):
+        if told is not None:
+            yield axis, told
     if item.short:
         yield (
             axis,
             f"a first step: no gains within reach are sure to keep {aim.words}; fly these and tune again, or "
             f"{would_tell(loop)}",
         )
+
+
+def _filters_opened(item: AxisTuning) -> str | None:
+    """Return what filters that are proposed higher win in phase at the crossover, and what noise comes with it."""
+    if item.tuned is None or item.loop is None or item.noise is None:
+        return None
+    flown, tuned = item.loop.flown, item.tuned.settings
+    higher = [name for name in ("FLTT", "FLTE", "FLTD") if _filter(tuned, name) > _filter(flown, name) > 0.0]
+    crossover = item.tuned.margins.crossover_hz.value
+    gyro = tuned.gyro.low_pass > flown.gyro.low_pass
+    if crossover is None or not (higher or gyro):
+        return None
+    values = {name: _filter(tuned, name) for name in higher} | ({"gyro_filter": tuned.gyro.low_pass} if gyro else {})
+    hz = np.array([crossover])
+    before, after = (each.feedback(hz) * each.gyro.response(hz) for each in (flown, flown.changed(**values)))
+    names = [f"{name} {_filter(flown, name):g} to {_filter(tuned, name):g} Hz" for name in higher]
+    names += [f"INS_GYRO_FILTER {flown.gyro.low_pass:g} to {tuned.gyro.low_pass:g} Hz"] if gyro else []
+    return (
+        f"{listed(names)} wins {float(np.degrees(np.angle(after / before))[0]):.0f} deg at the crossover; noise at the "
+        f"motors, with the new gains, is {item.noise:.2g} times that of the flown ones"
+    )
+
+
+def _filter(settings: LoopSettings, name: str) -> float:
+    return float(getattr(settings.controller, name))
 
 
 def _said_once(told: Iterable[tuple[str, str]]) -> list[str]:
@@ -280,12 +309,12 @@ def _unfit(log: FlightLog) -> str | None:
     return next((r for axis in AXES if (r := oscillation(log, axis))), None) or contradiction(log)
 
 
-def with_sheets(item: AxisTuning) -> AxisTuning:
+def _with_sheets(item: AxisTuning, size: float | None) -> AxisTuning:
     """Return an axis with its criteria, as flown and as proposed."""
     if item.loop is None:
         return item
-    criteria = (*sheet(item.loop), *identified(item.loop))
-    return replace(item, criteria=criteria, promises=() if item.tuned is None else sheet(item.tuned))
+    criteria = (*sheet(item.loop, size), *identified(item.loop))
+    return replace(item, criteria=criteria, promises=() if item.tuned is None else sheet(item.tuned, size))
 
 
 def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:

@@ -52,3 +52,14 @@ def test_sheet_of_a_known_craft():
         assert rows[name].value.value == pytest.approx(known, rel=0.03, abs=3.0 * rows[name].value.sigma), name
     lazy = loop.with_gains(angle_P=0.4)
     assert not {one.name: one for one in sheet(lazy)}["disturbance rejection bandwidth at the attitude"].kept
+
+
+def test_limits_of_helicopters_are_scaled_to_the_craft():
+    """Of 0.6 m a craft is 27 times smaller than a UH-60, and is asked for 5.2 times its frequencies."""
+    loop = flown_loop(CRAFT, GAINS, 1)
+    whole, small = ({one.name: one for one in sheet(loop, size)} for size in (None, 0.6))
+    for name in ("attitude bandwidth", "disturbance rejection bandwidth at the attitude"):
+        assert small[name].limit == pytest.approx(np.sqrt(16.36 / 0.6) * whole[name].limit)
+        assert "Froude" in small[name].source
+        assert "unscaled" in whole[name].source
+    assert small["gain margin at the mixer"] == whole["gain margin at the mixer"]
