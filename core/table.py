@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Self
 
 from core.lazy import lazy
+from core.quantity import column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,6 +35,8 @@ class Cell:
 
     text: str
     tone: str = ""  #: One of `TONES`.
+    badge: str = ""  #: On pages: a word in the colour of the tone before the text, which is then plain.
+    under: str = ""  #: On pages: what a smaller line below says besides.
 
     def __str__(self) -> str:
         return self.text
@@ -61,6 +64,27 @@ class Table:
     groups: Sequence[str] = ()  #: Heads over equally many of `heads` each; empty for none.
     #: Places in `heads` of columns of text: aligned to the left and folded on a narrow terminal; others hold numbers.
     texts: Collection[int] = ()
+    style: str = ""  #: Class on pages.
+    roomy: Collection[int] = ()  #: Places in `heads` of columns that a phone has no room for.
+
+    @classmethod
+    def of_numbers(
+        cls,
+        label: str,
+        heads: Sequence[str],
+        lines: Sequence[tuple[Row, Sequence[float | None]]],
+        caption: str = "",
+        groups: Sequence[str] = (),
+        digits: tuple[int, int] = (3, 3),
+    ) -> Self:
+        """Lay out numbers whose decimal points stand below each other; `digits` as of `column`.
+
+        A line without numbers has no cells, unless its row brings some.
+        """
+        numbered = [values for _, values in lines if values]
+        cells = zip(*(column(each, *digits) for each in zip(*numbered, strict=True)), strict=True)
+        rows = [replace(row, cells=(*row.cells, *next(cells))) if values else row for row, values in lines]
+        return cls(label, heads, rows, caption, groups)
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, caption: str = "") -> Self:

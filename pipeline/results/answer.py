@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from core.quantity import uncertain
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
@@ -51,6 +52,22 @@ class AnswerLine:
     sigma: float | None = None
     unit: str = ""  #: Of both, as people read them (degrees, per cent).
 
+    @property
+    def number(self) -> str:
+        """The number as people read it: times to a tenth of a second, nothing beyond three digits without an error."""
+        value, unit = self.value, self.unit
+        if value is None:
+            return ""
+        if self.sigma is not None:
+            return uncertain(value, self.sigma, unit).replace(" °", "°")
+        text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
+        return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
+
+    @property
+    def said(self) -> str:
+        """Word, number and text."""
+        return " ".join(part for part in (self.word, self.number, self.text) if part)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
@@ -60,6 +77,10 @@ class Answer:
     picture: Picture  #: The plot to show beside them.
     around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
     next: str = ""  #: What to do next, in a sentence or two.
+
+    def line(self, purpose: str) -> AnswerLine | None:
+        """Return the answer for a purpose; None where there is none."""
+        return next((each for each in self.lines if each.purpose == purpose), None)
 
 
 #: Flights that a sentence names.

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 
 from core.quantity import counted, uncertain
 from core.table import Row, Table, escaped
+from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport
 from reports.views import fleet as fleet_views
-from reports.views import summary
+from reports.views import log_words, summary
 from reports.views.craft import average_table
 from reports.views.drift import drift_sentences
 from reports.views.fleet_answer import fleet_answer
@@ -30,7 +31,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
         lines += ["**Health of the logs**", ""]
         lines += [
             f"- {finding.severity}, {counted(len(finding.flights), 'log')}: "
-            + escaped(summary.sentence(finding.reason))
+            + escaped(log_words.sentence(finding.reason))
             for finding in worrying[:_MOST]
         ]
         lines += [*_more(worrying, "kinds of findings"), ""]
@@ -44,13 +45,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
 
 
 def _answer(numbers: FleetReport) -> Iterator[str]:
-    for shown in fleet_answer(numbers):
-        parts = [
-            part
-            for part in (f"**{shown.line.word}**" if shown.line.word else "", shown.number, shown.line.text)
-            if part
-        ]
-        yield escaped(f"{shown.line.purpose}: {' '.join(parts)}") + "  "
+    yield from (f"{escaped(f'{each.purpose}: {each.said}')}  " for each in fleet_answer(numbers))
     yield ""
 
 
@@ -61,7 +56,7 @@ def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:
     yield from (escaped(" ".join(summary.joint_sentences(craft))), "")
     table = average_table(craft)
     if table:
-        marks = {model.title: [summary.predicts(model), _MARKS[model.verdict.trust]] for model in craft.models}
+        marks = {model.title: [_predicts(model), _MARKS[model.verdict.trust]] for model in craft.models}
         rows = [
             Row(row.label, [*(str(cell).strip() for cell in row.cells), *marks.get(str(row.label), ["", ""])], row.kind)
             for row in table.rows
@@ -77,15 +72,23 @@ def _craft(craft: CraftReport, titled: bool) -> Iterator[str]:
         rows = [Row(row.parameter, [row.method, uncertain(row.value, row.sigma), row.unit]) for row in found]
         yield from (Table("parameter", ["method", "value", "unit"], rows).markdown(), "", "</details>", "")
     yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft.drift))
-    yield from (f"- Next time: {escaped(summary.sentence(each.do))}" for each in craft.advice[:_MOST])
+    yield from (f"- Next time: {escaped(log_words.sentence(each.do))}" for each in craft.advice[:_MOST])
     yield ""
 
 
 def _flights(numbers: FleetReport) -> Iterator[str]:
-    shown = fleet_views.flight_rows(numbers, fleet_views.links(numbers.flights))[: 4 * _MOST]
-    rows = [Row(row.name, [row.airborne, row.height, row.said.happened.text, row.said.ahead.text]) for row in shown]
-    yield Table("flight", ["airborne", "height (m)", "what happened", "predicts"], rows).markdown()
+    heads = {"Airborne": "airborne", "Height (m)": "height (m)", "What happened": "what happened"}
+    heads["Predicts ahead"] = "predicts"
+    shown = ((flight.name, fleet_views.flight_cells(flight)) for flight in numbers.flights[: 4 * _MOST])
+    rows = [Row(name, [cells[each] for each in heads]) for name, cells in shown]
+    yield Table("flight", list(heads.values()), rows).markdown()
 
 
 def _more(found: Sequence[object], what: str) -> list[str]:
     return [f"- and {len(found) - _MOST} more {what}"] if len(found) > _MOST else []
+
+
+def _predicts(result: ModelReport) -> str:
+    """Write how far ahead a model's predictions are worth having in every axis; a dash where nowhere."""
+    horizon = result.uses.prediction.horizon_s
+    return "–" if horizon is None else f"{horizon:g} s"

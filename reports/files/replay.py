@@ -12,7 +12,7 @@ from pipeline.results.flight import ModelResult
 from reports.figures.models import compare
 from reports.numbers.flight import model_report, overall
 from reports.pages import html
-from reports.views import summary
+from reports.views import log_words
 from reports.views import tables as views
 
 
@@ -60,7 +60,7 @@ def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
     models = [model_report(result, "replay", flight=replay.name) for result in replay.results]
-    missing = [(summary.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
+    missing = [(log_words.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(
         "replay.html",

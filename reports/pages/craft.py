@@ -8,7 +8,7 @@ from core.quantity import counted, uncertain
 from pipeline.results.drift import CraftReview, Note
 from reports.figures.fleet import drift_figures
 from reports.pages import html
-from reports.views import summary
+from reports.views import log_words
 from reports.views.drift import change_table, drift_sentences, drift_table
 
 
@@ -24,10 +24,10 @@ def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> st
         facts=_facts(review),
         findings=() if review.drift is None else review.drift.findings,
         sentences=[
-            *(summary.sentence(sentence) for sentence in _changed(review)),
+            *(log_words.sentence(sentence) for sentence in _changed(review)),
             *(s for s in drift_sentences(review.drift) if s not in _reasons(review)),
         ],
-        remarks=[summary.sentence(remark) for remark in review.remarks],
+        remarks=[log_words.sentence(remark) for remark in review.remarks],
         notes=[
             (f"{note.at:%Y-%m-%d %H:%M} UTC", note.text, "flights before it are not pooled" if note.boundary else "")
             for note in sorted(notes, key=lambda note: note.at, reverse=True)
@@ -52,7 +52,7 @@ def _facts(review: CraftReview) -> str:
 
 def _reasons(review: CraftReview) -> set[str]:
     findings = () if review.drift is None else review.drift.findings
-    return {summary.sentence(finding.reason) for finding in findings}
+    return {log_words.sentence(finding.reason) for finding in findings}
 
 
 def _changed(review: CraftReview) -> list[str]:

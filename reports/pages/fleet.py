@@ -19,7 +19,7 @@ from reports.figures.fleet import (
 from reports.figures.models import Board, horizon_figure
 from reports.pages import html
 from reports.views import fleet as fleet_views
-from reports.views import summary
+from reports.views import log_words, summary
 from reports.views import tables as views
 from reports.views.coverage import coverage_table, outside
 from reports.views.craft import (
@@ -67,7 +67,7 @@ def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_fil
     boarded = () if board is None else board.figures
     coverage_findings = () if report.coverage is None else report.coverage.findings
     drift_findings = () if report.drift is None else report.drift.findings
-    told = [summary.sentence(finding.reason) for finding in drift_findings]
+    told = [log_words.sentence(finding.reason) for finding in drift_findings]
     return html.render(
         "craft_models.html",
         [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *boarded],
@@ -117,19 +117,19 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         figures,
         title=fleet_views.title(numbers),
         facts=fleet_views.facts(numbers),
-        headline=answer[0].line,
+        headline=answer[0],
         answer=answer[1:],
         first_figures=firsts,
         crafts=shown,
         health=fleet_views.health_table(numbers),
-        flights=fleet_views.flight_rows(numbers, pages),
+        flights=fleet_views.flights_table(numbers, pages),
         unfolded=len(numbers.flights) <= MOST_UNFOLDED,
         serious=[each for each in numbers.findings if each.severity is Severity.ERROR],
         notes=[each for each in numbers.findings if each.severity is not Severity.ERROR],
-        failures=[(each.file, summary.sentence(each.reason)) for each in numbers.failures],
+        failures=[(each.file, log_words.sentence(each.reason)) for each in numbers.failures],
         left_out=summary.left_out(numbers),
         unused=[
-            (each.file, summary.sentence(each.reason)) for kind in summary.not_used(numbers).values() for each in kind
+            (each.file, log_words.sentence(each.reason)) for kind in summary.not_used(numbers).values() for each in kind
         ],
         config=settings(numbers.config),
     )
@@ -150,7 +150,7 @@ def _insight_figure(told: Insight | None) -> Figure | None:
 def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[str, object]:
     """Return what the page on all flights shows of a craft; its own page has the rest."""
     findings = () if report.drift is None else report.drift.findings
-    told = [summary.sentence(finding.reason) for finding in findings]
+    told = [log_words.sentence(finding.reason) for finding in findings]
     changes = [sentence for sentence in drift_sentences(report.drift) if sentence not in told]
     return {
         "id": f"craft-{place}",

@@ -10,7 +10,7 @@ from reports.figures.models import horizon_figure, off_by_default
 from reports.pages.html import render
 from reports.views import summary
 from reports.views import tables as views
-from reports.views.account import shown_account
+from reports.views.account import happened, reported
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
 from reports.views.models import MOST_ADVICE, failing, holding, thrust_coefficients
@@ -29,7 +29,7 @@ def flight_page(
     `back` links to the page of the fleet; Plotly's script is in `script_file`, or in the page itself where that is "";
     `failed` says why no more than the account could be made.
     """
-    rotation, lines = numbers.rotation, summary.answer_lines(numbers.answer)
+    rotation, lines = numbers.rotation, () if numbers.answer is None else numbers.answer.lines
     return render(
         "flight.html",
         [*drawn.first, *drawn.flight, *drawn.signals],
@@ -38,11 +38,13 @@ def flight_page(
         failed=failed,
         back=back,
         facts=summary.facts(numbers),
-        headline=lines[0].line if lines else None,
+        headline=lines[0] if lines else None,
         answer=lines[1:],
         next_step="" if numbers.answer is None else numbers.answer.next,
         first_figures=drawn.first,
-        account=shown_account(numbers.account),
+        account=numbers.account,
+        happened=happened(numbers.account),
+        reported=reported(numbers.account),
         flight_figures=drawn.flight,
         signal_figures=drawn.signals,
         loops=None if rotation is None or not _margins_known(numbers.answer) else loop_table(rotation),

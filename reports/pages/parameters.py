@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from core.quantity import counted, uncertain
+from core.quantity import counted
 from logparse import Finding, Vehicle
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.model_report import ParameterRow
 from reports.numbers.flight import parameter_rows
 from reports.pages.html import render
-from reports.views import summary
+from reports.views import log_words, summary
 from reports.views.parameters import parameters
-from reports.views.summary import ShownAnswer
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
 
 #: What a craft is asked first, and the parameters that answer, the first that is known.
@@ -37,7 +37,7 @@ def parameters_page(
     return render(
         "parameters.html",
         [],
-        title="Craft" if vehicle is None else summary.craft(vehicle),
+        title="Craft" if vehicle is None else log_words.craft(vehicle),
         facts=f"{counted(len(logs), 'flight')} ({', '.join(logs)}) · {weight}",
         answer=[_answer(asked, names, rows) for asked, names in _ASKED],
         parameters=parameters(rows),
@@ -45,7 +45,7 @@ def parameters_page(
     )
 
 
-def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> ShownAnswer:
+def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> AnswerLine:
     """Answer with the headline in SI where it is known, else per mass, else with the reason."""
     headlines = [row for name in names for row in rows if (row.parameter, row.method) == (name, HEADLINE)]
     for row in headlines:
@@ -55,7 +55,7 @@ def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> S
                 divisor = quantity(row.parameter, unit)[1]
                 text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
                 line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
-                return ShownAnswer(line, uncertain(value, sigma, bare.replace("^2", "²").replace(" ", "·")))
+                return replace(line, value=value, sigma=sigma, unit=bare.replace("^2", "²").replace(" ", "·"))
     reasons = [row.note for row in rows if row.parameter in names and row.note]
     reason = summary.clause(reasons[0]) if reasons else "no method determines it"
-    return ShownAnswer(AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason), "")
+    return AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason)

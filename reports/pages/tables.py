@@ -9,7 +9,6 @@ from core.table import Row, Table
 from pipeline.results.tables import TableResult, TablesReport
 from reports.figures.figure import Figure, Plot, curve, line, time_axis
 from reports.pages.html import render
-from reports.views.summary import answer_lines
 from sysid.validation.states import PredictedStates
 
 _UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
@@ -26,7 +25,7 @@ def tables_page(result: TableResult) -> str:
         [*predictions, *by_horizon],
         title=report.title,
         facts=_facts(report),
-        answer=answer_lines(report.answer),
+        answer=report.answer.lines,
         predictions=predictions,
         by_horizon=by_horizon,
         errors=_errors(report),

@@ -1,21 +1,20 @@
 """The summary that a person reads in ten seconds at the end of ``rotorid analyze``."""
 
-import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from textwrap import shorten
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from core.quantity import number
 from core.table import TONES, Cell, Row, Table
-from pipeline.results.answer import Answer
+from pipeline.results.answer import AnswerLine
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
-from reports.views import summary
+from reports.views import log_words, summary
+from reports.views.fleet import flight_cells
 from reports.views.fleet_answer import fleet_answer
 from reports.views.models import holding
-from reports.views.summary import ShownAnswer
 
 #: Longest text of a cell, and of what happened to a craft on a wide terminal.
 _LONGEST_CELL, _LONGEST_HEALTH = 24, 34
@@ -33,19 +32,19 @@ def overview(numbers: FlightReport | FleetReport, width: int = 120) -> Renderabl
 
 
 def _one_flight(numbers: FlightReport) -> Group:
-    lines = summary.answer_lines(numbers.answer)
     parts: list[RenderableType] = [Text(numbers.name, style="bold")]
-    if lines:
-        parts += [Text(lines[0].line.text, style=TONES[lines[0].line.tone]), Text(), *answer_rows(lines[1:])]
-    if numbers.answer is not None and numbers.answer.next:
-        parts.append(Text(f"Next: {numbers.answer.next}"))
+    if numbers.answer is not None:
+        first, *lines = numbers.answer.lines
+        parts += [Text(first.text, style=TONES[first.tone]), Text(), *answer_rows(lines)]
+        if numbers.answer.next:
+            parts.append(Text(f"Next: {numbers.answer.next}"))
     return Group(*parts)
 
 
 def _many_flights(numbers: FleetReport, width: int) -> Group:
     parts: list[RenderableType] = []
     if numbers.flights:
-        parts += [Text(fleet_answer(numbers)[0].line.text, style="bold"), Text()]
+        parts += [Text(fleet_answer(numbers)[0].text, style="bold"), Text()]
         parts += [_flights(numbers.flights, narrow=width < 100), Text(_HEADS, style="dim")]
         parts += [Text(reason, style="dim") for reason in _reasons(numbers.flights)]
     for group in numbers.groups:
@@ -57,16 +56,12 @@ def _many_flights(numbers: FleetReport, width: int) -> Group:
     return Group(*parts)
 
 
-def answer_rows(lines: Sequence[ShownAnswer]) -> list[RenderableType]:
+def answer_rows(lines: Sequence[AnswerLine]) -> list[RenderableType]:
     """Tabulate lines of an answer, as the first screen of the report does."""
     if not lines:
         return []
-    rows = [Row(Cell(each.line.purpose, each.line.tone), [_said(each)]) for each in lines]
+    rows = [Row(Cell(each.purpose, each.tone), [each.said]) for each in lines]
     return [Table("", [""], rows, texts=[0]).terminal(), Text()]
-
-
-def _said(shown: ShownAnswer) -> str:
-    return " ".join(part for part in (shown.line.word, shown.number, shown.line.text) if part)
 
 
 def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
@@ -74,11 +69,11 @@ def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
     longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
     rows = []
     for flight in flights:
-        said = summary.brief(flight)
-        cells: list[str | Cell] = [] if narrow else [summary.frame(flight.vehicle)]
+        found = flight_cells(flight)
+        told = (found[each] for each in ("What happened", "Loops", "Predicts ahead", "Thrust of a motor"))
+        cells: list[str | Cell] = [] if narrow else [log_words.frame(flight.vehicle)]
         cells.append(f"{flight.flight.duration_s:.0f} s" if flight.flight else "–")
-        cells += [Cell(_cut(each.text, longest), each.tone) for each in (said.happened, said.loops, said.ahead)]
-        cells.append(_thrust(flight.answer))
+        cells += [replace(each, text=_cut(each.text, longest)) if isinstance(each, Cell) else each for each in told]
         rows.append(Row(_shortened(flight.name, 18 if narrow else 24), cells))
     heads = ["flown", "happened", "loops", "predicts", "thrust"]
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
@@ -86,7 +81,7 @@ def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
 
 def _reasons(flights: Sequence[FlightReport]) -> list[str]:
     """Return why flights have no model, each reason once: ``No model: no GPS (march1 and 4 more)``."""
-    without = [flight for flight in flights if summary.best(flight.models) is None]
+    without = [flight for flight in flights if not any(model.held_out for model in flight.models)]
     reasons = summary.alike([_first_clause(summary.first_reason(flight), flight.name) for flight in without])
     return [
         f"No model: {reason} ({without[each[0]].name}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
@@ -97,18 +92,6 @@ def _reasons(flights: Sequence[FlightReport]) -> list[str]:
 def _cut(text: str, most: int) -> str:
     """Shorten what happened to its end, a crash say, which matters more than what led to it."""
     return shorten(text if len(text) <= most else text.rpartition(", ")[2], most, placeholder=" …")
-
-
-def _thrust(answer: Answer | None) -> str:
-    """Write the thrust of a motor with as many digits as its error leaves, four at most: the report has the rest."""
-    known = summary.thrust_of(answer)
-    if known is None:
-        return "–"
-    value, sigma, unit = known
-    digits = 3
-    if value and sigma and sigma > 0.0:
-        digits = min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 1, 1), 4)
-    return f"{number(value, digits)} {unit}"
 
 
 def _shortened(name: str, most: int) -> str:

@@ -1,71 +1,50 @@
-"""The account of a flight as a table: what happened, gravest first, and what was only reported."""
+"""The account of a flight as tables: what happened, gravest first, and what was only reported."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 from core.findings import Finding
 from core.quantity import duration, number
+from core.table import Cell, Row, Table
 from pipeline.results.account import Account
 
 #: Most rows of what was only reported.
 _MOST = 40
-_WORDS = {"info": "note"}
 
 
-@dataclass(frozen=True, slots=True)
-class ShownHappening:
-    """A happening as people read it: since take-off, on the log's clock, and how long it lasted."""
-
-    since: str
-    t: str
-    duration: str
-    severity: str
-    word: str
-    name: str
-    reason: str
-    advice: str
+def happened(account: Account | None) -> Table | None:
+    """Lay out what happened; an advice that was given in a row before is not repeated."""
+    return None if account is None or not account.notable else _table(account, _advised(account))
 
 
-@dataclass(frozen=True, slots=True)
-class ShownAccount:
-    """What happened, what was only reported, and what the log does not tell."""
-
-    headline: str
-    rows: Sequence[ShownHappening]
-    quiet: Sequence[ShownHappening]
-    unknown: Sequence[str]
+def reported(account: Account | None) -> Table | None:
+    """Lay out what was only reported."""
+    quiet = [] if account is None else [each for each in account.happenings if not each.notable]
+    return None if account is None or not quiet else _table(account, ((each, "") for each in quiet[:_MOST]))
 
 
-def shown_account(account: Account | None) -> ShownAccount | None:
-    """Lay an account out; an advice that was given in a row before is not repeated."""
-    if account is None:
-        return None
+def _advised(account: Account) -> Iterator[tuple[Finding, str]]:
     given: set[str] = set()
-    rows = []
     for each in account.notable:
-        rows.append(_shown(each, account, "" if each.advice in given else each.advice))
+        yield each, "" if each.advice in given else each.advice
         given.add(each.advice)
-    quiet = [each for each in account.happenings if not each.notable]
-    return ShownAccount(
-        headline=account.headline,
-        rows=rows,
-        quiet=[_shown(each, account, "") for each in quiet[:_MOST]],
-        unknown=account.unknown,
-    )
 
 
-def _shown(happening: Finding, account: Account, advice: str) -> ShownHappening:
+def _table(account: Account, rows: Iterator[tuple[Finding, str]]) -> Table:
+    heads = ["log (s)", "for", "what", "evidence and what to do"]
+    return Table("in flight", heads, [_row(account, *row) for row in rows], texts=(2, 3), style="events")
+
+
+def _row(account: Account, happening: Finding, advice: str) -> Row:
     t, end = happening.t or 0.0, happening.end or 0.0
-    flight = account.flight
-    return ShownHappening(
-        since="" if flight is None or t < flight.start else duration(t - flight.start),
-        t=f"{t:.1f}",
-        duration=f"{number(end - t, 2)} s" if end - t > 0.05 else "",
-        severity=happening.severity,
-        word=_WORDS.get(happening.severity, happening.severity),
-        name=happening.id.replace("-", " "),
-        reason=happening.reason,
-        advice=advice,
+    flight, severity = account.flight, happening.severity
+    return Row(
+        "" if flight is None or t < flight.start else duration(t - flight.start),
+        [
+            f"{t:.1f}",
+            f"{number(end - t, 2)} s" if end - t > 0.05 else "",
+            Cell(happening.id.replace("-", " "), severity, badge={"info": "note"}.get(severity, severity)),
+            Cell(happening.reason, under=advice),
+        ],
     )

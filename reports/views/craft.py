@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from core.quantity import column, counted, number
+from core.quantity import counted, number
 from core.table import Row, Table
 from logparse import Vehicle
 from pipeline.results.model_report import ByOutput, ModelReport, average
 from pipeline.results.report import CraftReport
-from reports.views import summary
-from reports.views.tables import rmse_heads, rmse_lines
+from reports.views import log_words
+from reports.views.tables import rmse_heads
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +32,15 @@ def average_table(craft: CraftReport) -> Table | None:
         return None
     outputs = list(judged[0].rmse_average_m)
     held = judged[0].held_out
-    lines: list[tuple[str, str, ByOutput]] = [("", result.title, result.rmse_average_m) for result in judged]
-    lines.append(("baseline", "Always predicting the mean", average([row.rmse_mean_m for row in held])))
-    lines.append(("baseline", "Standing still", average([row.rmse_constant_position_m for row in held])))
-    cells = rmse_lines(row for _, _, row in lines)
-    return Table(
-        label="Model",
-        heads=rmse_heads(outputs),
-        rows=[Row(label, line, kind) for (kind, label, _), line in zip(lines, cells, strict=True)],
-        caption="Root-mean-square error of the joint models’ free run over whole flights, from the inputs and the "
-        f"initial state alone, averaged over the {counted(len(held), 'flight')} held out. "
+    lines: list[tuple[Row, ByOutput]] = [(Row(result.title), result.rmse_average_m) for result in judged]
+    lines.append((Row("Always predicting the mean", kind="baseline"), average([row.rmse_mean_m for row in held])))
+    lines.append((Row("Standing still", kind="baseline"), average([row.rmse_constant_position_m for row in held])))
+    return Table.of_numbers(
+        "Model",
+        rmse_heads(outputs),
+        [(row, [errors.get(output) for output in outputs]) for row, errors in lines],
+        "Root-mean-square error of the joint models’ free run over whole flights, from the inputs and the initial "
+        f"state alone, averaged over the {counted(len(held), 'flight')} held out. "
         f"{craft.split[0].upper()}{craft.split[1:]}.",
     )
 
@@ -52,30 +51,24 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
     if not judged:
         return None
     outputs = list(judged[0].rmse[0].rmse_m)
-    lines: list[tuple[Row, list[ByOutput]]] = []
+    lines: list[tuple[Row, Sequence[ByOutput]]] = []
     for part, said in (
         ("held-out", "Held out: these flights judge the models"),
         ("training", "Fitted: these flights show only how closely the models can follow"),
     ):
         names = list(dict.fromkeys(row.flight for result in judged for row in result.rmse if row.part == part))
         if names:
-            lines.append((Row(said, kind="part"), [{} for _ in judged]))
+            lines.append((Row(said, kind="part"), ()))
         lines += [(Row(name, link=links.get(name)), [_errors(result, name) for result in judged]) for name in names]
         if part == "held-out" and names:
             lines.append((Row("Average", kind="average"), [result.rmse_average_m for result in judged]))
-            means: list[ByOutput] = [average([row.rmse_mean_m for row in result.held_out]) for result in judged]
+            means = [average([row.rmse_mean_m for row in result.held_out]) for result in judged]
             lines.append((Row("Always predicting the mean", kind="baseline"), means))
-    columns = [
-        column([cells[place].get(output) for _, cells in lines]) for place in range(len(judged)) for output in outputs
-    ]
-    return Table(
-        label="Flight",
-        heads=outputs * len(judged),
-        rows=[
-            row if row.kind == "part" else replace(row, cells=[cells[place] for cells in columns])
-            for place, (row, _) in enumerate(lines)
-        ],
-        caption="Flight by flight, RMSE of the free run in metres.",
+    return Table.of_numbers(
+        "Flight",
+        outputs * len(judged),
+        [(row, [errors.get(output) for errors in found for output in outputs]) for row, found in lines],
+        "Flight by flight, RMSE of the free run in metres.",
         groups=[result.title for result in judged],
     )
 
@@ -88,8 +81,8 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
     """Describe a craft by what its logs say of it."""
     spin = (vehicle.spin_arm, vehicle.spin_min, vehicle.spin_max)
     facts = [
-        ("frame", summary.frame(vehicle) + (f", {len(vehicle.motors)} motors" if vehicle.motors else "")),
-        ("firmware", summary.firmware(vehicle) or "not described"),
+        ("frame", log_words.frame(vehicle) + (f", {len(vehicle.motors)} motors" if vehicle.motors else "")),
+        ("firmware", log_words.firmware(vehicle) or "not described"),
         ("board", vehicle.board_id or ""),
         ("motor outputs", _pair(vehicle.pwm_min, vehicle.pwm_max, "µs")),
         ("spin when armed, least, most", ", ".join(number(value, 2) for value in spin)),

@@ -7,7 +7,7 @@ from core.quantity import duration, number, size
 from logparse import Vehicle
 from pipeline.config import AnalysisConfig
 from pipeline.results.report import FlightReport, LogReport, OriginReport, TrajectoryReport
-from reports.views import summary
+from reports.views import log_words
 
 Row = tuple[str, str]
 
@@ -39,7 +39,7 @@ def _log_details(log: LogReport) -> list[Row]:
     flights = ", ".join(f"{number(f.start, 4)} to {number(f.stop, 4)} s" for f in log.flights)
     return [
         ("file", log.file),
-        ("format", summary.FORMATS.get(log.format, log.format)),
+        ("format", log_words.FORMATS.get(log.format, log.format)),
         ("size", size(log.bytes)),
         ("SHA-256", log.sha256),
         ("length", duration(log.duration_s)),

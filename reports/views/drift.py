@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from core.quantity import number, per_degree, uncertain, with_unit
 from core.table import Row, Table
 from pipeline.results.drift import Drift, ParameterChange
-from reports.views import summary
+from reports.views import log_words
 
 
 def drift_table(drift: Drift | None) -> Table | None:
@@ -50,7 +50,7 @@ def drift_sentences(drift: Drift | None) -> list[str]:
     steady = sum(each.change is None for each in drift.parameters)
     if steady and steady == len(drift.parameters):
         said.append(f"None of the {steady} parameters followed over {len(drift.flights)} flights is seen to change")
-    return [summary.sentence(each) for each in said if each]
+    return [log_words.sentence(each) for each in said if each]
 
 
 def _written(value: float, sigma: float, factor: float) -> str:

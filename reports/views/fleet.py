@@ -1,16 +1,16 @@
-"""What the page on all flights shows beside its crafts: flights, health of logs, what was left out."""
+"""What is shown of all flights beside their crafts: the table of flights, health of logs, what was left out."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from urllib.parse import quote
 
 from core.quantity import counted, duration, number
-from core.table import Row, Table
+from core.table import Cell, Row, Table
+from pipeline.results.answer import Tone
 from pipeline.results.report import FleetReport, FlightReport
-from reports.views import summary
-from reports.views.summary import BriefAnswer
+from reports.views import log_words, summary
 
 
 def links(flights: Sequence[FlightReport]) -> dict[str, str]:
@@ -54,45 +54,58 @@ def _logs(numbers: FleetReport) -> int:
     return len({flight.log.sha256 for flight in numbers.flights})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightRow:
-    """A flight with what was flown, what happened, and what it tells of the craft."""
+def flight_cells(flight: FlightReport) -> dict[str, str | Cell]:
+    """Return by column what was flown, what happened, and what it tells of the craft, in as few words as cells hold."""
+    flown, answer = flight.flight, flight.answer
+    happened, loops, ahead = (
+        None if answer is None else answer.line(purpose) for purpose in ("Happened", "Loops", "Predict ahead")
+    )
+    unknown = Cell("–", Tone.UNKNOWN)
+    # The least phase margin with its word where it was measured, else how well the attitude followed.
+    margin = "" if loops is None else f"{loops.word} " * (loops.tone is not Tone.UNKNOWN) + loops.number
+    return {
+        "Day": (flight.log.start_utc or "–")[:10],
+        "Airborne": "–" if flown is None else duration(flown.duration_s),
+        "Height (m)": "–" if flown is None else _digits(flown.height_m),
+        "Speed (m/s)": "–" if flown is None else _digits(flown.speed_max_m_s),
+        "What happened": unknown if happened is None else Cell(flight.happened or "not known", happened.tone),
+        "Loops": unknown if loops is None or not loops.number else Cell(margin, loops.tone),
+        "Predicts ahead": unknown if ahead is None or ahead.value is None else Cell(ahead.number, ahead.tone),
+        "Thrust of a motor": _thrust(flight),
+    }
 
-    name: str
-    link: str
-    craft: str
-    start: str
-    airborne: str
-    height: str
-    speed: str
-    said: BriefAnswer
-    thrust: str  #: Per motor, over the mass in m/s², in N where that was given.
+
+def _thrust(flight: FlightReport) -> str:
+    """Write the thrust of a motor, over the mass unless that was given, as its error allows; four digits at most."""
+    known = summary.thrust_of(flight.answer)
+    if known is None:
+        return "–"
+    value, sigma, unit = known
+    digits = 3
+    if value and sigma and sigma > 0.0:
+        digits = min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 1, 1), 4)
+    return f"{number(value, digits)} {unit}"
 
 
-def flight_rows(numbers: FleetReport, pages: Mapping[str, str]) -> list[FlightRow]:
-    """List every flight with what was flown, what happened, and what it tells of the craft."""
+def flights_table(numbers: FleetReport, pages: Mapping[str, str]) -> Table | None:
+    """Tabulate every flight with its page; None without any."""
     parts = {
         name: word
         for craft in numbers.groups
         for names, word in ((craft.training, "fitted jointly"), (craft.held_out, "judges the joint fit"))
         for name in names
     }
-    return [_flight_row(flight, pages[flight.name], parts.get(flight.name, "")) for flight in numbers.flights]
-
-
-def _flight_row(flight: FlightReport, page: str, part: str) -> FlightRow:
-    flown, thrust = flight.flight, summary.thrust_of(flight.answer)
-    return FlightRow(
-        name=flight.name,
-        link=page,
-        craft=", ".join(each for each in (summary.frame(flight.vehicle), part) if each),
-        start=(flight.log.start_utc or "–")[:10],
-        airborne="–" if flown is None else duration(flown.duration_s),
-        height="–" if flown is None else _digits(flown.height_m),
-        speed="–" if flown is None else _digits(flown.speed_max_m_s),
-        said=summary.brief(flight),
-        thrust="–" if thrust is None else f"{number(thrust[0], 2)} {thrust[2]}",
-    )
+    shown = [(flight, flight_cells(flight)) for flight in numbers.flights]
+    rows = []
+    for flight, cells in shown:
+        under = ", ".join(each for each in (log_words.frame(flight.vehicle), parts.get(flight.name, "")) if each)
+        rows.append(Row(Cell(flight.name, under=under), list(cells.values()), link=pages[flight.name]))
+    if not rows:
+        return None
+    heads = list(shown[0][1])
+    texts = [heads.index(each) for each in ("Day", "What happened", "Loops")]
+    roomy = [place for place, head in enumerate(heads) if head != "What happened"]
+    return Table("Flight", heads, rows, texts=texts, style="flights", roomy=roomy)
 
 
 def _digits(value: float | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from core.quantity import counted, duration, number, uncertain
@@ -13,9 +13,8 @@ from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.drift import History, Step
 from pipeline.results.model_report import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
-from pipeline.results.verdict import PredictionUse
-from reports.views import summary
-from reports.views.summary import ShownAnswer, thrust_known, thrust_of
+from reports.views import log_words, summary
+from reports.views.summary import thrust_known, thrust_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +34,7 @@ def insight(numbers: FleetReport) -> Insight | None:
             continue
         motors = craft.drift.motors
         if motors is not None and motors.weakening:
-            found.append((0.0, Insight(summary.sentence(motors.sentence), craft)))
+            found.append((0.0, Insight(log_words.sentence(motors.sentence), craft)))
         for each in craft.drift.parameters:
             change = each.change
             if change is not None:
@@ -69,52 +68,51 @@ def _day(start: str | None) -> str:
     return "" if start is None else f"{(day := datetime.fromisoformat(start)).day} {day:%B %Y}"
 
 
-def fleet_answer(numbers: FleetReport) -> list[ShownAnswer]:
+def fleet_answer(numbers: FleetReport) -> list[AnswerLine]:
     """Sum all flights up, the best insight first, then a line for each purpose."""
     if not numbers.flights:
-        return [_line("Happened", "no", Tone.UNKNOWN, "", "No log gave a flight.")]
+        return [_line("Happened", "no", Tone.UNKNOWN, "No log gave a flight.")]
     flights = [flight for flight in numbers.flights if flight.name not in numbers.again]
     changed, health = insight(numbers), _health(flights)
-    first = health if changed is None else _line("Changed", "changed", Tone.CARE, "", changed.text)
+    first = health if changed is None else _line("Changed", "changed", Tone.CARE, changed.text)
     rest = [] if changed is None else [health]
     lines = [_flown(flights), _loops(flights), _parameters(numbers), _ahead(numbers)]
     return [first, *rest, *(each for each in lines if each is not None)]
 
 
-def _line(purpose: str, word: str, tone: Tone, shown: str, text: str) -> ShownAnswer:
-    return ShownAnswer(AnswerLine(purpose=purpose, word=word, tone=tone, text=text), shown)
+def _line(purpose: str, word: str, tone: Tone, text: str) -> AnswerLine:
+    return AnswerLine(purpose=purpose, word=word, tone=tone, text=text)
 
 
-def _flown(flights: Sequence[FlightReport]) -> ShownAnswer:
+def _flown(flights: Sequence[FlightReport]) -> AnswerLine:
     flown = [flight.flight for flight in flights if flight.flight]
     high = max((each.height_m for each in flown if each.height_m is not None), default=None)
     fast = max((each.speed_max_m_s for each in flown if each.speed_max_m_s is not None), default=None)
     reach = [] if high is None else [f"{number(high, 2)} m high"]
     reach += [] if fast is None else [f"{number(fast, 2)} m/s"]
     text = duration(sum(each.duration_s for each in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
-    return _line("Flown", "", Tone.GOOD, f"{counted(len(flights), 'flight')},", text)
+    return _line("Flown", f"{counted(len(flights), 'flight')},", Tone.GOOD, text)
 
 
-def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[str, ShownAnswer]]:
-    """Return the answers for a purpose with the names of their flights."""
-    found = ((flight.name, summary.answers(flight.answer).get(purpose)) for flight in flights)
-    return [(name, shown) for name, shown in found if shown is not None]
+def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[FlightReport, AnswerLine]]:
+    """Return the answers for a purpose with their flights."""
+    found = ((flight, None if flight.answer is None else flight.answer.line(purpose)) for flight in flights)
+    return [(flight, line) for flight, line in found if line is not None]
 
 
-def _health(flights: Sequence[FlightReport]) -> ShownAnswer:
+def _health(flights: Sequence[FlightReport]) -> AnswerLine:
     """Answer with how many flights were in danger, and the worst."""
-    said = [(flight, summary.answers(flight.answer).get("Happened")) for flight in flights]
-    tones = [(flight, shown.line.tone) for flight, shown in said if shown is not None]
+    tones = [(flight, line.tone) for flight, line in _said(flights, "Happened")]
     for tone, what in ((Tone.BAD, "ended badly or were in danger"), (Tone.CARE, "are to look into")):
         worst = [flight for flight, its in tones if its is tone]
         if worst:
             many = f"{len(worst)} of {counted(len(flights), 'flight')} {what}"
             gravest = min(worst, key=_gravity)
-            return _line("Happened", "", tone, "", f"{many}, such as {gravest.name}: {gravest.happened}.")
+            return _line("Happened", "", tone, f"{many}, such as {gravest.name}: {gravest.happened}.")
     known = [flight for flight, its in tones if its is Tone.GOOD]
     if not known:
-        return _line("Happened", "", Tone.UNKNOWN, "", "What happened is not known of any flight.")
-    return _line("Happened", "", Tone.GOOD, "", f"Nothing happened in {counted(len(known), 'flight')}.")
+        return _line("Happened", "", Tone.UNKNOWN, "What happened is not known of any flight.")
+    return _line("Happened", "", Tone.GOOD, f"Nothing happened in {counted(len(known), 'flight')}.")
 
 
 def _gravity(flight: FlightReport) -> int:
@@ -123,17 +121,17 @@ def _gravity(flight: FlightReport) -> int:
     return min((gravity(each) for each in story), default=len(GRAVITY))
 
 
-def _loops(flights: Sequence[FlightReport]) -> ShownAnswer | None:
+def _loops(flights: Sequence[FlightReport]) -> AnswerLine | None:
     """Answer with an oscillation, else the least margin, else the slowest attitude; None where nothing is known."""
-    said = [(name, shown) for name, shown in _said(flights, "Loops") if shown.line.value is not None]
-    swinging = [each for each in said if each[1].line.tone is Tone.BAD and each[1].line.unit == "Hz"]
-    measured = [each for each in said if each[1].line.unit == "°"]
+    said = [each for each in _said(flights, "Loops") if each[1].value is not None]
+    swinging = [each for each in said if each[1].tone is Tone.BAD and each[1].unit == "Hz"]
+    measured = [each for each in said if each[1].unit == "°"]
     for found in (swinging, measured, said):
         if found:
-            name, shown = min(found, key=lambda each: each[1].line.value or 0.0)
-            what = shown.line.text.split(",")[0].split(";")[0]
+            flight, line = min(found, key=lambda each: each[1].value or 0.0)
+            what = line.text.split(",")[0].split(";")[0]
             least = f", least of {len(found)}" if len(found) > 1 else ""
-            return _line("Loops", shown.line.word, shown.line.tone, shown.number, f"{what} ({name}{least})")
+            return replace(line, text=f"{what} ({flight.name}{least})")
     return None
 
 
@@ -143,39 +141,34 @@ def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
     return max(able, key=lambda each: each[1].uses.prediction.horizon_s or 0.0, default=None)
 
 
-def _ahead(numbers: FleetReport) -> ShownAnswer:
+def _ahead(numbers: FleetReport) -> AnswerLine:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = furthest(numbers)
     if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= HOLDS:
         craft, model = joint
         of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
         text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
-        reach = _reach(model.uses.prediction)
+        use = model.uses.prediction
+        reach, sigma = (use.horizon_s, None) if use.reach_s is None else (use.reach_s, use.reach_sigma_s)
     else:
-        own = [
-            (name, shown)
-            for name, shown in _said(numbers.flights, "Predict ahead")
-            if (shown.line.value or 0.0) >= HOLDS
-        ]
+        own = [each for each in _said(numbers.flights, "Predict ahead") if (each[1].value or 0.0) >= HOLDS]
         if not own:
             reasons = summary.alike([summary.clause(summary.first_reason(flight)) for flight in numbers.flights])
-            return _line("Predict ahead", "no model holds", Tone.UNKNOWN, "", next(iter(reasons)))
-        name, shown = max(own, key=lambda each: each[1].line.value or 0.0)
-        reach = shown.number
-        text = f"by the model of {name}; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
-    return _line("Predict ahead", "yes", Tone.GOOD, reach, text)
+            return _line("Predict ahead", "no model holds", Tone.UNKNOWN, next(iter(reasons)))
+        flight, line = max(own, key=lambda each: each[1].value or 0.0)
+        reach, sigma = line.value, line.sigma
+        text = f"by the model of {flight.name}; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
+    line = _line("Predict ahead", "yes", Tone.GOOD, text)
+    return replace(line, value=reach, sigma=sigma, unit="s")
 
 
-def _reach(use: PredictionUse) -> str:
-    return f"{use.horizon_s:g} s" if use.reach_s is None else uncertain(use.reach_s, use.reach_sigma_s, "s")
-
-
-def _parameters(numbers: FleetReport) -> ShownAnswer | None:
+def _parameters(numbers: FleetReport) -> AnswerLine | None:
     for craft in numbers.groups:
         joint = thrust_known(craft.thrust, craft.parameters or ())
         if joint is not None:
             what = "thrust" if joint[2] == "N" else "thrust/mass"
-            return _line("Parameters", "partly", Tone.CARE, uncertain(*joint), f"{what} per motor ({craft.name})")
+            line = _line("Parameters", "partly", Tone.CARE, f"{what} per motor ({craft.name})")
+            return replace(line, value=joint[0], sigma=joint[1], unit=joint[2])
     every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
     if not every:
         return None
@@ -183,5 +176,5 @@ def _parameters(numbers: FleetReport) -> ShownAnswer | None:
     known = [(value, sigma or math.nan) for value, sigma, its_unit in every if its_unit == unit]
     shown = " to ".join(dict.fromkeys(uncertain(*each, unit) for each in (min(known), max(known))))
     what = "thrust" if unit == "N" else "thrust/mass"
-    text = f"{what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
-    return _line("Parameters", "partly", Tone.CARE, shown, text)
+    text = f"{shown} {what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
+    return _line("Parameters", "partly", Tone.CARE, text)

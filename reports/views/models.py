@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from core.quantity import MINUS, column, number, uncertain
+from core.quantity import MINUS, number, uncertain
 from core.table import Row, Table
 from pipeline.results.answer import HOLDS
 from pipeline.results.model_report import ModelReport
 from pipeline.results.verdict import PredictionUse
-from reports.views import summary
+from reports.views import log_words, summary
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import OrderRow, OrdersReport
@@ -23,12 +23,12 @@ MOST_ADVICE = 3
 
 def holding(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
     """Return models that predict for as long as a person needs to react, and for what they are of use."""
-    return [(summary.sentence(each.title)[:-1], _reach(each.uses.prediction)) for each in models if _holds(each)]
+    return [(log_words.sentence(each.title)[:-1], _reach(each.uses.prediction)) for each in models if _holds(each)]
 
 
 def failing(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
     """Return the other models, and why they are of no use."""
-    return [(summary.sentence(each.title)[:-1], _why_not(each)) for each in models if not _holds(each)]
+    return [(log_words.sentence(each.title)[:-1], _why_not(each)) for each in models if not _holds(each)]
 
 
 def _reach(use: PredictionUse) -> str:
@@ -42,7 +42,7 @@ def _holds(model: ModelReport) -> bool:
 
 def _why_not(model: ModelReport) -> str:
     if model.model is None:
-        return summary.sentence(model.missing)
+        return log_words.sentence(model.missing)
     horizon = model.uses.prediction.horizon_s
     return f"Predicts {horizon:g} s ahead only." if horizon else "Does not predict this flight."
 
@@ -68,31 +68,24 @@ def orders(scan: OrdersReport) -> Table:
     for row in scan.table:
         tried.setdefault((row.poles, row.zeros), {})[row.output] = row
     chosen = scan.recommended and (scan.recommended.poles, scan.recommended.zeros)
-    columns = [
-        *(column([rows[output].rmse for rows in tried.values()]) for output in outputs),
-        *(column([rows[output].rmse_held_out for rows in tried.values()]) for output in outputs),
-    ]
     lines = []
-    for place, (order, rows) in enumerate(tried.items()):
-        cells = [
-            str(max(row.parameters for row in rows.values())),
-            *(
-                f"{sum(each for each in criterion if each is not None):.0f}".replace("-", MINUS)
-                for criterion in ([row.aic for row in rows.values()], [row.bic for row in rows.values()])
-            ),
-            *(cells[place] for cells in columns),
-        ]
-        lines.append(Row(f"{order[0]} / {order[1]}", cells, "average" if order == chosen else ""))
-    return Table(
-        label="Order",
-        heads=[
+    for order, rows in tried.items():
+        criteria = ([getattr(row, name) for row in rows.values()] for name in ("aic", "bic"))
+        sums = (f"{sum(each for each in some if each is not None):.0f}".replace("-", MINUS) for some in criteria)
+        first = [str(max(row.parameters for row in rows.values())), *sums]
+        kind = "average" if order == chosen else ""
+        errors = [getattr(rows[output], name) for name in ("rmse", "rmse_held_out") for output in outputs]
+        lines.append((Row(f"{order[0]} / {order[1]}", first, kind), errors))
+    return Table.of_numbers(
+        "Order",
+        [
             *("coefficients", "AIC", "BIC"),
             *(f"fitted {output} (m)" for output in outputs),
             *(f"held back {output} (m)" for output in outputs),
         ],
-        rows=lines,
-        caption="Poles / zeros, each fitted to a part of the training data and judged on the rest of it, RMSE in "
-        "metres. AIC and BIC are for comparison: they take residuals for white and lean towards high orders.",
+        lines,
+        "Poles / zeros, each fitted to a part of the training data and judged on the rest of it, RMSE in metres. AIC "
+        "and BIC are for comparison: they take residuals for white and lean towards high orders.",
     )
 
 

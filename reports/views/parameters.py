@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from core.quantity import column, joined, number, uncertain
+from core.quantity import joined, number, uncertain
 from core.table import Row, Table
 from pipeline.results.coverage import Linearity
 from pipeline.results.model_report import CoherenceReport, ModelReport, ParameterRow
-from reports.views import summary
+from reports.views import log_words
 
 #: What stands in a cell whose note, below the table, says why there is no number.
 EMPTY = "–"
@@ -55,7 +55,7 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
             if row.note:
                 reasons.setdefault(row.note, []).append(method)
         notes += [
-            (f"{_capital(parameter)}: {', '.join(who)}", summary.sentence(reason)) for reason, who in reasons.items()
+            (f"{_capital(parameter)}: {', '.join(who)}", log_words.sentence(reason)) for reason, who in reasons.items()
         ]
     return ShownParameters(Table("", methods, lines, _CAPTION), notes)
 
@@ -88,17 +88,15 @@ def coherence(models: Sequence[ModelReport]) -> ShownCoherence | None:
     if not told:
         return None
     outputs = list(dict.fromkeys(output for _, found in known for output in found.outputs))
-    columns = [
-        column([found.outputs.get(output, Linearity()).multiple_median for _, found in known], 3, 2)
-        for output in outputs
+    rows = [
+        (Row(title), [*(found.outputs.get(each, Linearity()).multiple_median for each in outputs), found.chance])
+        for title, found in known
     ]
-    columns.append(column([found.chance for _, found in known], 3, 2))
-    rows = [Row(title, [cells[place] for cells in columns]) for place, (title, _) in enumerate(known)]
     band = known[0][1].band_rad_s if known else None
     return ShownCoherence(
-        table=Table("Inputs", [*outputs, "chance"], rows) if known else None,
+        table=Table.of_numbers("Inputs", [*outputs, "chance"], rows, digits=(3, 2)) if known else None,
         sentences=[_worth(title, found) for title, found in known]
-        + [f"{_capital(title)}: {summary.sentence(found.missing)}" for title, found in told if found.missing],
+        + [f"{_capital(title)}: {log_words.sentence(found.missing)}" for title, found in told if found.missing],
         band=" to ".join(number(edge, 2) for edge in band or ()),
     )
 

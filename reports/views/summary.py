@@ -1,21 +1,13 @@
 """The answer first: what a log is and what was identified from it, in sentences for the top of a report."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
 
 from core.quantity import joined, uncertain
-from pipeline.results.answer import Answer, AnswerLine, Tone
+from pipeline.results.answer import Answer
 from pipeline.results.model_report import ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
-from reports.views.log_words import FORMATS as FORMATS
-from reports.views.log_words import UNKNOWN as UNKNOWN
-from reports.views.log_words import craft as craft
-from reports.views.log_words import firmware as firmware
-from reports.views.log_words import frame as frame
-from reports.views.log_words import sentence as sentence
+from reports.views.log_words import craft
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord
 
@@ -42,74 +34,12 @@ def described(result: ModelReport) -> str:
     return f"{result.title} ({count} transfer function{'s' if count != 1 else ''}, {order(model)})"
 
 
-@dataclass(frozen=True, slots=True)
-class ShownAnswer:
-    """A line of the answer, with its number as people read it."""
-
-    line: AnswerLine
-    number: str
-
-
-def answer_lines(answer: Answer | None) -> list[ShownAnswer]:
-    """Return word, number and text of each purpose as the page and the terminal show them."""
-    return [ShownAnswer(line, _number(line)) for line in (answer.lines if answer is not None else ())]
-
-
-def answers(answer: Answer | None) -> Mapping[str, ShownAnswer]:
-    """Return the same by purpose."""
-    return {shown.line.purpose: shown for shown in answer_lines(answer)}
-
-
-@dataclass(frozen=True, slots=True)
-class Brief:
-    """An answer in the cell of a table."""
-
-    text: str = "–"
-    tone: Tone = Tone.UNKNOWN
-
-
-@dataclass(frozen=True, slots=True)
-class BriefAnswer:
-    """The answers of a flight in a table of flights."""
-
-    happened: Brief
-    loops: Brief  #: The least phase margin with its word where it was measured, else how well the attitude followed.
-    ahead: Brief  #: How far ahead a model predicts.
-
-
-def brief(flight: FlightReport) -> BriefAnswer:
-    """Return the answers of a flight in as few words as a table of flights has room for."""
-    said = answers(flight.answer)
-    happened, loops, ahead = (said.get(purpose) for purpose in ("Happened", "Loops", "Predict ahead"))
-    return BriefAnswer(
-        happened=Brief() if happened is None else Brief(flight.happened or "not known", happened.line.tone),
-        loops=Brief() if loops is None or not loops.number else _followed(loops),
-        ahead=Brief() if ahead is None or ahead.line.value is None else Brief(ahead.number, ahead.line.tone),
-    )
-
-
 def thrust_of(answer: Answer | None) -> tuple[float, float | None, str] | None:
     """Return thrust of a motor with its error and unit as the first screen of a flight has it; None where unknown."""
-    line = next((each for each in (() if answer is None else answer.lines) if each.purpose == "Parameters"), None)
+    line = None if answer is None else answer.line("Parameters")
     if line is None or line.value is None or line.unit not in ("N", "m/s²") or not line.text.startswith("thrust"):
         return None
     return line.value, line.sigma, line.unit
-
-
-def _followed(shown: ShownAnswer) -> Brief:
-    measured = shown.line.tone is not Tone.UNKNOWN
-    return Brief(f"{shown.line.word} {shown.number}" if measured else shown.number, shown.line.tone)
-
-
-def _number(line: AnswerLine) -> str:
-    """Write the number of a line: times to a tenth of a second, nothing beyond three digits without an error."""
-    value, sigma, unit = line.value, line.sigma, line.unit
-    if value is None:
-        return ""
-    if sigma is not None:
-        return uncertain(value, sigma, unit).replace(" °", "°")
-    text = f"{round(value, 1):.8g}" if abs(value) >= 10.0 else f"{value:.3g}"
-    return f"{text}{'' if unit == '°' else ' '}{unit}".strip()
 
 
 def facts(numbers: FlightReport) -> str:
@@ -199,30 +129,6 @@ def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
         words = _NUMBER.split(reasons[same[0]])
         found["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
     return found
-
-
-Model = TypeVar("Model", bound=ModelReport)
-
-
-def best(models: Sequence[Model]) -> Model | None:
-    """Choose the model that can be trusted most, and of equals the one that errs least against the mean's error."""
-
-    def rank(result: Model) -> tuple[int, float]:
-        ratios = [
-            error / mean if error is not None and (mean := row.rmse_mean_m[output]) else math.inf
-            for row in result.held_out
-            for output, error in row.rmse_m.items()
-        ]
-        return list(TRUST_WORDS).index(result.verdict.trust), sum(ratios) / len(ratios) if ratios else math.inf
-
-    judged = [result for result in models if result.held_out]
-    return min(judged, key=rank, default=None)
-
-
-def predicts(result: ModelReport) -> str:
-    """Write how far ahead a model's predictions are worth having in every axis: ``5 s``; a dash where nowhere."""
-    horizon = result.uses.prediction.horizon_s
-    return "–" if horizon is None else f"{horizon:g} s"
 
 
 def not_used(numbers: FleetReport) -> dict[str, tuple[LeftOut, ...]]:

@@ -160,7 +160,6 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     from pipeline.flight.table_analysis import analyze_tables
     from reports.pages.tables import tables_page
     from reports.terminal.summary import answer_rows
-    from reports.views.summary import answer_lines
 
     files: list[Path] = []
     for path in map(Path, _existing(paths)):
@@ -175,7 +174,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
     if as_json:
         sys.stdout.write(text)
         return
-    for row in answer_rows(answer_lines(result.report.answer)):
+    for row in answer_rows(result.report.answer.lines):
         console().print(row)
     for finding in result.report.findings:
         console().print(f"{finding.severity}: {finding.reason}", markup=False, soft_wrap=True)
