@@ -101,9 +101,10 @@ def tune(
     out = out or folder_of(parted(logs[0])[0])
     prepare(out)
     result = propose([open_log(log) for log in logs], aim, i_term, size)
-    text = strict_json(tuning_report(result))
+    report = tuning_report(result)
+    text = strict_json(report)
     (out / "tuning.json").write_text(text, encoding="utf-8")
-    (out / "tuning.html").write_text(loops_page(result), encoding="utf-8")
+    (out / "tuning.html").write_text(loops_page(report), encoding="utf-8")
     for name, write in (("proposed.param", result.proposed_file), ("rollback.param", result.rollback_file)):
         if result.refused is None:
             (out / name).write_text(write(), encoding="utf-8")

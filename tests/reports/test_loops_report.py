@@ -20,9 +20,10 @@ def test_a_refusal_is_written_and_escaped():
         remarks=(),
         made="2026-03-14",
     )
-    report = from_json(as_json(tuning_report(tuning)), TuningReport)
+    written = tuning_report(tuning)
+    report = from_json(as_json(written), TuningReport)
     assert report.axes[0].refused == "no chirps"
     assert report.axes[0].flown is None
-    page = loops_page(tuning)
+    page = loops_page(written)
     assert "<h1>Loops of &lt;b&gt;.bin</h1>" in page
     assert "no chirps </script>" not in page
