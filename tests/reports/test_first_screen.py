@@ -263,7 +263,7 @@ def test_a_folder_tells_first_how_many_flights_ended_badly(kinds):
     flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
     numbers = made(FleetReport, flights=flights)
     assert [flight.happened for flight in flights][:2] == ["uneventful", "motor fault, crash"]
-    first = fleet_answer(numbers)[0].line
+    first = fleet_answer(numbers)[0]
     assert first.tone is Tone.BAD
     assert first.text == "1 of 5 flights ended badly or were in danger, such as lost motor: motor fault, crash."
     console = Console(width=140, record=True, file=io.StringIO())
@@ -290,7 +290,7 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
     drift = {"order": "date", "flights": ["f0", "f1", "f2", "f3"], "parameters": [history]}
     flights = [flight_report(kinds["good"]).in_short("good")]
     numbers = made(FleetReport, flights=flights, groups=[{"name": "quad", "drift": drift}])
-    first = fleet_answer(numbers)[0].line
+    first = fleet_answer(numbers)[0]
     assert first.text == "Thrust over mass fell by 32 ± 3 % between 10 November 2014 and 14 November 2014."
     page = fleet_page(numbers, [Craft(each) for each in numbers.groups if isinstance(each, CraftReport)])
     assert 'id="plot-first-course"' in page
@@ -299,17 +299,17 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
 
 def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
     flights = [dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name="good")]
-    said = {each.line.purpose: each for each in fleet_answer(made(FleetReport, flights=flights))}
-    own = summary.answers(kinds["good"].answer)
-    assert said["Loops"].number == own["Loops"].number == "52 ± 2°"
+    said = {each.purpose: each for each in fleet_answer(made(FleetReport, flights=flights))}
+    own = kinds["good"].answer.line("Loops")
+    assert said["Loops"].number == own.number == "52 ± 2°"
 
 
 def test_a_flight_that_was_recorded_twice_is_counted_once(kinds):
     flights = [
         dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name=name) for name in ("bin", "tlog")
     ]
-    assert fleet_answer(made(FleetReport, flights=flights))[0].line.text == "Nothing happened in 2 flights."
-    assert fleet_answer(made(FleetReport, flights=flights, again=("tlog",)))[0].line.text.endswith(" in 1 flight.")
+    assert fleet_answer(made(FleetReport, flights=flights))[0].text == "Nothing happened in 2 flights."
+    assert fleet_answer(made(FleetReport, flights=flights, again=("tlog",)))[0].text.endswith(" in 1 flight.")
 
 
 def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
@@ -347,5 +347,5 @@ def test_a_folder_names_the_gravest_of_what_happened(kinds):
     (worst,) = [each for each in flights if each.happened == "motor fault, crash"]
     lost = Finding(id="gps-lost", severity=Severity.ERROR, reason="No fix.", advice="", t=5.0)
     blind = dataclasses.replace(worst, name="blind", account=dataclasses.replace(worst.account, story=(lost,)))
-    text = fleet_answer(made(FleetReport, flights=[blind, worst]))[0].line.text
+    text = fleet_answer(made(FleetReport, flights=[blind, worst]))[0].text
     assert text == "2 of 2 flights ended badly or were in danger, such as lost motor: motor fault, crash."

@@ -12,7 +12,7 @@ from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 from reports.figures.figure import line
 from reports.figures.signals import signal_figures
-from reports.views.account import shown_account
+from reports.views.account import happened, reported
 from tests.reports.accounts import account, happening, signals
 from tests.reports.builders import page_of
 
@@ -89,13 +89,13 @@ def test_the_page_shows_what_happened_escaped(shaken):
     page = page_of(shaken)
     assert "Hit &lt;b&gt;hard&lt;/b&gt;." in page
     assert "Hit <b>" not in page
-    view = shown_account(shaken.account)
-    assert [(row.t, row.since, row.name) for row in view.rows] == [
-        ("60.0", "20 s", "crash"),
-        ("55.0", "15 s", "vibration"),
+    table, quiet = happened(shaken.account), reported(shaken.account)
+    assert [(str(row.label), *map(str, (row.cells[0], row.cells[2]))) for row in table.rows] == [
+        ("20 s", "60.0", "crash"),
+        ("15 s", "55.0", "vibration"),
     ]
-    assert [row.name for row in view.quiet] == ["failsafe"]
-    assert [bool(row.advice) for row in view.rows] == [True, False], "an advice is given once"
+    assert [str(row.cells[2]) for row in quiet.rows] == ["failsafe"]
+    assert [bool(row.cells[3].under) for row in table.rows] == [True, False], "an advice is given once"
 
 
 @pytest.mark.filterwarnings("error")
