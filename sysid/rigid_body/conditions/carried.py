@@ -7,7 +7,8 @@ the flight contradicts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -78,10 +79,10 @@ class Wander:
         return np.diag(np.concatenate([sigma, [self.gust, self.gust, self.scale]]) ** 2)
 
 
-def own_design(jacobian: Floats) -> Floats:
-    """Arrange derivatives by the parameters of the kernels for the states; shape (K, 3, STATES)."""
-    own = jacobian[:, :, SHARED : SHARED + FIXED]
-    return np.ascontiguousarray(np.concatenate([own, own[:, :, len(OWN) :], own[:, :, 1:2]], axis=2))
+def own_design(by_flight: Floats) -> Floats:
+    """Arrange derivatives by the parameters of a flight for the states; shape (K, 3, STATES)."""
+    gusts, departure = by_flight[:, :, len(OWN) :], by_flight[:, :, 1:2]
+    return np.ascontiguousarray(np.concatenate([by_flight, gusts, departure], axis=2))
 
 
 def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> Wander:
@@ -89,7 +90,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
 
     `mean` and `sigma`, (4,), are known beforehand of the flight's parameters, the former counted from the blocks'.
     """
-    design, known = own_design(blocks.jacobian), np.log(_EXPECTED)
+    design, known = own_design(blocks.by_flight), np.log(_EXPECTED)
     known[2] += np.log(TURBULENCE * max(wind, LIGHT))
     means, covariances = np.empty((len(design) + 1, STATES)), np.empty((len(design) + 1, STATES, STATES))
     first = np.concatenate([mean, np.zeros(STATES - FIXED)])
@@ -141,8 +142,8 @@ class Carried:
     own: Floats  #: shape (K + 1, 4): Wind exponent, thrust scale, mean wind north and east [m/s].
     gust: Floats  #: shape (K + 1, 2): Of the wind towards north and east, m/s.
     departure: Floats  #: shape (K + 1,): Of the thrust scale.
-    craft: Floats  #: shape (K + 1, SHARED): What to add to the craft's parameters.
-    covariances: Floats  #: shape (K + 1, 7 + SHARED, 7 + SHARED): Of the four in turn.
+    craft: Floats  #: shape (K + 1, c): What to add to the craft's parameters.
+    covariances: Floats  #: shape (K + 1, 7 + c, 7 + c): Of the four in turn.
     about: Floats  #: shape (4,): Where the equations were linearised.
     wander: Wander
 
@@ -157,40 +158,70 @@ def carry_states(
 ) -> Carried:
     """Follow wind and thrust scale through a flight.
 
-    The strengths of gusts and noise, and where the equations are linearised, come from the first `SETTLING_SECONDS`.
-
     `known` are wind exponent, thrust scale and wind of the flight beforehand, and their standard deviations, (4,) each;
     what is known of any flight if None. `doubt` is the covariance of the craft's parameters `shared`, held if None.
     What `like` found of the same flight's beginning is not found again.
     """
-    mean, sigma = (ANY_FLIGHT, ANY_SIGMA) if known is None else known
+    early = flight.cut(0, min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t)))
+
+    def blocks_of(own: Floats, *, beginning: bool) -> Increments:
+        return velocity_increments(early if beginning else flight, np.concatenate([shared, own]), law)
+
     doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt
-    if like is None:
-        own, wander = _settled(flight, shared, law, mean, sigma, doubt)
-    else:
-        own, wander = like.about, like.wander
-    blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
+    told = follow(blocks_of, (ANY_FLIGHT, ANY_SIGMA) if known is None else known, doubt, like)
+    return replace(told, craft=np.maximum(told.craft, np.where(_POSITIVE, -shared, -np.inf)))
+
+
+class BlocksOf(Protocol):
+    """Changes of velocity of a flight, or of its first `SETTLING_SECONDS`, about its parameters (4,)."""
+
+    def __call__(self, own: Floats, *, beginning: bool) -> Increments:
+        """Compute them."""
+
+
+def follow(blocks_of: BlocksOf, known: tuple[Floats, Floats], doubt: Floats, like: Carried | None = None) -> Carried:
+    """Follow wind and thrust scale through the changes of velocity of a flight; arguments as of `carry_states`.
+
+    The strengths of gusts and noise, and where the equations are linearised, come from the beginning.
+    """
+    mean, sigma = known
+    own, wander = _settled(blocks_of, mean, sigma, doubt) if like is None else (like.about, like.wander)
+    blocks = blocks_of(own, beginning=False)
     states, covariances = _filtered(blocks, mean - own, sigma, wander, doubt)
     return Carried(
         edges=blocks.edges,
         own=np.clip(own + states[:, :FIXED], LOWEST, HIGHEST),
         gust=states[:, FIXED : FIXED + 2],
         departure=states[:, FIXED + 2],
-        craft=np.maximum(states[:, STATES:], np.where(_POSITIVE, -shared, -np.inf)),
+        craft=states[:, STATES:],
         covariances=covariances,
         about=own,
         wander=wander,
     )
 
 
-def _settled(
-    flight: Motion, shared: Floats, law: int, mean: Floats, sigma: Floats, doubt: Floats
-) -> tuple[Floats, Wander]:
+def smoothed_wind(told: Carried, seconds: float) -> tuple[Floats, Floats]:
+    """Return the wind at each block's end by the whole flight, (K + 1, 2), and its covariances (Rauch et al. 1965).
+
+    The craft's parameters must have been held.
+    """
+    decay, driven = told.wander.step(seconds)
+    x, p = np.hstack([told.own - told.about, told.gust, told.departure[:, None]]), told.covariances.copy()
+    for k in range(len(x) - 2, -1, -1):
+        ahead = decay[:, None] * p[k] * decay + np.diag(driven)
+        gain = np.linalg.solve(ahead, decay[:, None] * p[k]).T
+        x[k] += gain @ (x[k + 1] - decay * x[k])
+        p[k] += gain @ (p[k + 1] - ahead) @ gain.T
+    to_wind = np.zeros((2, STATES))
+    to_wind[:, len(OWN) : FIXED] = to_wind[:, FIXED : FIXED + 2] = np.eye(2)
+    return x @ to_wind.T + told.about[len(OWN) :], to_wind @ p @ to_wind.T
+
+
+def _settled(blocks_of: BlocksOf, mean: Floats, sigma: Floats, doubt: Floats) -> tuple[Floats, Wander]:
     """Find where a flight is linearised, (4,), and what wanders, from its beginning."""
-    early = flight.cut(0, min(max(round(SETTLING_SECONDS / flight.dt), 2), len(flight.t)))
-    own = _start(early, shared, law, mean, sigma)
+    own = _start(blocks_of, mean, sigma)
     for _ in range(2):
-        blocks = velocity_increments(early, np.concatenate([shared, own]), law)
+        blocks = blocks_of(own, beginning=True)
         wander = fit_wander(blocks, mean - own, sigma, float(np.hypot(*own[len(OWN) :])))
         states, _ = _filtered(blocks, mean - own, sigma, wander, doubt)
         own = np.clip(own + states[-1, :FIXED], LOWEST, HIGHEST)
@@ -198,8 +229,8 @@ def _settled(
 
 
 def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander, doubt: Floats) -> tuple[Floats, Floats]:
-    design = np.concatenate([own_design(blocks.jacobian), blocks.jacobian[:, :, :SHARED]], axis=2)
-    steps, count = len(design), STATES + SHARED
+    design = np.concatenate([own_design(blocks.by_flight), blocks.by_craft], axis=2)
+    steps, count = len(design), STATES + len(doubt)
     means, covariances, start = (
         np.empty((steps + 1, count)),
         np.empty((steps + 1, count, count)),
@@ -207,22 +238,21 @@ def _filtered(blocks: Increments, mean: Floats, sigma: Floats, wander: Wander, d
     )
     start[:STATES, :STATES], start[STATES:, STATES:] = wander.start(sigma), doubt
     decay, driven = wander.step(blocks.seconds)
-    decay, driven = np.concatenate([decay, np.ones(SHARED)]), np.concatenate([driven, np.zeros(SHARED)])
+    decay, driven = np.concatenate([decay, np.ones(len(doubt))]), np.concatenate([driven, np.zeros(len(doubt))])
     first, noise = np.concatenate([mean, np.zeros(count - FIXED)]), wander.noise(blocks.seconds)
     carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, start, means, covariances)
     return means, covariances
 
 
-def _start(flight: Motion, shared: Floats, law: int, mean: Floats, sigma: Floats) -> Floats:
+def _start(blocks_of: BlocksOf, mean: Floats, sigma: Floats) -> Floats:
     """Return exponent, thrust scale and wind by robust least squares, the exponent as known beforehand."""
     own, weight, free = np.clip(mean, LOWEST, HIGHEST), sigma[1:] ** -2.0, slice(1, None)
     for _ in range(5):
-        blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
+        blocks = blocks_of(own, beginning=True)
         noise = np.maximum(np.sqrt(np.median(blocks.missed**2, axis=0) / 0.4549), 1e-3)
         scaled = blocks.missed / noise
         root = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(scaled), 1e-300)))
-        by_own = blocks.jacobian[:, :, SHARED + 1 : SHARED + FIXED]
-        rows = (by_own / noise[:, None] * root[:, :, None]).reshape(-1, FIXED - 1)
+        rows = (blocks.by_flight[:, :, 1:] / noise[:, None] * root[:, :, None]).reshape(-1, FIXED - 1)
         normal = rows.T @ rows + np.diag(weight)
         uphill = rows.T @ (scaled * root).ravel() - weight * (own - mean)[free]
         own = own.copy()
@@ -264,7 +294,8 @@ def drift_sigma(
     by_theta, by_velocity = _derivatives(flight, run, theta, law, edges)
     above = np.log(np.maximum((flight.ground - run[edges, 2]) / highest, 1.0))
     steeper = by_theta[:, :, _WIND] @ theta[_WIND] * above[:, None]
-    drive = np.concatenate([own_design(by_theta), by_theta[:, :, :SHARED], steeper[:, :, None]], axis=2)
+    own = own_design(by_theta[:, :, SHARED : SHARED + FIXED])
+    drive = np.concatenate([own, by_theta[:, :, :SHARED], steeper[:, :, None]], axis=2)
     count = 7 + len(errors)
     covariance = np.zeros((count, count))
     covariance[6:-1, 6:-1] = errors

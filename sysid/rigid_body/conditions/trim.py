@@ -97,7 +97,7 @@ def _trim(
     errors = np.diag(wide.covariances[-1])[:FIXED] + (own - wide.own[-1]) ** 2 + at_best
     in_runs = np.sqrt(np.diag(told.covariances[-1])[:FIXED] + at_best).tolist()
     blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
-    pushed = blocks.jacobian[:, :2].mean(axis=0)
+    pushed = np.concatenate([blocks.by_craft, blocks.by_flight], axis=2)[:, :2].mean(axis=0)
     to_wind = np.linalg.pinv(pushed[:, SHARED + _WIND :], rcond=1e-9)
     if whole:
         others = scipy.linalg.block_diag(doubt, np.diag(errors[:_WIND]))

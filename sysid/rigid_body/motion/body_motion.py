@@ -192,8 +192,8 @@ class Increments:
     edges: np.ndarray  #: shape (K + 1,): Samples at which blocks begin and end.
     seconds: float  #: Length of a block, s.
     missed: Floats  #: shape (K, 3): Measured change of velocity less that of the model, NED, m/s.
-    #: shape (K, 3, q): Derivatives of the model's change of velocity by the parameters of the kernels.
-    jacobian: Floats
+    by_craft: Floats  #: shape (K, 3, c): Derivatives of the model's change of velocity by parameters of the craft.
+    by_flight: Floats  #: shape (K, 3, 4): By those of the flight: `OWN`, and the wind towards north and east.
 
 
 def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
@@ -207,7 +207,8 @@ def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
     model, jacobian = mean_accelerations(flight, theta, np.ones((count, 1)), law, size)
     edges = np.arange(0, count, size)
     missed = np.diff(flight.velocity[edges], axis=0) - seconds * model
-    return Increments(edges=edges, seconds=seconds, missed=missed, jacobian=seconds * jacobian)
+    by_craft, by_flight = np.split(seconds * jacobian, [SHARED], axis=2)
+    return Increments(edges=edges, seconds=seconds, missed=missed, by_craft=by_craft, by_flight=by_flight)
 
 
 def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, stride: int) -> tuple[Floats, Floats]:

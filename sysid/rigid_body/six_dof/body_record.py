@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -71,6 +71,12 @@ class BodyRecord:
     def dt(self) -> float:
         """Sampling interval, s."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    def until(self, seconds: float) -> BodyRecord:
+        """Return the first seconds of the record."""
+        part = slice(0, max(round(seconds / self.dt), 2))
+        t, states, inputs, density = (each[part] for each in (self.t, self.states, self.inputs, self.density))
+        return replace(self, t=t, states=states, inputs=inputs, density=density)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
