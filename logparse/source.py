@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from core.findings import Finding, info, warning
+from core.quantity import counted
 
 #: Messages with more rows than this are large in memory: they are not kept unless somebody asked for them by name.
 LONG = 100_000
@@ -122,7 +123,7 @@ def mended_times(mended: Mapping[str, int]) -> Iterator[Finding]:
     for name, count in mended.items():
         yield warning(
             "clock-doubtful",
-            f"{count} rows of {name} carry a time outside the boot or far from their neighbours; their time was "
+            f"{counted(count, 'row')} of {name} had a time outside the boot or far from the neighbours'; it was "
             "interpolated.",
             message=name,
             rows=count,

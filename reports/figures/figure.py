@@ -37,6 +37,8 @@ MANY_POINTS = 1000
 LONGEST_JOIN = 1.5
 #: Shorter lists travel as they are, longer ones as differences of whole parts, the coarsest that lose nothing.
 FEWEST_VALUES, _SCALES = 24, (1, 10, 100, 1000)
+#: Height of a row of names above a plot, pixels.
+_ROW = 18
 TIME_TITLE = "time on the log’s clock (s)"
 
 #: Colour of each kind of model, everywhere; further kinds share the last.
@@ -65,7 +67,7 @@ class Figure:
 
     def packed(self) -> Drawn:
         """Return what travels in a page: long lines as differences, which gzip leaves a byte a sample of."""
-        drawn = {"data": [_slim(trace) for trace in self.data], "layout": self.layout}
+        drawn = {"data": [_slim(trace) for trace in self.data], "layout": self.layout | self._legend()}
         text = json.dumps(drawn, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
         packed = base64.b64encode(gzip.compress(text.encode("utf-8"), compresslevel=6, mtime=0)).decode("ascii")
         place = self.place or self.id
@@ -73,8 +75,14 @@ class Figure:
 
     def light(self) -> Drawn:
         """Return the figure in the light theme, on white, for image files."""
-        white = {"height": self.height, "paper_bgcolor": "white", "plot_bgcolor": "white"}
+        white = {"height": self.height, "paper_bgcolor": "white", "plot_bgcolor": "white"} | self._legend()
         return dict(_in_colors({"data": self.data, "layout": self.layout | white}, light_theme()))
+
+    def _legend(self) -> Drawn:
+        """Place the legend above a row of names over the plot; Plotly makes room for the rows that it takes."""
+        edges = self.layout["margin"]
+        inner = max(self.height - edges["t"] - edges["b"], 1)
+        return {"legend": self.layout["legend"] | {"y": 1.0 + _ROW / inner, "yanchor": "bottom"}}
 
     def plotly(self) -> go.Figure:
         """Return Plotly's own figure, for notebooks."""
@@ -184,7 +192,7 @@ def layout_of(**parts: Any) -> Drawn:
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "font": {"family": "system-ui, sans-serif", "size": 12, "color": "@text"},
-        "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
+        "legend": {"orientation": "h", "x": 0},
         "hovermode": "closest",
     }
     base.update(parts)

@@ -116,6 +116,8 @@ def analyze(
     from pipeline.names import is_url
     from pipeline.storage.sources import find
 
+    if "" in paths:  # as a path it would be the working folder
+        raise typer.BadParameter("a path is empty")
     out = out or str(folder_of(paths[0]))
     flight: int | None = None
     if len(paths) == 1 and not is_url(paths[0]):

@@ -32,6 +32,7 @@ def rotorid(*arguments, cwd=None):
     "arguments",
     [
         ["analyze", "nowhere.bin", "--out", "out"],
+        ["analyze", "", "--out", "out"],
         ["analyze", ".", "--out", "out", "--poles", "0"],
         ["analyze", ".", "--out", "out", "--rate", "ten"],
         ["analyze", ".", "--out", "out", "--zeros", "9"],
