@@ -81,7 +81,7 @@ _CAPTIONS = {
     Picture.VIBRATION: "Vibration.",
     Picture.BATTERY: "Battery.",
     Picture.GPS: "GPS.",
-    Picture.ALTITUDE: "Height.",
+    Picture.ALTITUDE: "",  # its axis says what it is
 }
 
 

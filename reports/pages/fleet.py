@@ -30,7 +30,7 @@ from reports.views.craft import (
 )
 from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
-from reports.views.fleet_answer import Insight, fleet_answer, insight
+from reports.views.fleet_answer import Insight, called, fleet_answer, insight
 from reports.views.models import MOST_ADVICE, holding, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 
@@ -110,7 +110,10 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
     firsts = [] if first is None else [first]
     courses = [drift_figures(each.report.drift, f"{place}-")[0] for place, each in enumerate(crafts, start=1)]
     drawn = zip(crafts, courses, strict=True)
-    shown = [_shown(craft.report, place, figures) for place, (craft, figures) in enumerate(drawn, start=1)]
+    shown = [
+        _shown(craft.report, called(craft.report, numbers.groups), place, figures)
+        for place, (craft, figures) in enumerate(drawn, start=1)
+    ]
     figures = [*firsts, *(figure for some in courses for figure in some)]
     return html.render(
         "fleet.html",
@@ -147,7 +150,7 @@ def _insight_figure(told: Insight | None) -> Figure | None:
     return None if figure is None else replace(figure, caption="Flight by flight.", height=FIRST_HEIGHT)
 
 
-def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[str, object]:
+def _shown(report: CraftReport, short: str, place: int, courses: Sequence[Figure]) -> dict[str, object]:
     """Return what the page on all flights shows of a craft; its own page has the rest."""
     findings = () if report.drift is None else report.drift.findings
     told = [log_words.sentence(finding.reason) for finding in findings]
@@ -155,6 +158,7 @@ def _shown(report: CraftReport, place: int, courses: Sequence[Figure]) -> dict[s
     return {
         "id": f"craft-{place}",
         "name": report.name,
+        "called": short,
         "page": craft_file(place),
         "sentences": [*summary.joint_sentences(report)[:1], *changes],
         "holding": holding(report.models),

@@ -42,6 +42,12 @@ def insight(numbers: FleetReport) -> Insight | None:
     return min(found, key=lambda each: each[0], default=(1.0, None))[1]
 
 
+def called(craft: CraftReport, every: Sequence[CraftReport]) -> str:
+    """Name a craft among others: by its number alone where all are of one kind."""
+    kinds = {each.name.rpartition(", craft ")[0] for each in every}
+    return craft.name.removeprefix(f"{kinds.pop()}, ") if len(kinds) == 1 else craft.name
+
+
 def _changed(history: History) -> str:
     """Write a step, or a trend from the first flight to the last, in percent of what was before."""
     change, points = history.change, history.flights
@@ -91,7 +97,7 @@ def _flown(flights: Sequence[FlightReport]) -> AnswerLine:
     reach = [] if high is None else [f"{number(high, 2)} m high"]
     reach += [] if fast is None else [f"{number(fast, 2)} m/s"]
     text = duration(sum(each.duration_s for each in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
-    return _line("Flown", f"{counted(len(flights), 'flight')},", Tone.GOOD, text)
+    return _line("Flown", "", Tone.GOOD, text)
 
 
 def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[FlightReport, AnswerLine]]:
@@ -146,7 +152,7 @@ def _ahead(numbers: FleetReport) -> AnswerLine:
     joint = furthest(numbers)
     if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= HOLDS:
         craft, model = joint
-        of = f" ({craft.name})" if len(numbers.groups) > 1 else ""
+        of = f" ({called(craft, numbers.groups)})" if len(numbers.groups) > 1 else ""
         text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
         use = model.uses.prediction
         reach, sigma = (use.horizon_s, None) if use.reach_s is None else (use.reach_s, use.reach_sigma_s)
@@ -167,7 +173,7 @@ def _parameters(numbers: FleetReport) -> AnswerLine | None:
         joint = thrust_known(craft.thrust, craft.parameters or ())
         if joint is not None:
             what = "thrust" if joint[2] == "N" else "thrust/mass"
-            line = _line("Parameters", "partly", Tone.CARE, f"{what} per motor ({craft.name})")
+            line = _line("Parameters", "partly", Tone.CARE, f"{what} per motor ({called(craft, numbers.groups)})")
             return replace(line, value=joint[0], sigma=joint[1], unit=joint[2])
     every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
     if not every:

@@ -111,5 +111,5 @@ def uneventful(
     if distance is not None:
         parts.append(f"{number(distance.value, 2)} m away")
     if ground_speed is not None:
-        parts.append(f"{number(ground_speed.value, 2)} m/s over the ground")
+        parts.append(f"{number(ground_speed.value, 2)} m/s")
     return ", ".join(parts) + "."

@@ -58,7 +58,7 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     yield Advice(
         id="use-on-board-log",
         rank=12,
-        do="Give the log on the autopilot's card instead of the telemetry",
+        do="Give the autopilot's own log",
         why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
         gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
         flights=tuple(flight.name for flight in radio),
