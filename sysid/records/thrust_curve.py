@@ -47,17 +47,36 @@ def column(record: Experiment, name: str) -> Floats:
     return record.context[name].to_numpy(np.float64)
 
 
+def attitude(record: Experiment) -> Floats:
+    """Rotation from body to NED, (N, 3, 3), by quaternions where the record has them; NaN where unknown."""
+    rotations = scipy.spatial.transform.Rotation
+    quaternions = np.column_stack([column(record, name) for name in ("q_w", "q_x", "q_y", "q_z")])
+    if np.isfinite(quaternions).all():
+        return np.asarray(rotations.from_quat(quaternions, scalar_first=True).as_matrix())
+    angles = np.column_stack([column(record, name) for name in ("yaw", "pitch", "roll")])
+    return np.asarray(rotations.from_euler("ZYX", angles).as_matrix())
+
+
+def velocity_n(record: Experiment) -> Floats:
+    """Velocity over the ground, NED, m/s, (N, 3); NaN where unknown."""
+    return np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
+
+
 def body_velocity(record: Experiment) -> Floats:
     """Velocity over the ground along body axes (forward, right, down), m/s, (N, 3); NaN where unknown."""
-    angles = np.column_stack([column(record, name) for name in ("yaw", "pitch", "roll")])
-    velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
-    return np.asarray(scipy.spatial.transform.Rotation.from_euler("ZYX", angles).apply(velocity, inverse=True))
+    return np.asarray(np.einsum("nji,nj->ni", attitude(record), velocity_n(record)))
 
 
 def relative_density(record: Experiment) -> Floats:
     """Density of the air over that of the sea level; 1 where unknown."""
     density = column(record, "density") / REFERENCE_DENSITY
     return np.where(np.isfinite(density), density, 1.0)
+
+
+def squared_voltage(record: Experiment, voltage: float | None) -> Floats:
+    """Square of the battery's voltage over a reference, (N,); 1 where either is unknown."""
+    ratio = column(record, "voltage") / voltage if voltage is not None else np.array(np.nan)
+    return np.asarray(ratio**2) if np.isfinite(ratio).all() else np.ones(len(record.t))
 
 
 def reference_voltage(records: Sequence[Experiment]) -> float | None:
@@ -90,16 +109,15 @@ def thrust_signals(
     record: Experiment, law: Law, vehicle: Vehicle, voltage: float | None, expo: float | None = None
 ) -> Floats:
     """Return s of the module's text for each motor, (N, motors)."""
-    density = relative_density(record)[:, None]
+    density = relative_density(record)
     if law is Law.SPEED:
         speeds = rotor_speeds(record, vehicle)
         if speeds is None:
             raise ValueError(f"{record.name}: rotor speeds are not logged")
-        return np.asarray(density * speeds**2)
+        return np.asarray(density[:, None] * speeds**2)
     command = np.clip(motor_commands(record.u, vehicle), 0.0, 1.0)
-    if voltage is not None:
-        density = density * ((column(record, "voltage") / voltage) ** 2)[:, None]
-    return np.asarray(density * curve(command, vehicle.thrust_expo if expo is None else expo))
+    strength = (density * squared_voltage(record, voltage))[:, None]
+    return np.asarray(strength * curve(command, vehicle.thrust_expo if expo is None else expo))
 
 
 def lagged(signals: Floats, time_constant: float, dt: float) -> Floats:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
@@ -13,7 +14,7 @@ from simulation.place import Wind
 from sysid import ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.rigid_body.methods.filter_error import Prior, fit_filter_error, step_within
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations, path
-from sysid.rigid_body.motion.body_motion import LAG, THETA, motion, rotation_matrices
+from sysid.rigid_body.motion.body_motion import LAG, THETA, motion
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.flown_craft import HOVER, flown, record
 from tests.sysid.honesty import simulated_truth
@@ -57,7 +58,7 @@ def test_sensitivities_are_the_derivatives_of_the_accelerations(law):
     wave = np.cumsum(rng.standard_normal((samples, 3)), axis=0) * 0.02
     flight = replace(
         level(samples, 0.04),
-        rotation=rotation_matrices(*wave.T).reshape(-1, 9),
+        rotation=Rotation.from_euler("xyz", wave).as_matrix().reshape(-1, 9),
         linear=1.0 + 0.1 * np.sin(t),
         square=1.0 + 0.2 * np.sin(t),
         density=0.9 + 0.001 * t,

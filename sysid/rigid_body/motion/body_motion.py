@@ -12,7 +12,7 @@ from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import join_rows, logged_rate
-from sysid.records.thrust_curve import REFERENCE_DENSITY, lagged
+from sysid.records.thrust_curve import attitude, lagged, relative_density, squared_voltage, velocity_n
 from sysid.rigid_body.motion._rigid_kernels import accelerations, path
 
 #: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
@@ -42,8 +42,6 @@ BLOCK_SECONDS = 0.5
 #: Step by which the derivative by the lag is taken, s; also the shortest lag.
 _LAG_STEP = 1e-3
 
-_ANGLES = ("roll", "pitch", "yaw")
-_VELOCITY = ("v_n", "v_e", "v_d")
 _ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
 
 #: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
@@ -124,8 +122,8 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         raise ExperimentError(
             f"{record.name}: a rigid body moves in x, y, z (north, east, up); make the record with these"
         )
-    context = record.context
-    if context is None or not context[list(_ANGLES)].notna().all(axis=None):
+    context, rotation = record.context, attitude(record)
+    if context is None or not np.isfinite(rotation).all():
         raise MissingDataError(f"{record.name}: no attitude, which the rigid body needs as an input; estimate it first")
     interval = min(1.0 / logged_rate(record.u, record.dt), 1.0)
     outputs = record.u
@@ -134,21 +132,17 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         common = outputs.mean(axis=1, keepdims=True)
         outputs = outputs + join_rows(common, record.dt, interval) - common
     command = np.clip(motor_commands(outputs, vehicle), 0.0, 1.0)
-    ratio = np.ones(len(record.t))
-    if voltage is not None and "voltage" in context and bool(context["voltage"].notna().all()):
-        ratio = (context["voltage"].to_numpy(np.float64) / voltage) ** 2
-    density = context["density"].to_numpy(np.float64) / REFERENCE_DENSITY
-    rotation = rotation_matrices(*(context[name].to_numpy(np.float64) for name in _ANGLES))
+    ratio = squared_voltage(record, voltage)
     position = record.y * np.array([1.0, 1.0, -1.0])
     position = position - position[0]
-    velocity = context[list(_VELOCITY)].to_numpy(np.float64)
+    velocity = velocity_n(record)
     if not np.isfinite(velocity).all():
         velocity = np.gradient(position, record.dt, axis=0)
     return Motion(
         name=record.name,
         t=record.t,
         rotation=np.ascontiguousarray(rotation.reshape(-1, 9)),
-        density=np.where(np.isfinite(density), density, 1.0),
+        density=relative_density(record),
         linear=ratio * command.sum(axis=1),
         square=ratio * (command**2).sum(axis=1),
         position=np.ascontiguousarray(position),
@@ -166,20 +160,6 @@ def _attitude_sigma(context: pd.DataFrame) -> Floats:
         return np.full(3, ATTITUDE_SIGMA)
     stated = np.sqrt(np.mean(context[list(_ATTITUDE_ERROR)].to_numpy(np.float64) ** 2, axis=0))
     return np.asarray(np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA))
-
-
-def rotation_matrices(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
-    """Matrices from body to NED, ``Rz(yaw) Ry(pitch) Rx(roll)``; shape (N, 3, 3).
-
-    Shapes: `roll`, `pitch`, `yaw` (N,).
-    """
-    sr, cr, sp, cp, sy, cy = (f(a) for a in (roll, pitch, yaw) for f in (np.sin, np.cos))
-    rows = [
-        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
-        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
-        [-sp, sr * cp, cr * cp],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

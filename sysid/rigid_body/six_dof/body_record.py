@@ -7,20 +7,16 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from logparse import MissingDataError, Motor, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.records.thrust_curve import column, relative_density
+from sysid.records.thrust_curve import attitude, column, relative_density, velocity_n
 from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.
 MIXER = ("thrust", "roll", "pitch", "yaw")
 _MIXER_ALIASES = {"throttle": "thrust"}
-
-_ATTITUDE = ("roll", "pitch", "yaw")
-_QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 
 
 class Quantity(StrEnum):
@@ -144,9 +140,8 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
     """Bring an experiment into the form of the equations of motion."""
     if record.context is None or record.output_names[:3] != ("x", "y", "z"):
         raise MissingDataError(f"{record.name}: the motion needs outputs x, y, z and a context with attitude and rates")
-    velocity = np.column_stack([column(record, name) for name in ("v_n", "v_e", "v_d")])
+    velocity, rotation = velocity_n(record), attitude(record).reshape(-1, 9)
     rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
-    rotation = _rotation(record)
     for what, values in (("velocity", velocity), ("rates", rates), ("attitude", rotation)):
         if not np.isfinite(values).all():
             raise MissingDataError(f"{record.name}: {what} is not known at every sample")
@@ -224,14 +219,3 @@ def _moved(record: BodyRecord, kinds: InputKinds, shape: InputShape, later: floa
             for k, column in enumerate(inputs.T)
         ]
     )
-
-
-def _rotation(record: Experiment) -> Floats:
-    """Rotation from body to NED by rows, (N, 9)."""
-    quaternion = np.column_stack([column(record, name) for name in _QUATERNION])
-    if np.isfinite(quaternion).all():
-        return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix().reshape(-1, 9))
-    angles = np.column_stack([column(record, name) for name in _ATTITUDE])
-    if not np.isfinite(angles).all():
-        return np.full((len(record.t), 9), np.nan)
-    return np.asarray(Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix().reshape(-1, 9))
