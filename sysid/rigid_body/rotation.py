@@ -138,9 +138,11 @@ def fit_rotation(
     if spectra is None:
         return None
     omega, q, w = spectra
+    # Yaw is left out: the torque by which rotors speed up comes before that by which they turn, and hides the lag.
+    sums = [np.sum(part, axis=0)[:, :2].T for part in (np.abs(q) ** 2, q.conj() * w, np.abs(w) ** 2)]
 
     def remainder(x: Floats) -> float:
-        return _remainder(omega, q, w, float(x[0]), float(x[1]))
+        return _remainder(omega, sums, float(x[0]), float(x[1]))
 
     solved = scipy.optimize.minimize(
         remainder,
@@ -196,32 +198,22 @@ def _spectra(commands: Floats, rates: Floats, dt: float, top: float) -> tuple[Fl
     return np.asarray(2.0 * np.pi * frequency[band]), transform(commands), transform(rates)
 
 
-def _design(
-    omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Regressors (S, F, 2 or 3) and target (S, F) of one axis; the third is the command's derivative."""
-    shaped = q * np.exp(-1j * omega * delay) / (1.0 + 1j * omega * lag)
-    return np.stack([shaped, -w, 1j * omega * shaped][: 3 if lead else 2], axis=-1), 1j * omega * w
+def _shape(omega: Floats, lag: float, delay: float) -> np.ndarray:
+    """Response of torque to its command, shape (F,)."""
+    return np.asarray(np.exp(-1j * omega * delay) / (1.0 + 1j * omega * lag))
 
 
-def _solve(x: np.ndarray, y: np.ndarray) -> Floats:
-    flat, target = x.reshape(-1, x.shape[-1]), y.ravel()
-    normal, right = np.real(flat.conj().T @ flat), np.real(flat.conj().T @ target)
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    return np.asarray(np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-10)[0] / scale)
+def _remainder(omega: Floats, sums: Sequence[np.ndarray], lag: float, delay: float) -> float:
+    """Part of the angular acceleration that command and rate do not explain, summed over axes.
 
-
-def _remainder(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float) -> float:
-    """Part of the angular acceleration in roll and pitch that is not explained.
-
-    Yaw is left out: the torque by which rotors speed up comes before that by which they turn, and hides the lag.
+    `sums` are power of the commands, their cross power with the rates, and power of these, (axes, F) each.
     """
-    total = 0.0
-    for k in range(2):
-        design, target = _design(omega, q[:, :, k], w[:, :, k], lag, delay, False)
-        residual = target - design @ _solve(design, target)
-        total += float(np.sum(np.abs(residual) ** 2)) / max(float(np.sum(np.abs(target) ** 2)), 1e-300)
-    return total
+    shape = _shape(omega, lag, delay)
+    commands, cross, rates = sums[0] @ np.abs(shape) ** 2, sums[1] * shape.conj(), sums[2].sum(axis=1)
+    along, both = np.real(1j * omega * cross).sum(axis=1), np.real(cross).sum(axis=1)
+    # The rate itself is a quarter of a period beside its derivative.
+    explained = along**2 * rates / np.maximum(commands * rates - both**2, 1e-300)
+    return float(np.sum(1.0 - explained / np.maximum(sums[2] @ omega**2, 1e-300)))
 
 
 def _band_rates(w: np.ndarray, dt: float) -> Floats:
@@ -233,14 +225,14 @@ def _band_rates(w: np.ndarray, dt: float) -> Floats:
 
 def regress_stretches(design: np.ndarray, target: np.ndarray) -> tuple[Floats, Floats, float]:
     """Return coefficients, their standard errors and the part explained of (S, F) by regressors (S, F, k)."""
-    values = _solve(design, target)
-    residual = target - design @ values
-    power = float(np.sum(np.abs(target) ** 2))
-    explained = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
     flat = design.reshape(-1, design.shape[2])
     normal = np.real(flat.conj().T @ flat)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    values = inverse @ np.real(flat.conj().T @ target.ravel())
+    residual = target - design @ values
+    power = float(np.sum(np.abs(target) ** 2))
+    explained = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else 0.0
     # Stretches that overlap share noise: sums over neighbours are the clusters.
     scores = np.real(np.einsum("sfk,sf->sk", design.conj(), residual))
     clusters = np.array([scores[k : k + OVERLAP].sum(axis=0) for k in range(0, len(scores), OVERLAP)])
@@ -250,7 +242,9 @@ def regress_stretches(design: np.ndarray, target: np.ndarray) -> tuple[Floats, F
 
 
 def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float, lead: bool, moved: float) -> AxisFit:
-    values, sigma, coherent = regress_stretches(*_design(omega, q, w, lag, delay, lead))
+    torque = q * _shape(omega, lag, delay)
+    columns = [torque, -w, 1j * omega * torque][: 3 if lead else 2]
+    values, sigma, coherent = regress_stretches(np.stack(columns, axis=-1), 1j * omega * w)
     return AxisFit(
         gain=float(values[0]),
         gain_sigma=float(sigma[0]),
