@@ -44,9 +44,11 @@ from sysid.rotors.kim2017_windows import (
 )
 from sysid.rotors.thrust_record import ThrustCoefficient
 from sysid.rotors.thrust_regression import (
+    blocks_of,
     coefficient,
     conditions_of,
     require_all_motors,
+    unexplained_part,
 )
 
 #: Ratio of extreme singular values of the scaled sensitivities above which motors are not told apart: there errors of a
@@ -229,7 +231,10 @@ def fit_kim2017(
     motors = records[0].input_names
     together = output_error(windows, np.ones((1, len(motors))), known)
     apart = output_error(windows, np.eye(len(motors)), known, together)
-    common = coefficient(float(together.coefficients[0]), float(together.sigma[0]), mass)
+    part = unexplained_part(records, [blocks_of(record, vehicle, voltage, law) for record in records])
+    specific = float(together.coefficients[0])
+    # What altitude says of thrust errs beside what commands leave unexplained.
+    common = coefficient(specific, float(np.hypot(together.sigma[0], part * specific)), mass, part)
     reason = (
         f"the {len(motors)} motors are driven by too few independent signals (singular values differ by "
         f"{apart.condition:.0e})"
@@ -242,7 +247,7 @@ def fit_kim2017(
         worst = min(apart.explained.values())
         reason = unexplained(worst, "roll and pitch rates, which tell motors apart")
     per_motor = {
-        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), mass, reason)
+        motor: coefficient(float(apart.coefficients[k]), float(apart.sigma[k]), mass, part, reason)
         for k, motor in enumerate(motors)
     }
     best = together if reason else apart

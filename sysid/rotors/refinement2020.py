@@ -45,10 +45,11 @@ from sysid.rotors.refinement_instants import (
     solve_instants,
 )
 from sysid.rotors.thrust_regression import (
+    blocks_of,
     conditions_of,
-    pressed,
     require_all_motors,
     require_specific_force,
+    unexplained_part,
 )
 
 
@@ -123,7 +124,8 @@ def fit_refinement2020(
     if time_constant is None:
         time_constant = best_lag(motion_at(0.0)) if rotation else 0.0
     motion = motion_at(time_constant)
-    stacked, explained = fit_stacked(motion, pressed(records), law is Law.SPEED)
+    blocks = [blocks_of(record, vehicle, voltage, law) for record in records]
+    stacked, explained = fit_stacked(motion, unexplained_part(records, blocks), law is Law.SPEED)
     instants = solve_instants(motion)
     if not rotation:
         why, rotational = "motor signals are logged too slowly for rotation", list(PARAMETERS)[2:]

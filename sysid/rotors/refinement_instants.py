@@ -14,7 +14,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import MotorGeometry, unexplained
 from sysid.records.thrust_curve import body_velocity, column, lagged
-from sysid.rotors.thrust_regression import LEFT_OUT, covariance_of, judged
+from sysid.rotors.thrust_regression import covariance_of, judged
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
 #: degenerate.
@@ -218,9 +218,12 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
 
 
 def fit_stacked(
-    motion: Sequence[Motion], press: float, measured: bool
+    motion: Sequence[Motion], part: float, measured: bool
 ) -> tuple[dict[str, Parameter], tuple[float, ...]]:
-    """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain."""
+    """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain.
+
+    Thrust errs by a `part` (`unexplained_part`) besides; motors' signals are `measured` speeds, or commands.
+    """
     lags = max(round(CORRELATED / motion[0].dt), 2)
     translation = [
         np.vstack(
@@ -234,10 +237,8 @@ def fit_stacked(
     ]
     forces = [np.concatenate([m.force[:, 2], m.force[:, 0], m.force[:, 1]]) for m in motion]
     values, covariance, _ = _robust(translation, forces, lags)
-    k, k_sigma = (
-        float(values[0]),
-        float(np.linalg.norm((np.sqrt(covariance[0, 0]), press * values[0], LEFT_OUT * values[0]))),
-    )
+    k = float(values[0])
+    k_sigma = max(float(np.sqrt(covariance[0, 0])), part * k)
     drag, drag_sigma = float(values[1]), float(np.sqrt(covariance[1, 1]))
     result = {
         "k": judged(k, k_sigma, PARAMETERS["k"], "thrust hardly varies"),

@@ -36,11 +36,10 @@ from sysid.rotors.thrust_regression import (
     conditions_of,
     mass_unknown,
     outputs_of,
-    pressed,
     regress,
     require_specific_force,
-    scatter_between,
     summed,
+    unexplained_part,
     unlogged_motors,
 )
 
@@ -74,11 +73,10 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     unlogged = unlogged_motors(records[0], vehicle)
     sums, forces = summed(blocks), [block.force for block in blocks]
     together = regress(sums, forces)
-    spread = max(float(together.sigma[0]), scatter_between(sums, blocks))
-    spread = float(np.hypot(spread, pressed(records) * together.values[0]))
+    part = unexplained_part(records, blocks)
     condition, effort = condition_of(blocks), np.vstack([block.thrust for block in blocks]).mean(axis=0)
     alike = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    per_motor = _each_motor(blocks, motors, mass, unlogged or alike)
+    per_motor = _each_motor(blocks, motors, mass, part, unlogged or alike)
     if reference is not None:
         for rows, block in zip(sums, blocks, strict=True):
             findings += changed_in_flight(block, rows @ together.values)
@@ -100,7 +98,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     hover = command_for(STANDARD_GRAVITY / (len(motors) * max(float(together.values[0]), 1e-9) * density), expo)
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
-        common=coefficient(float(together.values[0]), spread, mass, unlogged),
+        common=coefficient(float(together.values[0]), float(together.sigma[0]), mass, part, unlogged),
         per_motor=per_motor,
         mass=mass,
         thrust_expo=expo,
@@ -120,14 +118,14 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
 
 
 def _each_motor(
-    blocks: Sequence[Blocks], motors: Sequence[str], mass: float | None, reason: str
+    blocks: Sequence[Blocks], motors: Sequence[str], mass: float | None, part: float, reason: str
 ) -> dict[str, ThrustCoefficient]:
-    """Estimate a coefficient for each motor, with the reason why none is determined, if there is one."""
+    """Estimate a coefficient for each motor, all off by a `part`, or the reason why none is determined."""
     rows = [np.hstack([block.thrust, sums[:, 1:]]) for block, sums in zip(blocks, summed(blocks), strict=True)]
     apart = regress(rows, [block.force for block in blocks])
     still = np.all(np.vstack([block.thrust for block in blocks]) == 0.0, axis=0)
     return {
-        motor: coefficient(float(value), float(sigma), mass, reason or ("the motor never turns" if idle else ""))
+        motor: coefficient(float(value), float(sigma), mass, part, reason or ("the motor never turns" if idle else ""))
         for motor, value, sigma, idle in zip(motors, apart.values, apart.sigma, still, strict=False)
     }
 

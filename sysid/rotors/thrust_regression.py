@@ -14,14 +14,10 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, body_velocity, column, reference_voltage, relative_density, thrust_signals
 from sysid.rotors.thrust_record import ThrustCoefficient
-from sysid.statistics.covariance import autocovariance, coloured_information
+from sysid.statistics.covariance import autocovariance, coloured_information, wander
 
 #: Averaging time, s: longer than the motor outputs' aliasing, shorter than manoeuvres.
 BLOCK_SECONDS = 1.0
-
-#: Part by which thrust errs that is found without wind, inflow and lag: 0.2 to 0.5 % on firmware craft, where scatter
-#: says a tenth of it.
-LEFT_OUT = 0.005
 
 #: A coefficient with a larger relative standard error is not determined.
 DETERMINED = 0.15
@@ -87,7 +83,7 @@ def require_all_motors(record: Experiment, vehicle: Vehicle) -> None:
         )
 
 
-def blocks_of(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Blocks:
+def blocks_of(record: Experiment, vehicle: Vehicle, voltage: float | None, law: Law = Law.COMMAND) -> Blocks:
     """Average a record over seconds in which every motor stays inside its range (or does not move at all)."""
     command = motor_commands(record.u, vehicle)
     inside = np.all((command > 0.0) & (command < 1.0), axis=1) | (np.ptp(record.u, axis=0) == 0.0).any()
@@ -102,10 +98,24 @@ def blocks_of(record: Experiment, vehicle: Vehicle, voltage: float | None) -> Bl
     return Blocks(
         t=mean(record.t)[keep, 0],
         force=-mean(column(record, "f_z"))[keep, 0],
-        thrust=mean(thrust_signals(record, Law.COMMAND, vehicle, voltage))[keep],
+        thrust=mean(thrust_signals(record, law, vehicle, voltage))[keep],
         climb=mean(np.nan_to_num(body_velocity(record)[:, 2]))[keep, 0],
         density=float(relative_density(record).mean()),
     )
+
+
+def unexplained_part(records: Sequence[Experiment], blocks: Sequence[Blocks]) -> float:
+    """Return the part by which thrust errs on these flights, whichever method reads it off vertical motion.
+
+    What commands leave unexplained wanders with the battery, the speed through the air and the wind over half minutes,
+    by several percent on real flights, which the scatter of a method does not show; and the air presses (`_pressed`).
+    """
+    sums, forces = summed(blocks), [block.force for block in blocks]
+    if sum(map(len, forces)) < 2 or not all(np.isfinite(force).all() for force in forces):
+        return _pressed(records)
+    values = coefficients(sums, forces)
+    left = np.concatenate([force - rows @ values for rows, force in zip(sums, forces, strict=True)])
+    return float(np.hypot(wander(left) / max(abs(float(np.mean(np.concatenate(forces)))), 1e-9), _pressed(records)))
 
 
 def summed(blocks: Sequence[Blocks]) -> list[Floats]:
@@ -159,17 +169,7 @@ def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], mos
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
 
 
-def scatter_between(regressors: Sequence[Floats], blocks: Sequence[Blocks]) -> float:
-    """Return the common coefficient's standard error from its scatter between records; 0 for a single one."""
-    alone = [
-        float(regress([rows], [block.force]).values[0])
-        for rows, block in zip(regressors, blocks, strict=True)
-        if len(block.force) >= 2 * rows.shape[1] + 4
-    ]
-    return float(np.std(alone, ddof=1) / np.sqrt(len(alone))) if len(alone) > 1 else 0.0
-
-
-def pressed(records: Sequence[Experiment]) -> float:
+def _pressed(records: Sequence[Experiment]) -> float:
     """Part of the thrust by which the air presses along body z on craft that lean, which no method here counts.
 
     Drag along x and y over thrust is the tangent of the lean in steady wind; of such air that tangent comes along z,
@@ -190,9 +190,9 @@ def air_sigma_of(records: Sequence[Experiment]) -> float:
     return AIR_SIGMA if known else float(np.hypot(UNKNOWN_AIR_SIGMA, AIR_SIGMA))
 
 
-def coefficient(value: float, sigma: float, mass: float | None, reason: str = "") -> ThrustCoefficient:
-    """Judge an estimate: determined, or why not."""
-    known = judged(value, float(np.hypot(sigma, LEFT_OUT * value)), reason=reason)
+def coefficient(value: float, sigma: float, mass: float | None, part: float, reason: str = "") -> ThrustCoefficient:
+    """Judge an estimate by its own scatter, but no better than the `part` that all methods share: or why not."""
+    known = judged(value, max(sigma, part * value), reason=reason)
     if known.value is None or known.sigma is None:
         return ThrustCoefficient(None, None, None, None, False, known.reason)
     newton, newton_sigma = (None, None) if mass is None else (known.value * mass, known.sigma * mass)

@@ -10,6 +10,9 @@ import scipy
 
 from sysid.records.experiment import Floats
 
+#: Powers of the time over which values are averaged, with which the Allan variance of each kind of noise goes.
+_KINDS = np.array([-1.0, 0.0, 1.0, 2.0])
+
 #: Values whose spectra are taken together: they stay in the processor's cache.
 AT_ONCE = 1 << 15
 
@@ -41,6 +44,28 @@ def long_run_variance(values: Floats, reach: float) -> float:
     products = np.array([values[lag:] @ values[: n - lag] for lag in range(lags)])
     covariance = products / n * (1.0 - np.arange(lags) / lags)
     return float(max(2.0 * covariance.sum() - covariance[0], 0.2 * covariance[0], 1e-12))
+
+
+def wander(values: Floats) -> float:
+    """Return the standard error of the mean of values that may go on wandering as they do, shape (N,).
+
+    As of an inertial sensor (IEEE 952): white noise, flicker, random walk and ramp by the Allan variance of averages
+    over 1, 2, 4, ... values, taken on to averages over all. Scatter alone would have it that a slow drift averages.
+    """
+    if not np.any(values):
+        return 0.0
+    known = np.concatenate([[0.0], np.cumsum(values)])
+    lengths = 2 ** np.arange(int(np.log2(max(len(values) // 2, 1))) + 1)
+    means = [(known[length:] - known[:-length]) / length for length in lengths]
+    apart = [0.5 * float(np.mean((each[n:] - each[:-n]) ** 2)) for each, n in zip(means, lengths, strict=True)]
+    allan = np.maximum(apart, 1e-12 * max(apart))
+    kinds = lengths[:, None] ** _KINDS
+    weight, sizes = np.sqrt(np.maximum(len(values) // lengths - 1, 1)), np.zeros(len(_KINDS))
+    model = allan
+    for _ in range(6):  # an Allan variance errs by a part of itself
+        sizes, _ = scipy.optimize.nnls(kinds * (weight / model)[:, None], allan * weight / model)
+        model = kinds @ sizes
+    return float(np.sqrt(sizes @ float(len(values)) ** _KINDS))
 
 
 def independent_samples(residuals: Sequence[Floats]) -> float:

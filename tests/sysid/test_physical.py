@@ -74,7 +74,7 @@ def test_a_curve_out_of_the_parameters_is_in_doubt_at_full_command_only(record):
     """With MOT_THST_EXPO off by 0.35, thrust at full command was 15 % low at a stated 3.5 %."""
     found = physical_parameters([record])
     hover, full = (found.table.loc[(name, "mean thrust")] for name in ("thrust over mass at hover", "thrust over mass"))
-    assert hover["sigma"] / hover["value"] == pytest.approx(0.006, abs=0.004)
+    assert hover["sigma"] / hover["value"] < 0.01
     assert hover["transfer"] / hover["value"] == pytest.approx(0.035, abs=0.001)
     assert full["sigma"] / full["value"] > 0.04
 

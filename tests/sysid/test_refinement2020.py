@@ -8,9 +8,10 @@ import pytest
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.kim2017 import quadcopter
+from sysid.records.thrust_curve import Law
 from sysid.rotors.refinement2020 import fit_refinement2020
 from sysid.rotors.refinement_instants import STILL_AIR, mean_of_instants
-from sysid.rotors.thrust_regression import LEFT_OUT, pressed
+from sysid.rotors.thrust_regression import blocks_of, unexplained_part
 from tests.sysid.simulated_craft import disturbed, flight, without
 
 #: The paper's drag: C |v| v on each axis, here 0.0306 N s^2/m^2.
@@ -82,8 +83,10 @@ def test_outliers_do_not_move_the_stacked_fit(record):
 def test_standard_errors_agree_with_monte_carlo():
     """Twenty times other noise on one flight: less what noise does not move (wind, inflow)."""
     clean = flight(octo(), 1, wander=8.0, noise=0.0)
-    models = [fit_refinement2020([disturbed(clean, np.random.default_rng(k))]) for k in range(20)]
-    for name, air in (("Jx", np.linalg.norm((STILL_AIR, LEFT_OUT, pressed([clean])))), ("C", 0.0)):
+    noisy = [disturbed(clean, np.random.default_rng(k)) for k in range(20)]
+    models = [fit_refinement2020([each]) for each in noisy]
+    parts = np.array([unexplained_part([each], [blocks_of(each, each.vehicle, None, Law.SPEED)]) for each in noisy])
+    for name, air in (("Jx", np.hypot(STILL_AIR, parts)), ("C", 0.0)):
         values = np.array([model.stacked[name].value for model in models])
         sigmas = np.array([model.stacked[name].sigma for model in models])
         claimed = np.sqrt(np.mean(sigmas**2 - (air * values) ** 2))

@@ -11,24 +11,24 @@ from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, thrust_signals
-from sysid.rotors.thrust_regression import AIR_SIGMA, LEFT_OUT
+from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.level_flight import CRAFT, flight
 
 
 def test_common_coefficient_within_its_standard_error():
     model = fit_thrust([flight(1), flight(2)], mass=2.0)
     assert abs(model.common.per_mass - 3.2) < 4.0 * model.common.sigma
-    assert model.common.sigma == pytest.approx(LEFT_OUT * 3.2, rel=0.2)
+    assert model.common.sigma < 0.005 * 3.2
     assert model.air_sigma == pytest.approx(AIR_SIGMA)
     assert model.common.newton == pytest.approx(2.0 * model.common.per_mass)
 
 
 def test_standard_errors_are_those_of_repetition():
-    """Forty flights in one air: their spread is what each claims beside it, to a factor of 1.6 (chi-square, 39 dof)."""
+    """Forty flights in one air: their spread is what each claims to a factor of 2.5, with slow wandering in it."""
     models = [fit_thrust([flight(seed)]) for seed in range(40)]
     spread = np.std([model.common.per_mass for model in models])
-    claimed = np.sqrt(np.mean([m.common.sigma**2 - (LEFT_OUT * m.common.per_mass) ** 2 for m in models]))
-    assert claimed / 1.6 < spread < claimed * 1.6
+    claimed = np.sqrt(np.mean([model.common.sigma**2 for model in models]))
+    assert claimed / 2.5 < spread < claimed
 
 
 def test_a_weak_motor_shows_when_motors_move_independently():
@@ -122,8 +122,18 @@ def test_hover_command_carries_the_weight():
 
 def test_flights_that_disagree_widen_the_standard_error():
     """k/m of three flights scatters by 10 %: the standard error of the mean is a tenth over the root of three."""
-    model = fit_thrust([flight(k, per_mass=(3.2 * f,) * 4) for k, f in ((1, 0.9), (2, 1.0), (3, 1.1))])
-    assert model.common.sigma == pytest.approx(3.2 * np.hypot(0.1 / np.sqrt(3.0), LEFT_OUT), rel=0.05)
+    model = fit_thrust([flight(k, per_mass=(3.2 * f,) * 4) for k, f in ((1, 0.96), (2, 1.0), (3, 1.04))])
+    assert 3.2 * 0.04 / np.sqrt(3.0) < model.common.sigma < 3.2 * 0.08
+
+
+def test_a_drift_that_no_voltage_explains_is_no_scatter_that_averages():
+    """A battery whose voltage is not logged sank by a tenth in real flights; halves differed by seven stated sigmas."""
+    made = flight(14, samples=3000)
+    sinks = made.context["f_z"] * np.linspace(1.05, 0.95, len(made.t))
+    sunk = replace(made, context=made.context.assign(f_z=sinks))
+    one, other = (fit_thrust([part]).common for part in sunk.split(0.5))
+    assert abs(one.per_mass - other.per_mass) < 2.0 * np.hypot(one.sigma, other.sigma)
+    assert one.sigma < 0.05 * one.per_mass
 
 
 def test_air_that_presses_on_a_leaning_craft_widens_the_standard_error():
@@ -131,7 +141,7 @@ def test_air_that_presses_on_a_leaning_craft_widens_the_standard_error():
     made = flight(14)
     leant = replace(made, context=made.context.assign(f_x=0.35 * made.context["f_z"], f_y=0.0))
     sigma = fit_thrust([leant]).common.sigma
-    assert sigma == pytest.approx(3.2 * np.hypot(0.35**2, LEFT_OUT), rel=0.05)
+    assert sigma == pytest.approx(3.2 * 0.35**2, rel=0.05)
 
 
 @pytest.mark.parametrize("change", [1.25, 0.8, 1.05])
