@@ -7,7 +7,6 @@ import httpx
 import pytest
 
 from api.routes.pages import samples
-from api.settings import Settings
 from tests.api.conftest import Upload
 from tests.api.programs import wait_until
 
@@ -87,10 +86,3 @@ def test_buttons_work_without_scripts(service: httpx.Client, upload: Upload) -> 
     assert service.get(f"/api/v1{page}").status_code == 404
     for action in ("cancel", "delete", "share", "unshare", "again"):
         assert service.post(f"{page}/{action}").status_code == 404
-
-
-def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROTORID_UPLOAD_LIMIT", "200MB")
-    monkeypatch.setenv("ROTORID_WORKERS", "3")
-    assert (Settings().upload_limit, Settings().workers) == (200_000_000, 3)
-    assert all(field.description for field in Settings.model_fields.values())

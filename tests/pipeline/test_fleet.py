@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import fsspec
@@ -365,17 +366,24 @@ def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp
     assert len(fleet.flights) == 4
 
 
-def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monkeypatch):
-    out = tmp_path / "out"
+@contextmanager
+def disk_full(monkeypatch, when):
+    """Let the disk be full for products at some paths."""
     commit = Store.commit
 
     def full(self, folder, path):
-        if path.endswith("octa2"):
+        if when(path):
             raise OSError(errno.ENOSPC, "No space left on device")
         commit(self, folder, path)
 
     with monkeypatch.context() as patched:
         patched.setattr(Store, "commit", full)
+        yield
+
+
+def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with disk_full(monkeypatch, lambda path: path.endswith("octa2")):
         fleet, _ = run(logs, out)
     assert [flight.name for flight in fleet.flights] == ["octa1"]
     reasons = {each.file: each.reason for each in fleet.failures}
@@ -389,15 +397,7 @@ def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monke
 
 def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    commit = Store.commit
-
-    def full(self, folder, path):
-        if path.startswith("crafts/"):
-            raise OSError(errno.ENOSPC, "No space left on device")
-        commit(self, folder, path)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Store, "commit", full)
+    with disk_full(monkeypatch, lambda path: path.startswith("crafts/")):
         fleet, _ = run(logs, out)
     assert fleet.groups == ()
     assert [each.reason for each in fleet.failures] == ["its joint models could not be stored: No space left on device"]

@@ -8,8 +8,6 @@ import pytest
 
 import logparse
 from pipeline.fleet.drift import follow
-from pipeline.results.entry import FlightEntry
-from pipeline.results.span import Span
 from simulation import elhesasy2024
 from simulation.drive import QuadraticRotor
 from simulation.fly import Setup
@@ -17,6 +15,7 @@ from simulation.mission import GoTo, Mission, Turn, Wait
 from simulation.place import Place, Wind
 from simulation.sample_logs import SampleFlight, write_flight
 from sysid.rotors.motor_faults.trims import steady_trims
+from tests.pipeline.builders import flown
 
 FLIGHTS = 6
 
@@ -54,23 +53,8 @@ def fly(folder, number, weak, loss, random):
         start_utc=dt.datetime(2025, 3, 1, 9, tzinfo=dt.UTC) + dt.timedelta(days=number),
     )
     log = logparse.read_log(write_flight(sample, folder)[0])
-    return FlightEntry(
-        name=name,
-        folder=name,
-        source=name,
-        key=name,
-        sha256=name,
-        size=1,
-        format="dataflash",
-        start_utc=log.start_utc,
-        duration=log.duration,
-        craft="octa",
-        craft_name="octa",
-        frame_class="octa",
-        vehicle="octa",
-        flight=Span(log.flight.start, log.flight.stop),
-        trims=steady_trims(log.tables, log.vehicle, log.flight.start, log.flight.stop),
-    )
+    trims = steady_trims(log.tables, log.vehicle, log.flight.start, log.flight.stop)
+    return dataclasses.replace(flown(name, start=log.start_utc), trims=trims)
 
 
 @pytest.mark.slow

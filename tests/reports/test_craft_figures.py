@@ -17,6 +17,7 @@ from reports.figures.fleet import coverage_figures, drift_figures
 from reports.views.coverage import coverage_table, outside
 from reports.views.drift import drift_sentences, drift_table
 from sysid.rotors.steady_trims import SteadyTrims
+from tests.pipeline.builders import flown
 from tests.pipeline.coverages import coverage_of
 from tests.reports.builders import themed
 
@@ -50,20 +51,8 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
         ("thrust over mass", "rotor", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command"),
         ("motor lag", "rotor", 0.05 + rng.normal(0.0, 0.002), 0.002, "s"),
     ]
-    return FlightEntry(
-        name=f"flight{number:02d}",
-        folder=f"flight{number:02d}",
-        source=f"/logs/flight{number:02d}.bin",
-        key=str(number),
-        sha256=str(number),
-        size=1,
-        format="dataflash",
-        start_utc=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number),
-        duration=80.0,
-        craft="craft",
-        craft_name="craft",
-        frame_class="quad",
-        vehicle="quad-1",
+    return replace(
+        flown(f"flight{number:02d}", start=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number)),
         coverage=coverage,
         trims=SteadyTrims(MOTORS, (0.0, 0.0, 0.0), (1e-6,) * 3, ((0.5, 0.5, 0.5),) * 4),
         account=Account(flight=None, motors=MotorsReading(mean=dict.fromkeys("1234", 0.4), hardest="1", at_limit=0.0)),

@@ -1,6 +1,7 @@
 """Flights that look good and are not: what can be had of them, and for the rest why not and what to fly."""
 
 import json
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,6 @@ import logparse
 from rotorid.cli.main import app
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import frequency
-from sysid.frequency.records import lost_one_by_one
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
 from tests.sysid.rate_logs import logged
@@ -104,31 +104,29 @@ def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Pat
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.1)
 
 
-def test_rows_lost_one_by_one_leave_a_chirp_right(tmp_path: Path) -> None:
+def with_rows_lost(folder: Path, lost: Callable[[np.ndarray], np.ndarray]) -> logparse.FlightLog:
+    """Return a log with a chirp whose RATE has lost some rows, by their times."""
+    log = logged(folder, run_axis(PLANT, GAINS, CHIRP, 6))
+    rows = log.messages["RATE"]
+    log.messages.replace("RATE", rows[~lost(rows.index.to_numpy())])
+    return log
+
+
+def one_by_one(part: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda t: np.random.default_rng(3).random(len(t)) < part
+
+
+def test_rows_lost_one_by_one_leave_a_chirp_right_up_to_a_third(tmp_path: Path) -> None:
     """Taken from the same rows, the instrument shared their gaps: one firmware chirp became 16 % too strong."""
-    log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
-    rows = log.messages["RATE"]
-    kept = rows[np.random.default_rng(3).random(len(rows)) > 0.15]
-    log.messages.replace("RATE", kept)
-    frf = frequency.response(log, "roll")
+    frf = frequency.response(with_rows_lost(tmp_path, one_by_one(0.15)), "roll")
     assert frequency.fit(frf).parameters["gain"].value == pytest.approx(PLANT.gain, rel=0.05)
-
-
-def test_a_third_of_the_rows_lost_is_too_much(tmp_path: Path) -> None:
-    log = logged(tmp_path, run_axis(PLANT, GAINS, CHIRP, 6))
-    rows = log.messages["RATE"]
-    kept = rows[np.random.default_rng(3).random(len(rows)) > 0.35]
-    log.messages.replace("RATE", kept)
     with pytest.raises(frequency.FrequencyError, match="% of the rows are lost one by one"):
-        frequency.response(log, "roll")
+        frequency.response(with_rows_lost(tmp_path, one_by_one(0.35)), "roll")
 
 
-def test_rows_that_came_slower_for_a_while_are_not_lost() -> None:
-    """ArduCopter logs RATE at 100 Hz during SYSTEMID and at 10 Hz before and after, not quite evenly."""
-    slow = 0.1 * np.arange(300) + np.random.default_rng(3).uniform(-1e-3, 1e-3, 300)
-    t = np.concatenate([slow, slow[-1] + 0.01 * np.arange(1, 900)])
-    assert lost_one_by_one(t, 0.01) < 0.02
-    assert lost_one_by_one(np.delete(t, np.arange(400, 1100, 4)), 0.01) > 0.1
+def test_half_of_a_chirp_lost_gives_what_is_left(tmp_path: Path) -> None:
+    log = with_rows_lost(tmp_path, lambda t: (t >= 22.0) & (t <= 35.0))
+    assert worst(frequency.response(log, "roll")) < 1.0
 
 
 def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
@@ -174,17 +172,6 @@ def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
     frf = frequency.response(logged(tmp_path, run_axis(PLANT, gains, strong, 5)), "roll")
     said = [f.reason for f in frf.findings if f.id == "not-logged"]
     assert any("limits" in reason for reason in said), "without RCOU nothing shows it"
-
-
-def test_half_of_a_chirp_lost_gives_what_is_left_or_says_why_not(tmp_path: Path) -> None:
-    run = run_axis(PLANT, GAINS, CHIRP, 6)
-    log = logged(tmp_path, run)
-    rows = log.messages["RATE"]
-    t = rows.index.to_numpy()
-    kept = rows[(t < 22.0) | (t > 35.0)]
-    log.messages.replace("RATE", kept)
-    frf = frequency.response(log, "roll")
-    assert worst(frf) < 1.0
 
 
 def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
