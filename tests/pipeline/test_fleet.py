@@ -368,7 +368,7 @@ def test_killed_between_parts_of_the_dataset_a_flight_counts_as_undone(logs, tmp
 
 @contextmanager
 def disk_full(monkeypatch, when):
-    """Let the disk be full for products at some paths."""
+    """Fill the disk for products at some paths."""
     commit = Store.commit
 
     def full(self, folder, path):
