@@ -22,11 +22,11 @@ LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
 needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 
 
-@pytest.fixture(scope="module")
-def judged(sitl):
-    """RMS errors pooled over every other log, by measure: of the smoother, of the plain filter and of EKF3."""
+@pytest.fixture(scope="module", params=[4, pytest.param(2, marks=pytest.mark.whole)], ids=["quarter", "half"])
+def judged(sitl, request):
+    """RMS errors pooled over one log in so many, by measure: of the smoother, of the plain filter and of EKF3."""
     squares = {"smoother": [], "filter": [], "EKF3": []}
-    for path in sorted(LOGS.glob("*.BIN"))[::2]:
+    for path in sorted(LOGS.glob("*.BIN"))[:: request.param]:
         log, trajectory = sitl(path.stem)
         truth = airborne_truth(log)
         results = {
