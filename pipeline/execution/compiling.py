@@ -32,7 +32,6 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     rigid_body.accelerations,
     carrying.carry,
     transfer_functions.multiply_out,
-    rigid_body.path,
     splines.interpolated,
     imu_splines.along_spline,
     rigid_body.ahead,

@@ -35,8 +35,8 @@ from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Car
 from sysid.rigid_body.conditions.trim import early_trim, left_open, unusual_thrust, whole_trim
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, ahead
-from sysid.rigid_body.motion.body_motion import LAG, SHARED, THETA, Motion, motion
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
@@ -192,8 +192,7 @@ class RigidBodyModel(Summarised):
         since = np.arange(steps + 1) * flight.dt
         shapes = np.column_stack([np.ones(steps + 1), np.exp(-since / GUST_SECONDS)])
         out = np.full((len(flight.t), 3), np.nan)
-        signals, states = flight.signals(shared[LAG]), np.hstack([flight.position, flight.velocity])
-        ahead(thetas, *signals, shapes, flight.dt, flight.ground, self.law, states, steps, every, out)
+        out[restarts + steps] = flight.ahead(thetas, shapes, self.law, restarts, np.array([steps]))[:, 0, :3]
         found = self._outputs(experiment, out)
         found[: steps + 1] = (self.simulate(experiment) if simulated is None else simulated)[: steps + 1]
         return found

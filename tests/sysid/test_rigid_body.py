@@ -13,7 +13,7 @@ from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import ExperimentError, fit_rigid_body, physical_parameters, validate
 from sysid.rigid_body.methods.filter_error import Prior, fit_filter_error, step_within
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations, path
+from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations
 from sysid.rigid_body.motion.body_motion import LAG, THETA, motion
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.flown_craft import HOVER, flown, record
@@ -31,9 +31,7 @@ def test_linear_drag_stops_exponentially_and_wind_carries_along():
     """With v' = -d (v - w) the solution is v = w + (v0 - w) exp(-d t)."""
     flight = level(501)
     theta = parameters(lx=0.4, ly=0.4, n=2.0, e=-1.0)
-    out = np.empty((501, 6))
-    initial = np.array([0.0, 0.0, 0.0, 5.0, 3.0, 0.0])
-    path(theta, *flight.signals(0.0), np.ones((501, 1)), 0.02, 10.0, 0, 0, initial, out)
+    out = replace(flight, velocity=np.tile([5.0, 3.0, 0.0], (501, 1))).run(theta, np.ones((501, 1)), 0)
     decay = np.exp(-0.4 * flight.t)
     np.testing.assert_allclose(out[:, 3], 2.0 + 3.0 * decay, atol=1e-8)
     np.testing.assert_allclose(out[:, 4], -1.0 + 4.0 * decay, atol=1e-8)
@@ -43,9 +41,7 @@ def test_linear_drag_stops_exponentially_and_wind_carries_along():
 
 def test_sinking_reaches_terminal_velocity_of_quadratic_drag():
     """With three quarters of the weight carried the craft sinks at sqrt(g / 4 q)."""
-    out = np.empty((2001, 6))
-    flight = level(2001, thrust_over_weight=0.75)
-    path(parameters(qz=0.1), *flight.signals(0.0), np.ones((2001, 1)), 0.02, 10.0, 0, 0, np.zeros(6), out)
+    out = level(2001, thrust_over_weight=0.75).run(parameters(qz=0.1), np.ones((2001, 1)), 0)
     assert out[-1, 5] == pytest.approx(np.sqrt(0.25 * STANDARD_GRAVITY / 0.1), rel=1e-6)
 
 

@@ -11,7 +11,6 @@ from simulation.place import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
 from sysid.rigid_body.conditions.carried import STATES, carry_states
-from sysid.rigid_body.motion._rigid_kernels import path
 from sysid.rigid_body.motion.body_motion import LAG, THETA, motion
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted
@@ -65,11 +64,9 @@ def sheared(exponent, seed, speed=5.0):
     theta[LAG + 1], rng = exponent, np.random.default_rng(seed)
     towards = rng.uniform(0.0, 2.0 * np.pi)
     shapes = np.ascontiguousarray(np.tile([speed * np.cos(towards), speed * np.sin(towards)], (len(flight.t), 1)))
-    states = np.empty((len(flight.t), 6))
-    initial = np.concatenate([flight.position[0], flight.velocity[0]])
     ground = flight.ground
     for _ in range(4):  # where the ground is follows from the path
-        path(theta, *flight.signals(theta[LAG]), shapes, flight.dt, ground, model.law, 0, initial, states)
+        states = replace(flight, ground=ground).run(theta, shapes, model.law)
         ground = max(states[0, 2], states[-1, 2])
     context = seen.context.assign(
         **{f"v_{axis}": states[:, 3 + k] + 0.01 * rng.standard_normal(len(states)) for k, axis in enumerate("ned")},

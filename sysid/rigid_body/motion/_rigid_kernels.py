@@ -1,9 +1,8 @@
-"""Translation of a craft whose attitude is known, with the sensitivities of its path to every parameter.
+"""Translation of a craft whose attitude is known, and the derivatives of its accelerations by every parameter.
 
 Parameters are numbered as in `THETA` of `sysid.rigid_body.motion.body_motion`: 0 thrust, 1 expo, 2-4 linear drag, 5-7
 quadratic drag, 8 climb loss, 9-10 tilt, 11 motor lag; then of the flight 12 wind exponent, 13 thrust scale and the
-wind's coefficients towards north and east in turn; then, as columns of sensitivities only, the initial position and
-velocity.
+wind's coefficients towards north and east in turn.
 
 Arrays are copied element by element: numba takes seconds to compile the error text of one slice assignment.
 """
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.compiled import inner, njit
-from core.kernel_types import Matrix, Stack, Vector
+from core.kernel_types import Int64s, Matrix, Stack, Vector
 from core.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
@@ -265,39 +264,6 @@ def _step(
         x[a] += dt / 6.0 * (work[2, a] + 2.0 * work[3, a] + 2.0 * work[4, a] + work[5, a])
 
 
-@inner(nogil=True, fastmath=_FAST)
-def _keep(x: Floats, out: Floats, row: int) -> None:
-    """Copy as much of a state as a row of the output has room for."""
-    for a in range(out.shape[1]):
-        out[row, a] = x[a]
-
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def path(
-    theta: Vector,
-    rotation: Matrix,
-    density: Vector,
-    late: Matrix,
-    shapes: Matrix,
-    dt: float,
-    ground: float,
-    law: int,
-    start: int,
-    initial: Vector,
-    out: Matrix,
-) -> None:
-    """Positions and velocities (NED) from an initial state by the fourth-order Runge-Kutta method.
-
-    `out`, (n, 6), receives samples `start` to `start + n - 1`.
-    """
-    x, work = initial.copy(), np.empty((6, _SIGNALS))
-    _keep(x, out, 0)
-    for n in range(1, len(out)):
-        k = start + n - 1
-        _step(theta, rotation, density, late, shapes, k, k, dt, ground, law, x, work)
-        _keep(x, out, n)
-
-
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def ahead(
     thetas: Matrix,
@@ -309,20 +275,23 @@ def ahead(
     ground: float,
     law: int,
     states: Matrix,
-    steps: int,
-    every: int,
-    out: Matrix,
+    starts: Int64s,
+    marks: Int64s,
+    out: Stack,
 ) -> None:
-    """Positions predicted from the state `steps` samples before.
+    """Run from the measured state at each start; keep positions and velocities at the marked samples after it.
 
-    `thetas`, (R, q), are as known at restarts 0, `every`, 2 `every`, ...; the wind's `shapes`, (steps + 1, w), go with
-    the time since. Samples of `out`, (N, 3), that no restart leads to are left alone.
+    `thetas`, (S, q), are as known at the starts; the wind's `shapes`, (n, w), go with the samples since a start; `out`,
+    (S, M, 6), is NED.
     """
     x, work = np.empty(6), np.empty((6, _SIGNALS))
-    for restart in range((len(states) - steps - 1) // every + 1):
-        first = restart * every
+    for s in range(len(starts)):
         for a in range(6):
-            x[a] = states[first, a]
-        for k in range(steps):
-            _step(thetas[restart], rotation, density, late, shapes, first + k, k, dt, ground, law, x, work)
-        _keep(x, out, first + steps)
+            x[a] = states[starts[s], a]
+        theta, mark = thetas[s], 0
+        for k in range(marks[-1]):
+            _step(theta, rotation, density, late, shapes, starts[s] + k, k, dt, ground, law, x, work)
+            if k + 1 == marks[mark]:
+                for a in range(6):
+                    out[s, mark, a] = x[a]
+                mark += 1

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from core.recent import Recent
 from logparse import MissingDataError, Vehicle
@@ -13,7 +14,9 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import attitude, lagged, relative_density, squared_voltage, velocity_n
-from sysid.rigid_body.motion._rigid_kernels import accelerations, path
+from sysid.rigid_body.motion._rigid_kernels import accelerations, ahead
+
+Samples = NDArray[np.int64]
 
 #: Parameters of the craft in the order of the kernels; those of the flight follow: `OWN`, then the wind.
 THETA = (
@@ -73,6 +76,11 @@ class Motion:
         """Sampling interval, s."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
+    @property
+    def states(self) -> Floats:
+        """Position and velocity, (N, 6)."""
+        return np.hstack([self.position, self.velocity])
+
     def signals(self, lag: float) -> tuple[Floats, Floats, Floats]:
         """Return rotation, density, and (N, 4) `linear` and `square` behind a lag [s] with their derivatives by it."""
         lag = max(lag, 0.0)
@@ -97,10 +105,18 @@ class Motion:
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
         """Positions and velocities from the measured state at sample `start`, in a wind of `shapes` (N, w)."""
-        stop = len(self.t) if stop is None else stop
-        out = np.empty((stop - start, 6))
-        initial = np.concatenate([self.position[start], self.velocity[start]])
-        path(theta, *self.signals(theta[LAG]), shapes, self.dt, self.ground, law, start, initial, out)
+        after = np.arange(1, (len(self.t) if stop is None else stop) - start)
+        run = self.ahead(theta[None], shapes[start:], law, np.array([start]), after)[0]
+        return np.vstack([self.states[start], run])
+
+    def ahead(self, thetas: Floats, shapes: Floats, law: int, starts: Samples, marks: Samples) -> Floats:
+        """Positions and velocities at the marks after each start, (S, M, 6), with its parameters (S, q).
+
+        The wind's `shapes`, (n, w), go with the samples since a start.
+        """
+        out = np.empty((len(starts), len(marks), 6))
+        signals = self.signals(thetas[0, LAG])
+        ahead(thetas, *signals, shapes, self.dt, self.ground, law, self.states, starts, marks, out)
         return out
 
 
