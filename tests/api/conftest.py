@@ -1,7 +1,7 @@
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from api import Settings, create_app
 from api.server import Server
 from api.web import own_pages
+from api.web.dependencies import Parts
 from api.work.worker import Analyze
 from tests.api import standins
 from tests.api.programs import PATIENCE
@@ -33,15 +34,26 @@ def _analyses_start_at_once(forks: None) -> None:
     """Nearly every module here has its service analyse something."""
 
 
+class Served(httpx.Client):
+    """A client of a service that runs in this process, whose application and parts a test may reach into."""
+
+    app: FastAPI
+    parts: Parts
+
+
 @contextmanager
-def running(app: FastAPI) -> Iterator[httpx.Client]:
-    """Serve an application on a free port, over real sockets, and give a client for it."""
+def served(
+    settings: Settings | None = None, analyze: Analyze = standins.analyze, *, local_only: bool = False, **named: Any
+) -> Iterator[Served]:
+    """Serve on a free port, over real sockets, under settings that are given or named; with a stand-in pipeline."""
+    app = create_app(settings or Settings(**named), analyze, preload=(), local_only=local_only)
     server = Server(app, app.state.parts.settings)
     listener = socket.create_server(("127.0.0.1", 0))
     # Connections inherit it. A listener that uvicorn makes has it from asyncio; without, each answer waits for 40 ms.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     address = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    with listener, httpx.Client(base_url=address, timeout=PATIENCE) as client:
+    with listener, Served(base_url=address, timeout=PATIENCE) as client:
+        client.app, client.parts = app, app.state.parts
         # A browser has these from the page whose form it posts.
         client.cookies.set(own_pages.COOKIE, "t" * 43)
         client.headers[own_pages.HEADER] = "t" * 43
@@ -52,13 +64,6 @@ def running(app: FastAPI) -> Iterator[httpx.Client]:
         finally:
             server.should_exit = True
             thread.join()
-
-
-def served(
-    settings: Settings | None = None, analyze: Analyze = standins.analyze, **named: Any
-) -> AbstractContextManager[httpx.Client]:
-    """Serve with a pipeline that is a stand-in, under settings that are given or named."""
-    return running(create_app(settings or Settings(**named), analyze, preload=()))
 
 
 @pytest.fixture(scope="module")

@@ -13,35 +13,27 @@ from pydantic import ByteSize
 from sqlalchemy import select, update
 from typer.testing import CliRunner
 
-from api import Settings, create_app
+from api import Settings
 from api.routes import page_forms, pages
 from api.settings import Access
 from api.store.records import ShareRecord, TokenRecord
 from api.web.dependencies import Parts
 from api.web.middleware import LOOPBACK
 from rotorid.cli.main import app as command_line
-from tests.api import standins
-from tests.api.conftest import running, served
+from tests.api.conftest import Served, served
 
 BROWSER = {"Accept": "text/html"}
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    settings = Settings(data=tmp_path_factory.mktemp("data"), access=Access.TOKENS, workers=1, logs_limit=4)
-    return create_app(settings, standins.analyze, preload=())
-
-
-@pytest.fixture(scope="module")
-def parts(app: FastAPI) -> Parts:
-    found: Parts = app.state.parts
-    return found
-
-
-@pytest.fixture(scope="module")
-def service(app: FastAPI) -> Iterator[httpx.Client]:
-    with running(app) as client:
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(data=tmp_path_factory.mktemp("data"), access=Access.TOKENS, workers=1, logs_limit=4) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def parts(service: Served) -> Parts:
+    return service.parts
 
 
 def headers(parts: Parts, owner: str, days: float | None = None) -> dict[str, str]:
@@ -85,13 +77,11 @@ def test_only_digests_of_secrets_are_kept(parts: Parts, theirs: dict[str, str]) 
     assert link.encode() not in kept
 
 
-def test_every_route_hides_what_is_another_s(
-    app: FastAPI, service: httpx.Client, parts: Parts, theirs: dict[str, str]
-) -> None:
+def test_every_route_hides_what_is_another_s(service: Served, parts: Parts, theirs: dict[str, str]) -> None:
     """Another owner's id is answered as an id that never was, whatever is done with it."""
     mine = headers(parts, "bob")
     seen = 0
-    for method, path in operations(app):
+    for method, path in operations(service.app):
         if not re.search("{(log|analysis)_id}", path):
             continue
         seen += 1
@@ -188,9 +178,8 @@ def test_an_owner_has_so_many_logs_and_no_more(service: httpx.Client, parts: Par
 
 def test_an_owner_has_so_many_bytes_and_orders_and_no_more(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, access=Access.TOKENS, bytes_limit=ByteSize(1000), queue_limit=2, workers=1)
-    app = create_app(settings, standins.analyze, preload=())
-    ann, bob = (headers(app.state.parts, owner) for owner in ("ann", "bob"))
-    with running(app) as client:
+    with served(settings) as client:
+        ann, bob = (headers(client.parts, owner) for owner in ("ann", "bob"))
         log = client.post("/api/v1/logs", files={"file": ("a.bin", b"hang".ljust(600))}, headers=ann).json()
         refused = client.post("/api/v1/logs", files={"file": ("b.bin", bytes(600))}, headers=ann)
         assert (refused.status_code, refused.json()["type"]) == (403, "urn:rotorid:problem:too-many-bytes")
@@ -213,10 +202,8 @@ def test_a_service_that_knows_its_names_answers_under_no_other(tmp_path: Path) -
 
 
 def test_an_owner_uploads_so_often_and_no_more(tmp_path: Path) -> None:
-    settings = Settings(data=tmp_path, access=Access.TOKENS, upload_rate="3/hour", workers=1)
-    app = create_app(settings, standins.analyze, preload=())
-    ann, bob = (headers(app.state.parts, owner) for owner in ("ann", "bob"))
-    with running(app) as client:
+    with served(data=tmp_path, access=Access.TOKENS, upload_rate="3/hour", workers=1) as client:
+        ann, bob = (headers(client.parts, owner) for owner in ("ann", "bob"))
         for number in range(3):
             kept = client.post("/api/v1/logs", files={"file": ("a.bin", b"%d" % number)}, headers=ann)
             assert kept.status_code == 201
@@ -228,8 +215,7 @@ def test_an_owner_uploads_so_often_and_no_more(tmp_path: Path) -> None:
 
 
 def test_an_open_service_answers_only_to_the_names_of_its_computer(tmp_path: Path) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=(), local_only=True)
-    with running(app) as client:
+    with served(data=tmp_path, workers=1, local_only=True) as client:
         assert set(LOOPBACK) == {"127.0.0.1", "::1", "localhost"}
         for host in ("localhost", "localhost:8000", "127.0.0.1:8000", "[::1]:8000"):
             assert client.get("/api/v1/logs", headers={"Host": host}).status_code == 200

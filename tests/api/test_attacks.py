@@ -15,7 +15,7 @@ import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from api import Settings, create_app
+from api import Settings
 from api.access import BEARERS
 from api.logs.catalog import Catalog
 from api.settings import Access
@@ -24,8 +24,7 @@ from api.store.database import Database
 from api.store.scratch import Incoming
 from api.work.queue import Queue
 from pipeline.storage.store import ObjectStore, open_store
-from tests.api import standins
-from tests.api.conftest import Upload, running, served
+from tests.api.conftest import Upload, served
 from tests.api.programs import Service, descendants, wait_until
 from tests.api.visits import ordered
 
@@ -78,9 +77,8 @@ def is_alive(pid: int) -> bool:
 @pytest.fixture
 def guarded(tmp_path: Path) -> Iterator[tuple[httpx.Client, str]]:
     """Run a service that asks for tokens, and yield it with one."""
-    app = create_app(Settings(data=tmp_path, access=Access.TOKENS, workers=1), standins.analyze, preload=())
-    with running(app) as client:
-        yield client, app.state.parts.tokens.create("ann")
+    with served(data=tmp_path, access=Access.TOKENS, workers=1) as client:
+        yield client, client.parts.tokens.create("ann")
 
 
 def test_who_is_no_proxy_cannot_say_for_whom_it_asks(guarded: tuple[httpx.Client, str]) -> None:
@@ -124,7 +122,6 @@ def test_a_probe_that_a_full_disk_refuses_leaves_nothing(tmp_path: Path, monkeyp
 
 def test_an_order_on_a_disk_that_fills_up_ends(tmp_path: Path, upload: Upload, monkeypatch: pytest.MonkeyPatch) -> None:
     """No room for the folder of the analysis, nor for the row that says so but in the reserve."""
-    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
     reserve, fail = tmp_path / "rotorid.db.reserve", Queue.fail
 
     def no_folder(*_: object, **__: object) -> None:
@@ -137,7 +134,7 @@ def test_an_order_on_a_disk_that_fills_up_ends(tmp_path: Path, upload: Upload, m
 
     monkeypatch.setattr(tempfile, "TemporaryDirectory", no_folder)
     monkeypatch.setattr(Queue, "fail", fail_with_room)
-    with running(app) as client:
+    with served(data=tmp_path, workers=1) as client:
         ended = upload(client, b"good log")
         assert (ended.status_code, ended.json()["type"]) == (507, "urn:rotorid:problem:results-not-kept")
         wait_until(reserve.exists)

@@ -8,11 +8,12 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
-from api import Settings, create_app
+from api import Settings
 from api.settings import Access
+from api.work.worker import analyze_logs
 from tests.api import standins
 from tests.api.browsing import PHONE, File, assert_accessible, assert_fits, watched
-from tests.api.conftest import running
+from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 from tests.api.visits import ordered
 
@@ -280,10 +281,9 @@ def test_the_reference_is_drawn_without_anything_from_elsewhere(page: Page) -> N
 @pytest.mark.whole
 def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> None:
     """The pipeline itself, and its report in our frame: drawn under its policy, on a phone, with a choice of models."""
+    settings = Settings(data=tmp_path, workers=1, time_limit=3600.0)
     with (
-        running(
-            create_app(Settings(data=tmp_path, workers=1, time_limit=3600.0), standins.analyze_patiently)
-        ) as client,
+        served(settings, standins.analyze_patiently) as client,
         watched(browser, client, viewport=PHONE) as page,
     ):
         page.goto("/")
@@ -305,9 +305,8 @@ def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> Non
 
 def test_a_token_opens_the_service(browser: Browser, tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, workers=1, access=Access.TOKENS)
-    app = create_app(settings, standins.analyze, preload=())
-    secret = app.state.parts.tokens.create("anna")
-    with running(app) as client, watched(browser, client, expected=(401,)) as page:
+    with served(settings) as client, watched(browser, client, expected=(401,)) as page:
+        secret = client.parts.tokens.create("anna")
         page.goto("/analyses?state=done")
         expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
         assert_accessible(page)
@@ -337,7 +336,7 @@ def test_signals_are_explored_by_everybody(
 ) -> None:
     """Pages of logs and of their signals: names, order, contrast and axe, at any width, with a plot drawn."""
     sample = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
-    with running(create_app(Settings(data=tmp_path, workers=1))) as client:
+    with served(Settings(data=tmp_path, workers=1), analyze_logs) as client:
         answer = client.post("/api/v1/logs", files={"file": (sample.name, sample.read_bytes())})
         log = answer.json()["id"]
         with watched(browser, client, color_scheme=scheme, viewport=viewport) as page:

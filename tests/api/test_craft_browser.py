@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, expect
 
-from api import Settings, create_app
 from api.work.craft_flights import keep
 from api.work.outcome import Flown
-from tests.api import standins
 from tests.api.browsing import PHONE, assert_accessible, assert_fits, watched
-from tests.api.conftest import running
+from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 from tests.axe import serious
 from tests.pipeline.builders import hovering
@@ -23,13 +21,12 @@ MARKUP = "<img src=x onerror=alert(1)><b>bold</b>"
 
 
 def test_a_craft_is_named_noted_and_read_by_everybody(browser: Browser, tmp_path: Path) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
-    with app.state.parts.database.write() as session:
-        for number, entry in enumerate(hovering(np.random.default_rng(1), "octa", 5, scatter=0.001)):
-            named = dataclasses.replace(entry, name=f"{MARKUP} {number}")
-            keep(session, "", f"{number:032x}", Flown(named), (None, None, ""))
-    with running(app) as client:
-        app.state.parts.reviews.look()
+    with served(data=tmp_path, workers=1) as client:
+        with client.parts.database.write() as session:
+            for number, entry in enumerate(hovering(np.random.default_rng(1), "octa", 5, scatter=0.001)):
+                named = dataclasses.replace(entry, name=f"{MARKUP} {number}")
+                keep(session, "", f"{number:032x}", Flown(named), (None, None, ""))
+        client.parts.reviews.look()
         (craft,) = client.get("/api/v1/crafts").json()["items"]
         with watched(browser, client) as page:
             page.goto(craft["links"]["page"])

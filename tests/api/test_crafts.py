@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.settings import Access
 from tests.api import flights
-from tests.api.conftest import running, served
+from tests.api.conftest import served
 from tests.api.visits import fly, only_craft, settled, wait
 
 
@@ -179,14 +179,13 @@ def test_names_of_flights_are_told_apart(service: httpx.Client) -> None:
 
 
 def test_another_owner_sees_and_touches_nothing(tmp_path: Path) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1, access=Access.TOKENS), flights.analyze, preload=())
-    ann, bob = (app.state.parts.tokens.create(name) for name in ("ann", "bob"))
-    with running(app) as client:
+    with served(data=tmp_path, workers=1, access=Access.TOKENS, analyze=flights.analyze) as client:
+        ann, bob = (client.parts.tokens.create(name) for name in ("ann", "bob"))
         client.headers["Authorization"] = f"Bearer {ann}"
         logs = [fly(client, f"{name}.bin", flights.log(day)) for day, name in enumerate("ab")]
         craft = only_craft(client)
         flight = client.get(craft["links"]["flights"]).json()[0]
-        before = app.state.parts.crafts.log_before
+        before = client.parts.crafts.log_before
         assert [before(log, "ann") for log in logs] == [None, (logs[0], "a.bin")]
         assert before(logs[1], "bob") is None
         client.headers["Authorization"] = f"Bearer {bob}"

@@ -8,9 +8,9 @@ import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from api import Settings, create_app
-from tests.api import standins
-from tests.api.conftest import Upload, running, served
+from api import Settings
+from api.work.queue import Queue
+from tests.api.conftest import Upload, served
 from tests.api.programs import wait_until
 from tests.api.visits import ordered, told
 
@@ -122,16 +122,14 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
 
 
 def test_a_service_that_cannot_read_its_queue_waits_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
-    claim = app.state.parts.runner.queue.claim
-    failures = iter(range(2))
+    claim, failures = Queue.claim, iter(range(2))
 
-    def claim_later() -> object:
+    def claim_later(queue: Queue) -> object:
         if next(failures, None) is not None:
             raise OperationalError("claim", {}, Exception("gone"))
-        return claim()
+        return claim(queue)
 
-    monkeypatch.setattr(app.state.parts.runner.queue, "claim", claim_later)
-    with running(app) as client:
+    monkeypatch.setattr(Queue, "claim", claim_later)
+    with served(data=tmp_path, workers=1) as client:
         _, address = ordered(client, b"good log")
         wait_until(lambda: told(client, address, "state") == "done")

@@ -11,13 +11,14 @@ import httpx
 import numpy as np
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.machine import questions
 from api.machine.answers import NoSignal, SignalSpectrum
 from api.problems import ProblemError
 from api.work.desk import Desk
+from api.work.worker import analyze_logs
 from logparse import read_log
-from tests.api.conftest import running
+from tests.api.conftest import served
 from tests.api.programs import wait_until
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
@@ -28,7 +29,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """Run a service with the real pipeline and no worker that would begin to analyse."""
-    with running(create_app(Settings(data=tmp_path_factory.mktemp("data"), workers=1))) as client:
+    with served(Settings(data=tmp_path_factory.mktemp("data"), workers=1), analyze_logs) as client:
         yield client
 
 

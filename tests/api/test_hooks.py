@@ -14,12 +14,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.crafts import hooks
 from api.crafts.hooks import ForbiddenAddressError, check_address, resolve, send
 from api.settings import Webhooks
 from tests.api import flights
-from tests.api.conftest import running, served
+from tests.api.conftest import served
 from tests.api.visits import fly, only_craft, settled
 
 
@@ -111,17 +111,16 @@ def test_an_alert_is_sent_signed_until_it_is_taken(
     tmp_path: Path, receiver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
-    app = create_app(Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=())
-    with running(app) as client:
+    with served(data=tmp_path, workers=1, webhooks=Webhooks.ANY, analyze=flights.analyze) as client:
         made = client.post("/api/v1/hooks", json={"url": receiver}).json()
         fly(client, "crash.bin", flights.log(0, word="no"))
         craft = settled(client, only_craft(client)["id"])
         now = datetime.now(UTC) + timedelta(seconds=1)
         for tries in range(3):
-            app.state.parts.hooks.deliver(now + timedelta(hours=tries))
-            app.state.parts.hooks.deliver(now + timedelta(hours=tries))  # it is not due yet
+            client.parts.hooks.deliver(now + timedelta(hours=tries))
+            client.parts.hooks.deliver(now + timedelta(hours=tries))  # it is not due yet
         assert len(_Receiver.got) == 3
-        app.state.parts.hooks.deliver(now + timedelta(days=9))
+        client.parts.hooks.deliver(now + timedelta(days=9))
         assert len(_Receiver.got) == 3  # and is sent no more when it was taken
         head, body = _Receiver.got[-1]
         signature = hmac.new(made["secret"].encode(), body, hashlib.sha256).hexdigest()
@@ -166,18 +165,17 @@ def test_an_address_that_takes_nothing_is_tried_once_in_a_while_for_all_its_aler
 ) -> None:
     monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
     _Receiver.answers[:] = [500, 204, 204]
-    app = create_app(Settings(data=tmp_path, workers=1, webhooks=Webhooks.ANY), flights.analyze, preload=())
-    with running(app) as client:
+    with served(data=tmp_path, workers=1, webhooks=Webhooks.ANY, analyze=flights.analyze) as client:
         client.post("/api/v1/hooks", json={"url": receiver})
         for name in ("octa", "quad"):
             fly(client, f"{name}.bin", flights.log(0, craft=name, word="no"))
         for craft in client.get("/api/v1/crafts").json()["items"]:
             settled(client, craft["id"])
         now = datetime.now(UTC) + timedelta(seconds=1)
-        app.state.parts.hooks.deliver(now)
-        app.state.parts.hooks.deliver(now)
+        client.parts.hooks.deliver(now)
+        client.parts.hooks.deliver(now)
         assert len(_Receiver.got) == 1
-        app.state.parts.hooks.deliver(now + timedelta(hours=1))
+        client.parts.hooks.deliver(now + timedelta(hours=1))
         assert len(_Receiver.got) == 3
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.machine.tools import UnknownError
 from api.server import open_folder
 from api.work.craft_flights import keep
@@ -22,8 +22,8 @@ from core.serialization import as_json
 from pipeline.config import ConfigError
 from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import FlightReport
-from tests.api import flights, standins
-from tests.api.conftest import running, served
+from tests.api import flights
+from tests.api.conftest import served
 from tests.api.programs import PROJECT
 from tests.pipeline.builders import flown
 from tests.reports.made import made
@@ -147,12 +147,11 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
 
 def test_lists_count_what_they_leave_out(tmp_path: Path) -> None:
     """Lists answer on a folder of many flights."""
-    app = create_app(Settings(data=tmp_path), standins.analyze, preload=())
-    with app.state.parts.database.write() as session:
-        for number in range(12):
-            made = Flown(flown(f"Flight{number}", craft=f"craft{number % 2}"))
-            keep(session, "", f"{number:032x}", made, (None, None, ""))
-    with running(app) as client:
+    with served(data=tmp_path) as client:
+        with client.parts.database.write() as session:
+            for number in range(12):
+                made = Flown(flown(f"Flight{number}", craft=f"craft{number % 2}"))
+                keep(session, "", f"{number:032x}", made, (None, None, ""))
 
         def listed(**named: Any) -> tuple[int, int]:
             answer: dict[str, Any] = client.get("/api/v1/questions/flights", params=named).json()

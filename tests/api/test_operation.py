@@ -16,12 +16,11 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from api import Settings, create_app
+from api import Settings
 from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
 from api.store.database import Database
-from tests.api import standins
-from tests.api.conftest import Upload, running, served, unfinished
+from tests.api.conftest import Upload, served, unfinished
 from tests.api.programs import PATIENCE, PROJECT, wait_until
 
 MANUAL = PROJECT / "docs" / "service.md"
@@ -85,8 +84,7 @@ def test_a_full_disk_is_told_and_the_service_goes_on_when_there_is_room(tmp_path
     data = tmp_path / "data"
     with ExitStack() as stack:
         stack.enter_context(small_disk(data, "5m"))
-        app = create_app(Settings(data=data, workers=1), standins.analyze, preload=())
-        client = stack.enter_context(running(app))
+        client = stack.enter_context(served(data=data, workers=1))
         assert upload(client, b"good log").status_code == 201
         kept = client.post("/api/v1/logs", files={"file": ("a.bin", bytes(2_000_000))}).json()
         for _ in range(2):
@@ -120,9 +118,8 @@ def fill(path: Path) -> None:
 def test_results_that_do_not_fit_end_an_analysis_with_that_reason(
     tmp_path: Path, upload: Upload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1), standins.analyze, preload=())
-    with running(app) as client:
-        put = type(app.state.parts.objects).put
+    with served(data=tmp_path, workers=1) as client:
+        put = type(client.parts.objects).put
 
         def full(objects: object, source: Path, key: str) -> None:
             if key.endswith("report.json"):
@@ -153,10 +150,9 @@ def test_a_folder_that_became_read_only_is_told(tmp_path: Path, monkeypatch: pyt
 
 
 def test_logs_past_their_time_are_removed_with_their_analyses(tmp_path: Path, upload: Upload) -> None:
-    app = create_app(Settings(data=tmp_path, workers=1, retention=30.0), standins.analyze, preload=())
-    with running(app) as client:
+    with served(data=tmp_path, workers=1, retention=30.0) as client:
         done = upload(client, b"good log")
-        clean = app.state.parts.housekeeping.clean
+        clean = client.parts.housekeeping.clean
         clean(datetime.now(UTC) + timedelta(days=29))
         assert client.get(done.headers["Location"]).json()["rmse"]
         clean(datetime.now(UTC) + timedelta(days=31))

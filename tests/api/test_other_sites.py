@@ -9,7 +9,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
 from api import Settings, create_app
@@ -17,21 +16,16 @@ from api.routes import craft_pages, page_forms, pages, sign_in
 from api.settings import Access
 from api.web.own_pages import COOKIE, FIELD, HEADER
 from tests.api import standins
-from tests.api.conftest import running, served
+from tests.api.conftest import Served, served
 
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
-def app(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
+def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1")
-    return create_app(settings, standins.analyze, preload=())
-
-
-@pytest.fixture(scope="module")
-def service(app: FastAPI) -> Iterator[httpx.Client]:
-    with running(app) as client:
+    with served(settings) as client:
         del client.headers[HEADER]
         client.cookies.clear()
-        client.cookies.set("rotorid_token", app.state.parts.tokens.create("ann"))
+        client.cookies.set("rotorid_token", client.parts.tokens.create("ann"))
         yield client
 
 
@@ -109,7 +103,7 @@ def tried(
     return answers
 
 
-def test_no_form_is_taken_without_its_token(app: FastAPI, service: httpx.Client) -> None:
+def test_no_form_is_taken_without_its_token(service: Served) -> None:
     routes = [
         route.path
         for router in (pages.router, page_forms.router, sign_in.router, craft_pages.forms)
@@ -142,7 +136,7 @@ def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None
     assert {"HttpOnly", "SameSite=strict", "Secure"} <= set(cookie.split("; "))
 
 
-def test_no_route_that_changes_something_answers_another_site(app: FastAPI, service: httpx.Client) -> None:
+def test_no_route_that_changes_something_answers_another_site(service: Served) -> None:
     routes = [
         (method, route.path)
         for router in (pages.router, page_forms.router, sign_in.router)
@@ -150,7 +144,7 @@ def test_no_route_that_changes_something_answers_another_site(app: FastAPI, serv
         if isinstance(route, APIRoute)
         for method in route.methods
     ]
-    routes += [(method.upper(), path) for path, methods in app.openapi()["paths"].items() for method in methods]
+    routes += [(method.upper(), path) for path, methods in service.app.openapi()["paths"].items() for method in methods]
     changing = [(method, path) for method, path in routes if method not in ("GET", "HEAD")]
     assert len(changing) >= 15
     for method, path in changing:

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.access import ReportKeys, Tokens
 from api.settings import Access
 from api.web.page_templates import local_path
-from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import served
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 
@@ -36,9 +35,8 @@ class Guarded(NamedTuple):
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     settings = Settings(data=tmp_path_factory.mktemp("guarded"), workers=1, access=Access.TOKENS, proxies="127.0.0.1")
-    app = create_app(settings, standins.analyze, preload=())
-    parts = app.state.parts
-    with running(app) as client:
+    with served(settings) as client:
+        parts = client.parts
         keys, late = ReportKeys(parts.database), ReportKeys(parts.database, timedelta(seconds=-1))
         yield Guarded(client, parts.tokens, keys, late, parts.tokens.create("anna"), parts.tokens.create("boris"))
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from pipeline.storage.store import open_store
-from tests.api import standins
-from tests.api.conftest import running
+from tests.api.conftest import served
 from tests.s3_server import s3_server
 
 BUCKET = "s3://rotorid/service"
@@ -78,9 +77,8 @@ def test_a_full_disk_leaves_nothing_half_copied(tmp_path: Path, monkeypatch: pyt
 
 def test_the_whole_way_of_a_log_on_s3(s3: str, tmp_path: Path, upload: Callable[..., httpx.Response]) -> None:
     settings = Settings(data=tmp_path, storage=f"{BUCKET}/whole", workers=1)
-    app = create_app(settings, standins.analyze, preload=())
     objects = open_store(settings.storage_url)
-    with running(app) as client:
+    with served(settings) as client:
         assert client.get("/readyz").json() == {"status": "ok"}
         answer = upload(client, b"good log").json()
         assert answer["state"] == "done"
@@ -95,7 +93,7 @@ def test_the_whole_way_of_a_log_on_s3(s3: str, tmp_path: Path, upload: Callable[
         (tmp_path / "orphan").write_bytes(b"lost")
         objects.put(tmp_path / "orphan", "logs/" + "0" * 32)
         objects.put(_file(tmp_path, b"lost"), f"analyses/{answer['id']}/{'1' * 32}/report.html")
-        app.state.parts.housekeeping.clean(datetime.now(UTC) + timedelta(hours=2))
+        client.parts.housekeeping.clean(datetime.now(UTC) + timedelta(hours=2))
         assert {key for key, _ in objects.files("")} == kept
         assert client.delete(answer["links"]["log"]).status_code == 204
         assert list(objects.files("")) == []
@@ -110,8 +108,7 @@ def _file(folder: Path, content: bytes) -> Path:
 
 def test_a_storage_that_fails_is_told_and_nothing_is_half_done(s3: str, tmp_path: Path) -> None:
     settings = Settings(data=tmp_path, storage=f"{BUCKET}/fails", workers=1)
-    app = create_app(settings, standins.analyze, preload=())
-    with running(app) as client:
+    with served(settings) as client:
         urllib.request.urlopen(urllib.request.Request(f"{s3}/moto-api/reset", method="POST")).close()  # no bucket now
         refused = client.post("/api/v1/logs", files={"file": ("a.bin", b"data")})
         assert refused.status_code == 503
