@@ -54,6 +54,10 @@ class Flight:
     truth: pd.DataFrame
     biases: pd.DataFrame = field(repr=False)
 
+    def settled(self, after: float = 15.0) -> pd.DataFrame:
+        """Return the truth from when the craft has taken off and its heading has been found, s."""
+        return self.truth[self.truth.index > after]
+
 
 def _path(rng: np.random.Generator, duration: float, still: float, heading: float) -> tuple[np.ndarray, ...]:
     """Minimum-jerk hops between random waypoints with rests, after `still` seconds on the ground, and random yaw."""

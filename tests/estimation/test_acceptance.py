@@ -8,8 +8,6 @@ import pytest
 from estimation import compare, estimate, nees
 from tests.estimation.simulated_flight import fly
 
-SETTLED = 15.0
-
 #: The errors of GPS position and of heading are a few throws of the dice per flight, so it takes many flights: seeds,
 #: seconds, the largest rms of yaw in degrees, and the ranges of NEES of position, velocity and attitude.
 #: Twenty flights: half of the yaw is what GPS leaves open of the declination, the same all through a flight
@@ -30,7 +28,7 @@ def judged(request):
     squares, honesty = [], []
     for seed in seeds:
         flight = fly(seed, duration=seconds)
-        truth = flight.truth[flight.truth.index > SETTLED].iloc[::5]
+        truth = flight.settled().iloc[::5]
         trajectory = estimate(flight.tables, rate=10.0)
         squares.append(np.square(astuple(compare(trajectory, truth))))
         honesty.append(nees(trajectory, truth))

@@ -10,13 +10,6 @@ from estimation import SENSOR_ERROR_COLUMNS, SIGMA_COLUMNS, STATE_COLUMNS, Senso
 from logparse import MissingDataError, Tables
 from tests.estimation.simulated_flight import Sensors, fly
 
-#: Truth is compared from here on: the craft has taken off and the heading has been found, s.
-SETTLED = 15.0
-
-
-def settled(flight, after=SETTLED):
-    return flight.truth[flight.truth.index > after]
-
 
 @pytest.fixture(scope="module")
 def flight():
@@ -61,7 +54,7 @@ def test_the_time_of_the_imu_is_shifted_by_its_filter(flight, trajectory):
     blind = estimate(replace(flight.tables, parameters={}))
     assert trajectory.diagnostics["gyro_delay"] == pytest.approx(0.01125, rel=1e-3)
     assert blind.diagnostics["gyro_delay"] == 0.0
-    assert compare(trajectory, settled(flight)).tilt < compare(blind, settled(flight)).tilt
+    assert compare(trajectory, flight.settled()).tilt < compare(blind, flight.settled()).tilt
 
 
 def test_a_known_lag_is_left_alone(trajectory):
@@ -82,8 +75,8 @@ def test_a_glitch_leaves_no_trace(flight, trajectory):
     gps = flight.tables.gps.copy()
     gps.loc[60.0:63.0, "lat"] += 15.0 / 6.37e6
     glitched = estimate(replace(flight.tables, gps=gps))
-    clean = compare(trajectory, settled(flight)).horizontal_position
-    assert compare(glitched, settled(flight)).horizontal_position == pytest.approx(clean, rel=0.01)
+    clean = compare(trajectory, flight.settled()).horizontal_position
+    assert compare(glitched, flight.settled()).horizontal_position == pytest.approx(clean, rel=0.01)
     assert [f.id for f in glitched.findings] == ["sensor-doubtful"]
     assert glitched.findings[0].evidence["start"] == pytest.approx(60.0, abs=0.3)
 
@@ -93,7 +86,7 @@ def test_other_sensors_make_good_what_is_missing(flight):
     for name in ("mag", "baro"):
         result = estimate(replace(flight.tables, **{name: None}))
         assert [(f.id, f.evidence["what"]) for f in result.findings] == [("not-logged", name)]
-        error = compare(result, settled(flight))
+        error = compare(result, flight.settled())
         assert error.horizontal_velocity < 0.1
         assert np.degrees(error.yaw) < 1.0
     assert "b_baro" not in result.states
@@ -104,7 +97,7 @@ def test_heading_without_magnetometer_or_autopilot_comes_from_movement(heading):
     flight = fly(6, duration=80.0, heading=heading)
     result = estimate(replace(flight.tables, mag=None, attitude=None))
     assert result.diagnostics["yaw_source"] == ["movement"]
-    assert np.degrees(compare(result, settled(flight)).yaw) < 1.0
+    assert np.degrees(compare(result, flight.settled()).yaw) < 1.0
 
 
 def test_without_gps_the_sigma_says_that_position_drifts(flight):
@@ -123,7 +116,7 @@ def test_a_log_that_starts_in_the_air(flight, attitude):
     tables = later(flight.tables, 30.0)
     result = estimate(tables if attitude else replace(tables, attitude=None))
     assert result.diagnostics["aligned_still"] == [False]
-    error = compare(result, settled(flight, 35.0))
+    error = compare(result, flight.settled(35.0))
     assert error.horizontal_velocity < 0.1
     assert np.degrees(error.tilt) < 0.3
 
@@ -134,7 +127,7 @@ def test_a_craft_that_never_moves():
     for seed in range(40, 48):
         still = fly(seed, duration=40.0, still=40.0)
         result = estimate(still.tables)
-        error = errors(result, settled(still, 5.0))
+        error = errors(result, still.settled(5.0))
         for column in ("v_n", "v_e", "v_d", "p_d"):
             assert np.abs(error[column]).max() < 4.0 * result.sigma[column].max()
         assert np.degrees(result.sigma["phi_d"].median()) > 3.0
@@ -154,8 +147,8 @@ def test_nan_bursts_are_holes(flight):
     gps.iloc[200:230, gps.columns.get_loc("v_n")] = np.nan
     result = estimate(replace(flight.tables, imu=imu, gps=gps))
     assert np.isfinite(result.states.to_numpy()).all()
-    assert compare(result, settled(flight)).horizontal_velocity < 0.15
-    assert nees(result, settled(flight))["velocity"] < 3.0
+    assert compare(result, flight.settled()).horizontal_velocity < 0.15
+    assert nees(result, flight.settled())["velocity"] < 3.0
 
 
 def test_a_clock_jump_splits_the_log(flight):
@@ -173,7 +166,7 @@ def test_a_clock_jump_splits_the_log(flight):
     assert [f.id for f in result.findings] == ["log-gaps"]
     t = result.states.index
     assert not ((t > 51.0) & (t < 349.0)).any()
-    assert compare(result, jumped(settled(flight))).horizontal_velocity < 0.1
+    assert compare(result, jumped(flight.settled())).horizontal_velocity < 0.1
 
 
 def test_start_and_stop_cut_the_same_trajectory(flight, trajectory):
@@ -189,7 +182,7 @@ def test_start_and_stop_cut_the_same_trajectory(flight, trajectory):
 @pytest.mark.parametrize("rate", [25.0, 200.0])
 def test_any_imu_rate(rate):
     flight = fly(2, duration=60.0, sensors=Sensors(imu_rate=rate))
-    error = compare(estimate(flight.tables), settled(flight))
+    error = compare(estimate(flight.tables), flight.settled())
     assert error.horizontal_velocity < 0.08
     assert np.degrees(error.tilt) < 0.2
 
@@ -217,7 +210,7 @@ def test_each_segment_takes_its_own_imu(flight):
     whole = estimate(replace(tables, further={"imu": (imu,)}))
     assert whole.diagnostics["imu"] == [1]
     assert [f.id for f in whole.findings] == ["sensor-doubtful"]
-    assert compare(whole, settled(flight)).horizontal_velocity < 0.06
+    assert compare(whole, flight.settled()).horizontal_velocity < 0.06
 
 
 def test_what_was_learned_of_the_sensors_survives_a_hole():
@@ -237,8 +230,8 @@ def test_the_plain_filter_knows_no_future(flight, trajectory):
     """Cut short, it gives the same rows; the smoother is better and surer."""
     plain = estimate(flight.tables, smooth=False)
     assert (
-        compare(trajectory, settled(flight)).horizontal_velocity < compare(plain, settled(flight)).horizontal_velocity
+        compare(trajectory, flight.settled()).horizontal_velocity < compare(plain, flight.settled()).horizontal_velocity
     )
     assert (plain.sigma["v_n"] > 0.99 * trajectory.sigma["v_n"]).all()
-    assert nees(plain, settled(flight))["velocity"] < 1.5
-    assert compare(plain, settled(flight)).horizontal_velocity < 0.15
+    assert nees(plain, flight.settled())["velocity"] < 1.5
+    assert compare(plain, flight.settled()).horizontal_velocity < 0.15

@@ -8,16 +8,10 @@ import pytest
 from estimation import compare, errors, estimate, nees
 from tests.estimation.simulated_flight import Sensors, fly
 
-SETTLED = 15.0
-
 
 @pytest.fixture(scope="module")
 def flight():
     return fly(8, duration=120.0, sensors=Sensors(second_gps=True, range_finder=0.03))
-
-
-def settled(flight):
-    return flight.truth[flight.truth.index > SETTLED]
 
 
 def without(tables, *, gps=False, ranges=False):
@@ -26,8 +20,8 @@ def without(tables, *, gps=False, ranges=False):
 
 
 def test_second_receiver_halves_the_noise_of_velocity(flight):
-    both = compare(estimate(without(flight.tables, ranges=True)), settled(flight))
-    one = compare(estimate(without(flight.tables, gps=True, ranges=True)), settled(flight))
+    both = compare(estimate(without(flight.tables, ranges=True)), flight.settled())
+    one = compare(estimate(without(flight.tables, gps=True, ranges=True)), flight.settled())
     # sqrt(1/2) of the noise of velocity; the IMU's share stays.
     assert both.horizontal_velocity < 0.9 * one.horizontal_velocity
 
@@ -48,7 +42,7 @@ def test_sigmas_stay_honest_with_everything_there():
     ratios = []
     for seed in range(60, 66):
         flight = fly(seed, duration=120.0, sensors=Sensors(second_gps=True, range_finder=0.03))
-        ratios.append(nees(estimate(flight.tables), settled(flight)))
+        ratios.append(nees(estimate(flight.tables), flight.settled()))
     for name, high in (("position", 1.6), ("velocity", 1.3), ("attitude", 1.6)):
         assert 0.4 < np.mean([ratio[name] for ratio in ratios]) < high
 
@@ -71,6 +65,6 @@ def test_a_roof_under_the_craft_is_not_believed(flight):
     start = float(near[near > 20.0][0])
     ranges.loc[start : start + 5.0, "distance"] -= 3.0
     tables = without(flight.tables, gps=True)
-    roof = errors(estimate(replace(tables, rangefinder=ranges)), settled(flight))
-    level = errors(estimate(tables), settled(flight))
+    roof = errors(estimate(replace(tables, rangefinder=ranges)), flight.settled())
+    level = errors(estimate(tables), flight.settled())
     assert np.abs(roof["p_d"] - level["p_d"]).max() < 0.5

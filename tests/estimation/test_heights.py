@@ -13,7 +13,6 @@ from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
 
 REAL = Path(__file__).parents[3] / "shared" / "logs" / "real"
-SETTLED = 15.0
 #: Logs whose barometer is spoilt by the craft itself for longer than the rest of the sensors can bridge, and why.
 BEYOND = {
     # Peaks of 2 m for a second or two in every turn; the autopilot's own height is 1.1 m below the barometer's.
@@ -26,32 +25,27 @@ def flight():
     return fly(21, duration=180.0, sensors=Sensors(baro_wander=0.4))
 
 
-@pytest.fixture(scope="module")
-def settled(flight):
-    return flight.truth[flight.truth.index > SETTLED]
-
-
 def swinging(flight, metres):
     gps = flight.tables.gps
     return replace(flight.tables, gps=gps.assign(alt=gps["alt"] + metres * np.sin(2.0 * np.pi * gps.index / 70.0)))
 
 
-def test_heights_that_swing_cost_neither_place_nor_height(flight, settled):
-    clean = compare(estimate(flight.tables, rate=10.0), settled)
+def test_heights_that_swing_cost_neither_place_nor_height(flight):
+    clean = compare(estimate(flight.tables, rate=10.0), flight.settled())
     result = estimate(swinging(flight, 8.0), rate=10.0)
-    swung = compare(result, settled)
+    swung = compare(result, flight.settled())
     assert swung.horizontal_position < 1.05 * clean.horizontal_position
     assert np.ptp(result.states["p_d"] - np.interp(result.states.index, flight.truth.index, flight.truth["p_d"])) < 2.5
     assert [f.evidence["sensor"] for f in result.findings] == ["gps_height"]
 
 
-def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight, settled):
+def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight):
     """At 0.1 m/s, as on 5-12-2014_218: taken for white noise its velocities are 17 m in three minutes."""
     gps = flight.tables.gps
     result = estimate(replace(flight.tables, gps=gps.assign(v_d=gps["v_d"] + 0.1)), rate=10.0)
-    assert compare(result, settled).vertical_position < 1.5
+    assert compare(result, flight.settled()).vertical_position < 1.5
     gained = -result.states["p_d"] + np.interp(result.states.index, flight.truth.index, flight.truth["p_d"])
-    assert np.ptp(gained[result.states.index > SETTLED]) < 1.5
+    assert np.ptp(gained[result.states.index > 15.0]) < 1.5
 
 
 def read_heights() -> list[tuple[str, str, float, float, float]]:

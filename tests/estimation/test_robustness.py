@@ -12,7 +12,6 @@ from estimation import compare, errors, estimate, nees
 from estimation.timing import ACCEL, GYRO
 from tests.estimation.simulated_flight import Sensors, fly
 
-SETTLED = 15.0
 VELOCITY = ("v_n", "v_e", "v_d")
 
 
@@ -28,7 +27,7 @@ def clean(flight, truth):
 
 @pytest.fixture(scope="module")
 def truth(flight):
-    return flight.truth[flight.truth.index > SETTLED]
+    return flight.settled()
 
 
 def biased(tables, force, rate):
@@ -110,7 +109,7 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     result = estimate(replace(flight.tables, gps=gps), rate=10.0)
     finding = next(f for f in result.findings if f.id == "sensor-doubtful")
     assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
-    assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 3.0
+    assert nees(result, flight.settled())["velocity"] < 3.0
     # One fix tells the place and nothing of the flight: as without a receiver.
     assert ("not-logged" in [f.id for f in result.findings]) == (start == 0.0)
 
@@ -123,7 +122,7 @@ def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(fligh
     gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
     result = estimate(replace(flight.tables, gps=gps), rate=10.0)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
-    assert nees(result, flight.truth[flight.truth.index > SETTLED])["velocity"] < 2.0
+    assert nees(result, flight.settled())["velocity"] < 2.0
 
 
 def test_velocity_is_as_unknown_as_it_is_where_the_receiver_is_lost_for_good():

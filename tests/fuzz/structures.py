@@ -168,12 +168,6 @@ def _ulog_kind(data: bytearray, rng: np.random.Generator) -> None:
         data[span.start + 2] = int(rng.choice(list(b"BFIMPQADLCRSO\0x")))
 
 
-def _ulog_text(data: bytearray, rng: np.random.Generator, text: bytes, kinds: str = "F") -> None:
-    """Put a definition in the place of one, with its right length."""
-    if span := _message(data, rng, kinds):
-        data[span.start : span.stop] = struct.pack("<HB", len(text) & 0xFFFF, data[span.start + 2]) + text
-
-
 def _ulog_count(data: bytearray, rng: np.random.Generator) -> None:
     """Change the number of elements in a format."""
     span = _message(data, rng, "F")

@@ -10,10 +10,6 @@ def square(number: int) -> int:
     return number * number
 
 
-def process_id(_: object = None) -> int:
-    return os.getpid()
-
-
 def environment(name: str) -> str | None:
     return os.environ.get(name)
 

@@ -8,19 +8,18 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-import logparse
 from pipeline.flight.rotation import fitted_response
 from pipeline.results.entry import ResponseCurve
 from pipeline.results.model_report import ModelReport
 from reports.figures.frequency import bode_figure, pole_figure, pole_map, response_overlays
 from reports.figures.models import horizon_figure, off_by_default, response_figures
 from reports.numbers.flight import flight_report
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import TransferFunction, frequency
 from sysid.frequency.export import response_table
 from tests.pipeline.builders import chirped
 from tests.reports.builders import themed
 from tests.reports.made import made
+from tests.sysid.rate_logs import CHIRP, PLANT, flown
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):
@@ -97,11 +96,8 @@ def test_one_fast_pole_does_not_squeeze_the_slow_ones_together():
 
 def test_a_lightly_damped_mode_is_within_the_scale(tmp_path: Path) -> None:
     """Scaled by its distance along the real axis only, a mode at 115 rad/s lay outside of the figure."""
-    plant = AxisPlant(gain=300.0, lag=0.03, flex_hz=18.0, flex_damping=0.04, flex_share=0.25, filter_hz=60.0)
-    shaken = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.3, noise=0.005)
-    run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), shaken, 3)
-    write_rate_log(tmp_path / "mode.BIN", {"roll": run}, rate=200.0, filter_hz=60.0)
-    fit = frequency.fit(frequency.response(logparse.read_log(tmp_path / "mode.BIN"), "roll"))
+    plant = replace(PLANT, flex_hz=18.0, flex_damping=0.04, flex_share=0.25, filter_hz=60.0)
+    fit = frequency.fit(frequency.response(flown(tmp_path, CHIRP, 3, plant, rate=200.0), "roll"))
     figure = pole_figure([("roll", fit)])
     assert figure is not None
     poles = fit.transfer_function().poles

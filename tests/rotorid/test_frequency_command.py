@@ -7,16 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from rotorid.cli.main import app
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from tests.sysid.rate_logs import flown
 
 
 @pytest.fixture(scope="module")
 def chirped(tmp_path_factory):
-    plant = AxisPlant(gain=300.0, lag=0.03)
-    shaken = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.5, noise=0.005)
-    path = tmp_path_factory.mktemp("chirp") / "chirp.BIN"
-    write_rate_log(path, {"roll": run_axis(plant, LoopGains.crossing_at(plant, 3.0), shaken, 1)}, rate=100.0)
-    return path
+    return flown(tmp_path_factory.mktemp("chirp")).path
 
 
 def test_a_chirp_becomes_files_a_table_and_a_page(chirped, tmp_path):

@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from simulation import elhesasy2024, fly
@@ -20,13 +19,6 @@ OCTA = elhesasy2024.octocopter()
 def setup(*steps, **changes):
     mission = Mission(takeoff=3.0, steps=steps, disarmed=0.5, armed=0.5)
     return dataclasses.replace(Setup(mission=mission, place=SEA, vehicle=OCTA), **changes)
-
-
-def still(seconds, rate=100.0):
-    """Truth of a craft that stands."""
-    t = pd.Index(np.arange(0.0, seconds, 1.0 / rate), name="t")
-    columns = ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d")
-    return pd.DataFrame(0.0, index=t, columns=list(columns))
 
 
 def test_bias_drift_is_gauss_markov_from_zero():

@@ -12,15 +12,11 @@ from typer.testing import CliRunner
 
 import logparse
 from rotorid.cli.main import app
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
-from tests.sysid.rate_logs import logged
-
-PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
-GAINS = LoopGains.crossing_at(PLANT, 3.0)
-CHIRP = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
+from tests.sysid.rate_logs import CHIRP, GAINS, PLANT, flown, logged
 
 
 def worst(frf: frequency.FrequencyResponse, plant: AxisPlant = PLANT, low: float = 0.6, high: float = 15.0) -> float:
@@ -106,7 +102,7 @@ def test_an_aborted_chirp_leaves_the_sticks_of_its_flight_to_speak(tmp_path: Pat
 
 def with_rows_lost(folder: Path, lost: Callable[[np.ndarray], np.ndarray]) -> logparse.FlightLog:
     """Return a log with a chirp whose RATE has lost some rows, by their times."""
-    log = logged(folder, run_axis(PLANT, GAINS, CHIRP, 6))
+    log = flown(folder, seed=6)
     rows = log.messages["RATE"]
     log.messages.replace("RATE", rows[~lost(rows.index.to_numpy())])
     return log
@@ -139,11 +135,8 @@ def test_a_rate_with_the_wrong_sign_is_named(tmp_path: Path) -> None:
 def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
     """Roll is flown in the first, pitch in the second; nobody yaws, which is said of the file once."""
     chirps = {"roll": CHIRP, "pitch": replace(CHIRP, sid_axis=11)}
-    parts = []
-    for seed, (axis, chirp) in enumerate(chirps.items()):
-        write_rate_log(tmp_path / f"{axis}.BIN", {axis: run_axis(PLANT, GAINS, chirp, seed)}, rate=100.0)
-        parts.append((tmp_path / f"{axis}.BIN").read_bytes())
-    (tmp_path / "both.BIN").write_bytes(b"".join(parts))
+    logs = [logged(tmp_path, {a: run_axis(PLANT, GAINS, chirp, k)}) for k, (a, chirp) in enumerate(chirps.items())]
+    (tmp_path / "both.BIN").write_bytes(b"".join(log.path.read_bytes() for log in logs))
     done = CliRunner().invoke(app, ["frequency", str(tmp_path / "both.BIN"), "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "frequency.json").read_text())
@@ -175,12 +168,10 @@ def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
 
 
 def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
-    logs = []
-    for k, gain in enumerate((300.0, 300.0, 220.0)):
-        write_rate_log(
-            tmp_path / f"{k}.BIN", {"roll": run_axis(replace(PLANT, gain=gain), GAINS, CHIRP, k)}, rate=100.0
-        )
-        logs.append(logparse.read_log(tmp_path / f"{k}.BIN"))
+    logs = [
+        logged(tmp_path, run_axis(replace(PLANT, gain=gain), GAINS, CHIRP, k))
+        for k, gain in enumerate((300.0, 300.0, 220.0))
+    ]
     assert survey(logs[:2], ["roll"]).findings == ()
     (finding,) = survey(logs[1:], ["roll"]).findings
     assert finding.id == "flights-not-alike"

@@ -10,29 +10,17 @@ from scipy.io import loadmat
 from scipy.signal import lfilter
 
 from logparse import FlightLog
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
+from simulation.axis_loop import Excitation, run_axis
 from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import UNRELATED, verify
-from tests.sysid.rate_logs import logged
-
-PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
-CONTROLLER = LoopGains.crossing_at(PLANT, 3.0)
-CHIRP = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
-STICKS = Excitation(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
-
-
-def flown(
-    folder: Path, excitation: Excitation, seed: int = 1, plant: AxisPlant = PLANT, rate: float = 100.0
-) -> FlightLog:
-    run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, seed)
-    return logged(folder, run, rate=rate, filter_hz=plant.filter_hz)
+from tests.sysid.rate_logs import CHIRP, GAINS, PLANT, STICKS, flown, logged
 
 
 @pytest.fixture(scope="module")
 def chirped(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
-    return flown(tmp_path_factory.mktemp("chirp"), CHIRP)
+    return flown(tmp_path_factory.mktemp("chirp"))
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +143,7 @@ def test_several_axes_share_lag_and_delay(tmp_path: Path) -> None:
     runs = {
         name: run_axis(
             replace(PLANT, gain=gain),
-            CONTROLLER,
+            GAINS,
             replace(CHIRP, duration=80.0, chirp_start=start, sid_axis=axis),
             axis,
         )
