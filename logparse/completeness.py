@@ -131,7 +131,7 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
                 rate=rate,
             ),
         )
-    rotation = next(tables.columns("rates", ("out_roll",)), None)
+    rotation = tables.column("rates", "out_roll")
     slow_rotation = rotation is None or not rotation.notna().any() or _rate(rotation.index.to_numpy()) < 40.0
     if (t := tables.times("imu")) is not None and (rate := _rate(t)) < _IMU_RATE:
         yield (

@@ -187,10 +187,11 @@ def _thrust(tables: Tables) -> tuple["pd.Series[float] | None", float]:
             pulses = tables.motors.fillna(tables.motors[tables.motors > above].median())
         means = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
         thrust, idle = pd.Series(means, index=pulses.index, dtype=np.float64), float(levels.thrust(np.array(above)))
-    elif tables.setpoints is not None and not tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
-        thrust, idle = tables.setpoints["throttle"].dropna(), _ABOVE_IDLE
     else:
-        return None, 0.0
+        asked = tables.column("setpoints", "throttle")
+        if asked is None or tables.parameters.get("Q_ENABLE"):  # a quadplane's pulls it forward
+            return None, 0.0
+        thrust, idle = asked.dropna(), _ABOVE_IDLE
     return (thrust, idle) if len(thrust) > 1 else (None, idle)
 
 

@@ -5,7 +5,7 @@ increasing). SI units and radians; world frame NED (north, east, down), body fra
 A value that was not logged or cannot be is NaN. A table that the log does not have is None.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -138,6 +138,12 @@ COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
     }
 )
+
+
+def framed(columns: Iterable["pd.Series[float]"]) -> pd.DataFrame | None:
+    """Make a table of columns that share their index, without copies; None without a column."""
+    found = {str(column.name): column for column in columns}
+    return pd.DataFrame(found, copy=False) if found else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,14 +285,21 @@ class Tables(_LongTables, Summarised):
             return
         table = getattr(self, name)
         if table is not None:
-            yield from (table[column] for column in (table.columns if wanted is None else wanted))
+            yield from (table[column] for column in (table.columns if wanted is None else wanted) if column in table)
+
+    def column(self, name: str, column: str) -> "pd.Series[float] | None":
+        """Return one column of a table without building the others; None where there is none."""
+        return next(self.columns(name, (column,)), None)
+
+    def part(self, name: str, wanted: Collection[str]) -> pd.DataFrame | None:
+        """Return a table with no more than the wanted columns; None where it has none of them."""
+        return framed(self.columns(name, wanted))
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
-        if name in self._long and self._long[name].columns is not None:
-            return next(self.columns(name, list(COLUMNS[name])[:1])).index.to_numpy(np.float64)
-        table = getattr(self, name)
-        return None if table is None else table.index.to_numpy(np.float64)
+        lean = name in self._long and self._long[name].columns is not None
+        found = self.column(name, next(iter(COLUMNS[name]))) if lean else getattr(self, name)
+        return None if found is None else found.index.to_numpy(np.float64)
 
     def release(self, keep: str = "") -> None:
         """Release the long table that is kept, unless it is `keep`: it is built anew when it is asked for again."""

@@ -16,13 +16,14 @@ from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
 from logparse.flights import wing_borne
 from logparse.source import LONG
-from logparse.tables import COLUMNS, LongTable, Tables
+from logparse.tables import COLUMNS, LongTable, Tables, framed
 
 __all__ = ["TOGETHER", "gather_tables"]
 
 #: DataFlash messages of which there may be a row for every step of the fast loop.
 _IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
 _RATES = ("RATE", "PIDR", "PIDP", "PIDY")
+_TARGETS = ("ATT", "ANG", "PSCN", "PSCE", "PSCD")
 
 #: Messages that `gather_tables` reads wherever they are logged, but for the above and bursts of samples.
 TOGETHER = (
@@ -50,7 +51,7 @@ def gather_tables(
     said: dict[str, Remarks] = {}  # Of long tables, when they are built.
     kind = {"ulog": Kind.PX4}.get(format, Kind.DATAFLASH if format.startswith("dataflash") else Kind.TELEMETRY)
     messages = Sender(messages) if kind is Kind.TELEMETRY else messages
-    long: Mapping[str, LongTable] = _long_tables(messages, said) if kind is Kind.DATAFLASH else {}
+    long: Mapping[str, LongTable] = _long_tables(messages, vehicle, said) if kind is Kind.DATAFLASH else {}
     tables = _build(messages, kind, parameters, vehicle, remarks, long)
     if vehicle.firmware == "ArduPlane" and vehicle.motors and (wings := wing_borne(tables)):
         tables, long = _without_wings(tables, long, wings, remarks)
@@ -103,7 +104,7 @@ def _without_wings(
     return replace(tables, motors=hover(motors), rates=None if measured is None else hover(measured)), long
 
 
-def _long_tables(messages: Messages, said: dict[str, Remarks]) -> dict[str, LongTable]:
+def _long_tables(messages: Messages, vehicle: Vehicle, said: dict[str, Remarks]) -> dict[str, LongTable]:
     """Return how to build the tables that are long; `said` gets what building them has to say."""
     counts: Mapping[str, int] = getattr(messages, "counts", {})
 
@@ -117,6 +118,10 @@ def _long_tables(messages: Messages, said: dict[str, Remarks]) -> dict[str, Long
     if sum(counts.get(name, 0) for name in _RATES) >= LONG:
         columns = partial(control.rate_columns, messages) if "RATE" in messages else None
         found["rates"] = LongTable(lambda: (control.rates(messages, Kind.DATAFLASH), ()), columns)
+    if max(counts.get(name, 0) for name in _TARGETS) >= LONG:
+        # Targets of all rates on the times of the fastest: three times as many numbers as were logged.
+        targets = partial(control.setpoint_columns, messages, vehicle)
+        found["setpoints"] = LongTable(lambda: (framed(targets(COLUMNS["setpoints"])), ()), targets)
     return found
 
 
@@ -157,7 +162,7 @@ def _build(
         motors=actuators.motors(messages, kind, parameters, vehicle, remarks),
         esc=actuators.esc(messages, kind, vehicle.motors),
         attitude=attitude,
-        setpoints=control.setpoints(messages, kind, vehicle, place, attitude),
+        setpoints=None if "setpoints" in long else control.setpoints(messages, kind, vehicle, place, attitude),
         rates=None if "rates" in long else control.rates(messages, kind),
         systemid=control.systemid(messages, kind),
         ekf=ekf,

@@ -24,7 +24,17 @@ from logparse.canonical.fields import (
     value,
     values,
 )
-from logparse.canonical.series import ANGLES, Array, columns_of, join, quaternions, sample, series, with_attitude
+from logparse.canonical.series import (
+    ANGLES,
+    Array,
+    columns_of,
+    join,
+    joined_columns,
+    quaternions,
+    sample,
+    series,
+    with_attitude,
+)
 from logparse.craft.frames import Vehicle
 from logparse.tables import COLUMNS, Geodetic
 
@@ -222,6 +232,11 @@ def setpoints(
     return join(parts, COLUMNS["setpoints"], gap=_GAP[kind])
 
 
+def setpoint_columns(messages: Messages, vehicle: Vehicle, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+    """Columns of the table that `setpoints` makes of DataFlash, one by one, in the order wanted."""
+    return joined_columns(_dataflash_targets(messages, vehicle), wanted, gap=_GAP[Kind.DATAFLASH])
+
+
 def _dataflash_targets(messages: Messages, vehicle: Vehicle) -> Iterator[pd.DataFrame]:
     rows = [{name: fields} for name, fields in _SINCE_4_1.items()]
     if not any(name in messages for name in _SINCE_4_1):
@@ -233,8 +248,8 @@ def _dataflash_targets(messages: Messages, vehicle: Vehicle) -> Iterator[pd.Data
                 yield table(messages[name], there)
                 break
     for name in ("ATT", "ANG"):
-        if name in messages and has(messages[name], _ASKED["roll"]):
-            yield table(messages[name], _ASKED)
+        if name in messages and has(frame := some_fields(messages, name, names_of(_ASKED)), _ASKED["roll"]):
+            yield table(frame, _ASKED)
     if (throttle := throttle_output(messages, vehicle)) is not None:
         yield throttle
 

@@ -6,6 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from logparse.tables import framed
+
 Array = npt.NDArray[np.float64]
 
 
@@ -136,18 +138,23 @@ ANGLES = ("roll", "pitch", "yaw")
 
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
     """Bring tables with different times onto the times of the one with most rows."""
-    tables = sorted((part for part in parts if len(part)), key=len)
+    return framed(joined_columns(parts, columns, gap=gap))
+
+
+def joined_columns(
+    parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float
+) -> Iterator["pd.Series[float]"]:
+    """Yield columns of the table that `join` makes, one by one; they share their index."""
+    tables = sorted((part for part in parts if len(part)), key=len)[::-1]
     if not tables:
-        return None
-    t = tables[-1].index.to_numpy()
+        return
+    index = tables[0].index.rename("t")
+    t = index.to_numpy()
     missing = np.broadcast_to(np.nan, len(t))  # takes no memory
-    values: dict[str, Array] = dict.fromkeys(columns, missing)
-    for table in tables:
-        turning = [name for name in table.columns if name in ANGLES]
-        others = [name for name in table.columns if name not in ANGLES]
-        for some, angles in ((others, False), (turning, True)):
-            values |= zip(some, sample(table[some], t, gap=gap, angles=angles).T, strict=True)
-    return pd.DataFrame(values, index=tables[-1].index.rename("t"), copy=False)
+    for name in columns:
+        table = next((each for each in tables if name in each), None)
+        values = missing if table is None else sample(table[[name]], t, gap=gap, angles=name in ANGLES)[:, 0]
+        yield pd.Series(values, index=index, name=name, copy=False)
 
 
 def with_attitude(table: pd.DataFrame, attitude: pd.DataFrame | None, gap: float) -> pd.DataFrame:

@@ -24,10 +24,12 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     if sound.stop - sound.start <= LONGEST or log.tables.systemid is not None:
         return sound
     begins = np.arange(sound.start, sound.stop - LONGEST, _SHIFT * LONGEST)
-    table = log.tables.setpoints if log.tables.setpoints is not None else log.tables.attitude
+    angles = ("roll", "pitch", "yaw")
+    table = log.tables.part("setpoints", angles)
+    table = log.tables.part("attitude", angles) if table is None else table
     if table is None or len(table) < 2:
         return Span(sound.start, sound.start + LONGEST)
-    turned = wrap(np.diff(table[["roll", "pitch", "yaw"]].to_numpy(np.float64), axis=0))
+    turned = wrap(np.diff(table.to_numpy(np.float64), axis=0))
     moved = np.concatenate([[0.0], np.cumsum(np.nansum(np.abs(turned), axis=1))])
     t = table.index.to_numpy(np.float64)
     begin = float(begins[np.argmax(np.interp(begins + LONGEST, t, moved) - np.interp(begins, t, moved))])

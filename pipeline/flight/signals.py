@@ -113,10 +113,7 @@ def _asked_and_flown(
 ) -> tuple[Panel, ...]:
     panels: tuple[Panel, ...] = ()
     for title, columns in names.items():
-        found = [
-            next((each.dropna() for each in tables.columns(source, (column,))), None)
-            for source, column in zip(sources, columns, strict=True)
-        ]
+        found = [None if each is None else each.dropna() for each in map(tables.column, sources, columns)]
         asked, flown = found if title != "yaw" else _turning(found[0], found[1], flight)
         if flown is None:
             continue
@@ -201,13 +198,13 @@ def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, 
 
 
 def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:
-    if tables.mag is None or tables.setpoints is None:
+    throttle = tables.column("setpoints", "throttle")
+    if tables.mag is None or throttle is None:
         return ()
     axes = tables.mag[["mag_x", "mag_y", "mag_z"]].dropna()
     field = pd.Series(1e6 * np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index)
     if not len(field) or not float(field.max()) > 0.0:
         return ()
-    throttle = tables.setpoints["throttle"].dropna()
     return _panel("magnetic field", "µT", [_line("magnetic field", field, flight)]) + _panel(
-        "throttle", "", [_line("throttle", throttle, flight)]
+        "throttle", "", [_line("throttle", throttle.dropna(), flight)]
     )

@@ -152,8 +152,7 @@ def _notches(
         low = high = centre
         mode = round(parameters.get(f"{name}_MODE", 0.0)) if "HNT" in name else 0
         reference = parameters.get(f"{name}_REF", 0.0)
-        if mode == 1 and reference > 0.0 and tables.setpoints is not None:
-            asked = tables.setpoints["throttle"]
+        if mode == 1 and reference > 0.0 and (asked := tables.column("setpoints", "throttle")) is not None:
             throttle = asked.iloc[flight.rows(asked.index)].dropna().to_numpy(np.float64)
             if len(throttle) > 10:
                 floor = parameters.get(f"{name}_FM_RAT", 1.0)

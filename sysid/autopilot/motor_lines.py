@@ -102,10 +102,10 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
             f"INS_LOG_BAT_MASK {1 << used}"
         )
     both = [tables[raw.index(used)], *(tables[len(raw) + raw.index(used) :][:1] if len(raw) < len(instances) else ())]
-    throttle = log.tables.setpoints
-    if throttle is None or throttle["throttle"].notna().sum() < 2:
+    throttle = log.tables.column("setpoints", "throttle")
+    if throttle is None or throttle.notna().sum() < 2:
         raise LineError(f"{name}: no throttle output (CTUN), which the notch would follow")
-    given = throttle["throttle"].dropna()
+    given = throttle.dropna()
     t, values = given.index.to_numpy(np.float64), given.to_numpy(np.float64)
     found: list[tuple[Batch, ...]] = []
     for table in both:

@@ -163,10 +163,10 @@ def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> 
 
 def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
     """Return the notch for the lines of a flight."""
-    flight, table = log.flight, log.tables.setpoints
+    flight, throttle = log.flight, log.tables.column("setpoints", "throttle")
     assert flight is not None
-    assert table is not None  # the batches are of a flight with its throttle
-    least = float(np.percentile(table["throttle"].loc[flight.start : flight.stop].dropna(), 1.0))
+    assert throttle is not None  # the batches are of a flight with its throttle
+    least = float(np.percentile(throttle.loc[flight.start : flight.stop].dropna(), 1.0))
     esc = _reported(log, lines)
     part = np.sqrt(max(least, 0.0) / lines.hover)
     values = {
@@ -294,7 +294,7 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
     """Return the rms of the controllers' outputs during the batches, each about its mean; empty without RATE."""
     found = {}
     for axis, column in (("roll", "out_roll"), ("pitch", "out_pitch"), ("yaw", "out_yaw")):
-        output = next(iter(log.tables.columns("rates", [column])), None)
+        output = log.tables.column("rates", column)
         if output is None:
             return {}
         parts = [output.loc[each.start : each.stop].to_numpy(np.float64) for each in batches]

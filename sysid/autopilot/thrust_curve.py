@@ -200,10 +200,10 @@ def _hover(
 
 def hover_throttle(log: FlightLog, record: Experiment) -> Floats:
     """Return the throttle output of each second in which a flight hovered, 0..1."""
-    table, context = log.tables.setpoints, record.context
-    if table is None or context is None:
+    given, context = log.tables.column("setpoints", "throttle"), record.context
+    if given is None or context is None:
         return np.zeros(0)
-    throttle = table["throttle"].loc[record.t[0] : record.t[-1]].dropna()
+    throttle = given.loc[record.t[0] : record.t[-1]].dropna()
     t = throttle.index.to_numpy(np.float64)
     climb, roll, pitch = (np.interp(t, record.t, context[name]) for name in ("v_d", "roll", "pitch"))
     still = (np.abs(climb) < _STILL) & (np.hypot(roll, pitch) < _UPRIGHT)

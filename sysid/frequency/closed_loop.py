@@ -124,10 +124,10 @@ def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Withi
 
 def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Floats]:
     """Return times, targets and angles [rad] of an axis at the rows of its attitude."""
-    targets, attitude = log.tables.setpoints, log.tables.attitude
-    if targets is None or attitude is None or len(attitude) < 32 or targets[axis.name].isna().all():
+    targets, attitude = log.tables.column("setpoints", axis.name), log.tables.attitude
+    if targets is None or attitude is None or len(attitude) < 32 or targets.isna().all():
         raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
-    wanted = targets[axis.name].dropna()
+    wanted = targets.dropna()
     if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
         raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
     t, angle = attitude.index.to_numpy(np.float64), attitude[axis.name].to_numpy(np.float64)

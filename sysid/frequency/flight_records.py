@@ -164,14 +164,14 @@ def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tu
     """Return times, values and name of what asked an axis from outside its loop; None without an attitude target."""
     if not axis.attitude:
         return lift_asked(log, first, last)
-    table = log.tables.setpoints
-    if table is None or axis.attitude not in table:
+    target = log.tables.column("setpoints", axis.attitude)
+    if target is None:
         return None
-    values = table[axis.attitude].to_numpy(np.float64)
+    values = target.to_numpy(np.float64)
     known = np.isfinite(values)
     if np.count_nonzero(known) < 16:
         return None
-    return table.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
+    return target.index.to_numpy(np.float64)[known], np.unwrap(values[known]), f"{axis.name} target"
 
 
 def at_rows(target: tuple[Floats, Floats, str], t: Floats) -> Floats:
@@ -220,12 +220,10 @@ def _sticks(log: FlightLog) -> Iterator[tuple[Floats, Floats, str, float]]:
 
 
 def _heights(log: FlightLog) -> Iterator[tuple[Floats, Floats, str, float]]:
-    table = log.tables.setpoints
-    if table is None:
-        return
     for column, least in (("v_d_ref", _CLIMB), ("p_d", _HEIGHT)):
-        if column in table:
-            t, values = table.index.to_numpy(np.float64), -table[column].to_numpy(np.float64)
+        target = log.tables.column("setpoints", column)
+        if target is not None:
+            t, values = target.index.to_numpy(np.float64), np.negative(target.to_numpy(np.float64))
             yield t, values, HEIGHT_TARGET, least
 
 

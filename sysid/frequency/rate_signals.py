@@ -204,7 +204,7 @@ class LogSignals:
     @cached_property
     def tells_height(self) -> bool:
         """Whether the log has the vertical acceleration as the height controller saw it."""
-        felt = next(self.log.tables.columns("rates", ["a_up"]), None)
+        felt = self.log.tables.column("rates", "a_up")
         return felt is not None and bool(felt.notna().any())
 
     @cached_property

@@ -192,7 +192,7 @@ def oscillation(log: FlightLog, axis: str) -> str | None:
 
 def find_oscillation(log: FlightLog, axis: str) -> Oscillation | None:
     """Find whether an axis oscillates by itself: outside chirps, narrow and strong."""
-    column = next(log.tables.columns("rates", (axis_of(axis).input,)), None)
+    column = log.tables.column("rates", axis_of(axis).input)
     if column is None or log.flight is None:
         return None
     t = column.index.to_numpy(np.float64)

@@ -178,9 +178,9 @@ def _notch_base(
 
 def _throttle(log: FlightLog, axis: str) -> float | None:
     """Return the median throttle of the chirps at the mixer on an axis, without one of the flight, 0..1."""
-    table, flight = log.tables.setpoints, log.flight
-    if table is None or flight is None:
+    throttle, flight = log.tables.column("setpoints", "throttle"), log.flight
+    if throttle is None or flight is None:
         return None
     spans = [(chirp.start, chirp.stop) for chirp in mixer_chirps(log, axis)] or [(flight.start, flight.stop)]
-    found = pd.concat([table["throttle"].loc[start:stop] for start, stop in spans]).dropna()
+    found = pd.concat([throttle.loc[start:stop] for start, stop in spans]).dropna()
     return float(found.median()) if len(found) else None

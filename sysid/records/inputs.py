@@ -146,8 +146,8 @@ def _rate_outputs(tables: Tables) -> Inputs:
     signals = table[list(columns)].rename(columns=columns)
     findings: list[Finding] = []
     if signals["throttle"].notna().sum() < 2:
-        throttle = None if tables.setpoints is None else tables.setpoints["throttle"].dropna()
-        if throttle is None or len(throttle) < 2:
+        throttle = tables.column("setpoints", "throttle")
+        if throttle is None or len(throttle := throttle.dropna()) < 2:
             raise MissingDataError(
                 "the rate controller's outputs have no throttle (RATE.AOut, CTUN.ThO); log one of the two"
             )
@@ -203,8 +203,8 @@ def yaw_of(states: pd.DataFrame) -> Floats:
 
 def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
     names = ["p_n", "p_e", "p_d"]
-    targets = None if tables.setpoints is None else tables.setpoints[names].dropna()
-    if targets is None or len(targets) < 2:
+    targets = tables.part("setpoints", names)
+    if targets is None or len(targets := targets.dropna()) < 2:
         raise MissingDataError(_no_reference(tables, "position", "PSCN, PSCE and PSCD"))
     t = targets.index.to_numpy(np.float64)
     states = trajectory.states
@@ -242,7 +242,7 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
 
 def _velocity_reference(tables: Tables) -> Inputs:
     asked, corrected = ["v_n_ref", "v_e_ref", "v_d_ref"], ["v_n", "v_e", "v_d"]
-    table = tables.setpoints
+    table = tables.part("setpoints", asked + corrected)
     findings: tuple[Finding, ...] = ()
     targets = None if table is None else table[asked].dropna()
     if (targets is None or len(targets) < 2) and table is not None:

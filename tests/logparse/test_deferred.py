@@ -10,6 +10,7 @@ import pytest
 import logparse.canonical
 import logparse.messages
 from logparse import Tables, read_log
+from logparse.canonical.series import join
 
 LOG = Path(__file__).parents[2] / "sample_logs" / "quad02_delft_systemid.bin"
 
@@ -62,21 +63,34 @@ def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(defer
     assert tables.imu is not again
 
 
-def test_columns_come_one_by_one_without_their_table(at_once, deferred):
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("rates", ("out_roll", "w_x_ref", "out_thrust")), ("setpoints", ("throttle", "yaw", "p_d", "v_n_ref"))],
+)
+def test_columns_come_one_by_one_without_their_table(at_once, deferred, name, wanted):
     whole, tables = at_once[0], deferred.tables
-    kept = tables.imu
-    wanted = ("out_roll", "w_x_ref", "out_thrust")
+    kept, table = tables.imu, getattr(whole, name)
     for source in (whole, tables):
-        columns = list(source.columns("rates", wanted))
+        columns = list(source.columns(name, wanted))
         assert [column.name for column in columns] == list(wanted)
         for column in columns:
-            pd.testing.assert_series_equal(column, whole.rates[column.name], check_exact=True)
+            pd.testing.assert_series_equal(column, table[column.name], check_exact=True)
+        same(source.part(name, wanted), table[list(wanted)])
+        same(source.column(name, wanted[0]).to_frame(), table[[wanted[0]]])
     assert tables.imu is kept, "no other long table was made, which would have taken its place"
-    assert list(Tables().columns("rates", wanted)) == []
+    assert list(Tables().columns(name, wanted)) == []
+    assert Tables().column(name, wanted[0]) is Tables().part(name, wanted) is None
+
+
+def test_of_targets_logged_as_often_by_two_messages_the_later_counts():
+    first, second = (pd.DataFrame({"roll": [k, k], "pitch": 0.0}, index=[0.1 * k, 0.1 * k + 1.0]) for k in (1.0, 2.0))
+    joined = join([first, second.drop(columns="pitch")], ("roll", "pitch"), gap=0.3)
+    assert joined.index.tolist() == [0.2, 1.2]
+    assert joined["roll"].tolist() == [2.0, 2.0]
 
 
 def test_times_are_those_of_the_table(at_once, deferred):
-    for name in ("imu", "rates", "gps"):
+    for name in ("imu", "rates", "setpoints", "gps"):
         assert deferred.tables.times(name).tolist() == at_once[0].times(name).tolist()
     assert Tables().times("imu") is None
 

@@ -132,11 +132,11 @@ def _rate(readings: Readings, axis: str) -> tuple[Floats, Floats] | None:
 
 def _asked(readings: Readings, axis: str) -> pd.Series[float] | None:
     """Return the rate that was asked for; of logs without it the rate at which the target of the angle turned."""
-    asked = next(readings.tables.columns("rates", (f"w_{axis}_ref",)), None)
+    asked = readings.tables.column("rates", f"w_{axis}_ref")
     if asked is not None and len(known := asked.dropna()) > 10:
         return known
     name = {"x": "roll", "y": "pitch"}.get(axis, "")
-    target = next(readings.tables.columns("setpoints", (name,)), None) if name else None
+    target = readings.tables.column("setpoints", name) if name else None
     if target is None or len(target := target.dropna()) <= 10:
         return None
     turned = np.gradient(target.to_numpy(np.float64), target.index.to_numpy(np.float64))

@@ -76,10 +76,8 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
 
 def _climb_asked(readings: Readings, first: float, last: float) -> bool | None:
     """Return whether rate or height of the target rose in a stretch; None where neither was logged."""
-    setpoints = readings.tables.setpoints
-    names = () if setpoints is None else setpoints.columns.intersection(["v_d", "p_d"])
-    targets = {} if setpoints is None else {name: setpoints[name].loc[first:last].dropna() for name in names}
-    known = {name: values for name, values in targets.items() if len(values)}
+    targets = (each.loc[first:last].dropna() for each in readings.tables.columns("setpoints", ("v_d", "p_d")))
+    known = {str(each.name): each for each in targets if len(each)}
     rates = [known["v_d"].median()] if "v_d" in known else []
     if "p_d" in known:
         rates.append((known["p_d"].iloc[-1] - known["p_d"].iloc[0]) / (last - first))

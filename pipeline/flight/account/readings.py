@@ -120,8 +120,8 @@ class Readings:
     @cached_property
     def throttle(self) -> pd.Series[float] | None:
         """Throttle, 0..1: what the controller asked for, else the mean thrust of the motor outputs."""
-        setpoints = self.tables.setpoints
-        if setpoints is not None and len(asked := setpoints["throttle"].dropna()):
+        given = self.tables.column("setpoints", "throttle")
+        if given is not None and len(asked := given.dropna()):
             return asked.iloc[self.belongs.rows(asked.index)]
         if self.outputs is None:
             return None
@@ -132,19 +132,19 @@ class Readings:
     @cached_property
     def lean(self) -> pd.Series[float] | None:
         """Angle between the thrust axis and the vertical, rad."""
-        return _lean(self.tables.attitude, self.belongs)
+        return _lean(self.tables.part("attitude", ("roll", "pitch")), self.belongs)
 
     @cached_property
     def lean_asked(self) -> pd.Series[float] | None:
         """The same of the attitude target."""
-        return _lean(self.tables.setpoints, self.belongs)
+        return _lean(self.tables.part("setpoints", ("roll", "pitch")), self.belongs)
 
     @cached_property
     def attitude_error(self) -> pd.Series[float] | None:
         """Angle between the thrust axis flown and the way of its target, rad; NaN where nothing should hold it."""
         wanted, flown = (
-            None if table is None else table[["roll", "pitch"]].iloc[self.belongs.rows(table.index)].dropna()
-            for table in (self.tables.setpoints, self.tables.attitude)
+            None if table is None else table.iloc[self.belongs.rows(table.index)].dropna()
+            for table in (self.tables.part(name, ("roll", "pitch")) for name in ("setpoints", "attitude"))
         )
         if wanted is None or flown is None or min(len(wanted), len(flown)) < 2:
             return None
@@ -243,7 +243,7 @@ def at(t: float | Floats, series: pd.Series[float]) -> Floats:
 def _lean(attitude: pd.DataFrame | None, span: Span) -> pd.Series[float] | None:
     if attitude is None:
         return None
-    angles = attitude[["roll", "pitch"]].iloc[span.rows(attitude.index)].dropna()
+    angles = attitude.iloc[span.rows(attitude.index)].dropna()
     cosine = np.cos(angles["roll"].to_numpy(np.float64)) * np.cos(angles["pitch"].to_numpy(np.float64))
     return pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=angles.index) if len(angles) > 1 else None
 
