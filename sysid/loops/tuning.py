@@ -190,8 +190,9 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
     best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
     for factor in options[1:]:
         tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
-        if all(item.tuned is not None for item in tuned.values()) and worth_of(tuned) > worth_of(best):
-            best = tuned
+        if any(item.tuned is None for item in tuned.values()) or worth_of(tuned) <= worth_of(best):
+            break
+        best = tuned
     axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in found)
     proposed = _proposed(axes)
     during = _during(loops)
