@@ -51,8 +51,11 @@ _APART = 2.0
 #: Margins that tuning keeps, deg and dB.
 _WIDE = (45.0, 6.0)
 
+#: Part of the gain margin, dB, that another notch leaves at the least: where it was kept by the one that flew, less is.
+_HALVED = 0.5
+
 #: Factor of the filters that stay of which it is said what they would do.
-__WIDER = 1.5
+_WIDER = 1.5
 
 #: Frequencies at which phase is told where no loop is identified, Hz.
 _PHASE_AT = (10.0, 20.0)
@@ -92,6 +95,9 @@ def notch_values(
     if _flies_already(flown, values):
         why = f"what flew is right: {follows}, {lines.hz:.1f} ± {lines.sigma:.1f} Hz; noise at the mixer {rms['now']}"
         return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, why, right=True), *filters]
+    hidden = _hidden(study, loops)
+    if hidden is not None:
+        return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, hidden), *filters]
     costs = _costs(study, loops)
     reasons = {
         "ENABLE": f"noise at the mixer in hover {rms['now']} as flown, {rms['then']} with it; it costs {costs}",
@@ -122,10 +128,10 @@ def _filters(
         now = [parameters.get(name, 0.0) for name in each]
         if not min(now) > 0.0:
             continue
-        wider = parameters | {name: __WIDER * value for name, value in zip(each, now, strict=True)}
+        wider = parameters | {name: _WIDER * value for name, value in zip(each, now, strict=True)}
         noise = max(motor_noise(log, study.lines, wider, loops).mixer[axis] for axis in ("roll", "pitch"))
         why = (
-            f"at {__WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
+            f"at {_WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
             f"{number(max(study.then.mixer['roll'], study.then.mixer['pitch']), 2)} as it is; that no mode of the "
             "frame rises with it only chirps show: rotorid tune"
         )
@@ -304,6 +310,30 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
     return found
 
 
+def _margins_with(study: NotchStudy, loop: RateLoop) -> dict[str, float]:
+    """Return the margins of a loop behind the notch that is proposed."""
+    batch = study.lines.batches[len(study.lines.batches) // 2]
+    change = cascade(_notches(study.values, batch, study.lines), loop.hz)
+    low_pass = second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
+    return margins_of(loop.hz, _broken(loop, change * low_pass)).row(0)
+
+
+def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
+    """Return that a loop cannot fly behind the notch that is proposed: what flew may hide a mode of the frame."""
+    for axis, loop in loops.items():
+        left, flown = _margins_with(study, loop), loop.margins
+        if flown.gain_db.value is None or not flown.stable:
+            continue
+        if not left["stable"] or left["gain_db"] < _HALVED * flown.gain_db.value:
+            found = f"{left['gain_db']:.1f} dB of gain margin" if left["stable"] else "unstable"
+            return (
+                f"behind this notch {axis} would be left {found} ({flown.gain_db.value:.1f} dB as flown): a mode of "
+                "the frame that the notch that flew hides, or too little margin for another lag; tune first, or give a "
+                "mode a notch of its own (INS_HNTC2_)"
+            )
+    return None
+
+
 def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
     """Return what the notch costs in phase, and the margin it leaves where the loop is identified."""
     told = []
@@ -312,15 +342,14 @@ def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
         margins = loop.margins
         if margins.crossover_hz.value is None:
             continue
-        change = cascade(_notches(study.values, batch, study.lines), loop.hz)
-        low_pass = second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
-        left = margins_of(loop.hz, _broken(loop, change * low_pass))
-        lost = -np.degrees(np.interp(margins.crossover_hz.value, loop.hz, np.angle(change)))
+        left = _margins_with(study, loop)
+        change = cascade(_notches(study.values, batch, study.lines), np.array([margins.crossover_hz.value]))
+        lost = -np.degrees(np.angle(change[0]))
         told.append(
             f"{lost:.0f} deg at {axis}'s crossover of {margins.crossover_hz.value:.1f} Hz, leaving "
-            f"{float(left.phase_deg[0]):.0f} deg and {float(left.gain_db[0]):.1f} dB of "
+            f"{left['phase_deg']:.0f} deg and {left['gain_db']:.1f} dB of "
             f"{margins.phase_deg.value or np.nan:.0f} deg and {margins.gain_db.value or np.nan:.1f} dB"
-            + ("" if left.phase_deg[0] >= _WIDE[0] and left.gain_db[0] >= _WIDE[1] else ", which is thin: tune with it")
+            + ("" if left["phase_deg"] >= _WIDE[0] and left["gain_db"] >= _WIDE[1] else ", which is thin: tune with it")
         )
     if told:
         return "; ".join(told)

@@ -21,7 +21,7 @@ from sysid.loops.chirps import (
     first_chirp,
     predicted_errors,
 )
-from sysid.loops.controller import LoopError
+from sysid.loops.controller import AXES, LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.lua import Multisine, multisine_script, orthogonal_multisines
 from sysid.loops.missions import (
@@ -120,6 +120,7 @@ def design(log: FlightLog, purpose: str, limits: Limits | None = None) -> Design
 
 
 def _rates(log: FlightLog, limits: Limits) -> Design:
+    _check_flown(log)
     files: dict[str, str] = {}
     expected: list[Expected] = []
     chirps: list[ChirpDesign] = []
@@ -140,16 +141,15 @@ def _rates(log: FlightLog, limits: Limits) -> Design:
 
 def _chirp(log: FlightLog, axis: str, limits: Limits) -> ChirpDesign:
     """Design from the craft's response, or, before its first chirp, from the gains alone."""
-    _check_flown(log, axis)
     try:
         return design_chirp(rate_loop(log, axis), limits)
     except RotoridError:
         return first_chirp(read_copter(log, axis), limits)
 
 
-def _check_flown(log: FlightLog, axis: str) -> None:
+def _check_flown(log: FlightLog) -> None:
     """Raise where the parameters are not those that flew: what a chirp leans the craft by goes with them."""
-    contradicted = contradiction_of(log, axis)
+    contradicted = next((reason for axis in AXES if (reason := contradiction_of(log, axis))), None)
     if contradicted is not None:
         raise LoopError(contradicted)
 
@@ -208,8 +208,7 @@ def _inertia(log: FlightLog, limits: Limits) -> Design:
             f"{log.path.name} is of a QuadPlane, whose scripts cannot ask the motors that lift for rates; fly the "
             "chirps of --for rates, which tell its inertia as well"
         )
-    for axis in ("roll", "pitch"):
-        _check_flown(log, axis)
+    _check_flown(log)
     loops = {axis: rate_loop(log, axis) for axis in ("roll", "pitch")}
     # Scripts run at 25 to 90 Hz, with gaps up to 0.24 s.
     sines = orthogonal_multisines(3, 0.3, 4.5, 20.0)

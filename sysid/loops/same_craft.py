@@ -14,6 +14,9 @@ _OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
 #: because the error of the sum is not that of either: batteries and loads make less.
 REBUILT, SUMMED = 1.5, 1.2
 
+#: Ratio of mean voltages that one battery does not pass through, from 4.2 to 3.3 V a cell; another cell makes more.
+_OTHER_BATTERY = 1.3
+
 
 def other_craft(before: FlightLog, after: FlightLog) -> str | None:
     """Return why two logs are not of one craft."""
@@ -26,7 +29,19 @@ def other_craft(before: FlightLog, after: FlightLog) -> str | None:
         return f"{before.path.name} and {after.path.name} were logged by two autopilots: these are two craft"
     if first.motors and second.motors and len(first.motors) != len(second.motors):
         return f"{len(first.motors)} motors before and {len(second.motors)} after: these are two craft"
+    a, b = (_voltage(log) for log in (before, after))
+    if max(a, b) > _OTHER_BATTERY * min(a, b):
+        return f"{before.path.name} flew on {a:.1f} V and {after.path.name} on {b:.1f} V: these are two craft"
     return None
+
+
+def _voltage(log: FlightLog) -> float:
+    """Return the median voltage of a flight; NaN where it is not known."""
+    battery = log.tables.battery
+    if battery is None or log.flight is None:
+        return np.nan
+    flown = battery["voltage"].loc[log.flight.start : log.flight.stop]
+    return float(flown[flown > 1.0].median())
 
 
 def gain_apart(first: RateLoop, second: RateLoop) -> float:

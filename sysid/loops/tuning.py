@@ -9,6 +9,7 @@ is a reason and no number.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -353,30 +354,31 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
 
 
 def _examined(flights: Sequence[FlightLog], axis: str) -> AxisTuning:
-    """Identify an axis and look at the evidence of the flights with a chirp on it."""
-    logs = [log for log in flights if mixer_chirps(log, axis)]
+    """Identify an axis and look at the evidence of the flights with a chirp on it, else of all."""
+    chirped = [log for log in flights if mixer_chirps(log, axis)]
+    logs, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
     try:
-        if not logs:
-            loop = loop_of_flights(flights, axis)
-            borne_out = (None if autotuned(log) else contradiction_of(log, axis) for log in flights)
-            return AxisTuning(axis, next(filter(None, borne_out), None) or unsupported(loop), loop)
-        loop = rate_loop(logs, axis)
-        alone = [rate_loop(log, axis) for log in logs] if len(logs) > 1 else [loop]
+        loop = identify(logs, axis)
     except RotoridError as error:
-        chirped = not logs and any(mixer_chirps(log, other) for log in flights for other in AXES)
-        return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if chirped else str(error))
-    apart = max(gain_apart(alone[0], other) for other in alone)
+        others = not chirped and any(mixer_chirps(log, other) for log in flights for other in AXES)
+        return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if others else str(error))
+    alone = []
+    for log in logs if len(logs) > 1 else ():
+        with suppress(RotoridError):
+            alone.append(identify([log], axis))
+    apart = max((gain_apart(alone[0], other) for other in alone[1:]), default=1.0)
     if apart > SUMMED:
         return AxisTuning(
             axis,
-            f"{axis} answers {apart:.2f} times as strongly in one flight as in another, at equal input: give flights "
-            "of one craft with one load",
+            f"{axis} answers {apart:.2f} times as strongly in one flight as in another, at equal input: give "
+            "flights of one craft with one load",
             loop,
         )
-    unlike = (saturation(log, axis) or motors_limited(log, loop) or sagged(log, axis) for log in logs)
-    limited = next(filter(None, unlike), None)
-    reason = limited or unsupported(loop)
-    return AxisTuning(axis, reason, loop)
+    if chirped:
+        unlike = (saturation(log, axis) or motors_limited(log, loop) or sagged(log, axis) for log in logs)
+    else:
+        unlike = (None if autotuned(log) else contradiction_of(log, axis) for log in logs)
+    return AxisTuning(axis, next(filter(None, unlike), None) or unsupported(loop), loop)
 
 
 def rejects_less(item: AxisTuning, aim: Aim) -> str | None:

@@ -1,5 +1,6 @@
 """The notch from raw batches: lines of motors, and noise at the mixer that filters in the time domain confirm."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -9,11 +10,13 @@ import pytest
 import scipy
 
 from logparse import Tables, read_log
+from simulation.axis_loop import AxisPlant, LoopGains
 from sysid.autopilot.motor_lines import LineError
 from sysid.autopilot.notches import motor_noise, notch_study, notch_values
 from sysid.autopilot.values import AutopilotValues
-from sysid.loops.filters import harmonic_notches, second_order
+from sysid.loops.filters import cascade, harmonic_notches, second_order
 from sysid.loops.loop import rate_loop
+from tests.sysid.loops.flown import flown_loop
 
 RATE, SIZE = 1000.0, 1024
 FILTERS = {f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT", "YAW") for name in ("FLTT", "FLTD")}
@@ -136,6 +139,27 @@ def test_what_the_batches_cannot_tell_is_named(made, reason):
 def test_a_notch_that_flies_right_stays(notch, right):
     flown = {"ENABLE": 1.0, "BW": 41.0, "ATT": 40.0, "HMNCS": 7.0} | notch
     assert (not proposed(flight(**{f"INS_HNTCH_{name}": value for name, value in flown.items()}))) == right
+
+
+def test_a_notch_that_hides_a_mode_of_the_frame_stays():
+    """The frame bends at 30 Hz, where the notch stands that flew: at the motors' line it leaves the mode to ring."""
+    craft = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.002, filter_hz=40.0)
+    loop = flown_loop(craft, LoopGains(P=0.05, I=0.05, D=0.001), 1)
+    hidden = tuple(harmonic_notches(RATE, 30.0, nominal=30.0, bandwidth=15.0, attenuation_db=40.0, harmonics=1))
+    s, omega = 2j * np.pi * loop.hz, 2.0 * np.pi * 30.0
+    bends = 1.0 + s**2 / (s**2 + 0.06 * omega * s + omega**2)
+    behind = cascade(hidden, loop.hz)
+    flown = replace(loop.flown, gyro=replace(loop.flown.gyro, notches=hidden, rate=RATE))
+    for frame, stays in ((1.0, False), (bends, True)):
+        draws = loop.plant.draws * frame * behind
+        plant = replace(loop.plant, response=loop.plant.response * frame * behind, draws=draws, own_draws=draws)
+        loops = {"roll": replace(loop, plant=plant, flown=flown, settings=flown)}
+        notch = {"ENABLE": 1.0, "FREQ": 30.0, "HMNCS": 1.0, "BW": 15.0, "ATT": 40.0}
+        log = flight(**{f"INS_HNTCH_{name}": x for name, x in notch.items()})
+        values = notch_values(log, notch_study(log, loops), loops, log.parameters_flown)
+        frequency = next(each.proposed for each in values if each.name == "INS_HNTCH_FREQ")
+        assert (frequency.value is None) == stays
+        assert ("hides" in frequency.reason) == stays
 
 
 @cache

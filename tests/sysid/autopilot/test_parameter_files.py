@@ -10,6 +10,7 @@ from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
 from sysid.autopilot.values import ParameterFile, decided, over_flights
 from sysid.loops.controller import LoopError
 from sysid.loops.parameter_file import read_parameter_file
+from sysid.loops.same_craft import other_craft
 
 EXPO = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.3, Parameter(0.6512, 0.02, "", "a\ncurve"))
 HOVER = AutopilotValue("MOT_THST_HOVER", ParameterFile.THROTTLE, None, Parameter(None, None, "", "no hover"))
@@ -62,6 +63,17 @@ def test_two_craft_and_no_log_are_refused(others):
     logs = [read_log("sample_logs/octa01_zurich_calm.bin"), *map(read_log, others)] if others else []
     with pytest.raises(LoopError, match=r"two craft|no log"):
         autopilot_values(logs)
+
+
+def test_a_craft_of_the_same_frame_with_more_cells_is_another():
+    """An octocopter of 3 kg and one of 8 kg shared their thrust curve and drag, with nothing said."""
+    one, other = (read_log("sample_logs/octa01_zurich_calm.bin") for _ in range(2))
+    rows = other.messages["BAT"]
+    other.messages.replace("BAT", rows.assign(Volt=1.2 * rows["Volt"]))
+    assert other_craft(one, other) is None  # fuller
+    other = read_log("sample_logs/octa01_zurich_calm.bin")
+    other.messages.replace("BAT", rows.assign(Volt=1.34 * rows["Volt"]))
+    assert "two craft" in (other_craft(one, other) or "")
 
 
 def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
