@@ -5,9 +5,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
-#: Longest name of a folder, bytes: file systems take 255, and something stands before and behind it.
-MOST_BYTES = 120
-
 
 def printable(text: str) -> str:
     r"""Write what of a file name is not UTF-8 as ``\xff``, and control characters as ``\x1b``; all else stays as it is.
@@ -46,7 +43,8 @@ def folder_names(names: Iterable[str], known: Mapping[str, str] | None = None) -
             continue
         base = re.sub(r"[^\w.()+-]+", "_", name).strip("._")
         # File systems count bytes, of which a letter may have four.
-        base = base.encode()[:MOST_BYTES].decode(errors="ignore") or "flight"
+        # Longest name of a folder, bytes: file systems take 255, and something stands before and behind it.
+        base = base.encode()[:120].decode(errors="ignore") or "flight"
         if not re.search(r"[^\W\d_]", base):
             base = f"log_{base}"  # query engines take what looks like a number or a date for one
         folder, number = base, 1

@@ -31,20 +31,16 @@ R = TypeVar("R")
 #: What the process that workers are forked from has imported already: each starts at once and shares its memory.
 PRELOAD = ("pipeline.execution.compiling", "pipeline.fleet.job")
 
-#: Memory of a worker, bytes: of the imported packages, and for each byte of its log (measured, see docs/scaling.md).
-BASE_MEMORY = 450_000_000
-MEMORY_PER_BYTE = 4.0
-
-#: Part of the available memory that workers may plan with.
-PLANNED = 0.8
-
 
 def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | None = None) -> int:
     """Choose how many logs to analyse at the same time: as many as there are processors, and memory for."""
-    left = PLANNED * (available_memory() if memory is None else memory)
+    # Part of the available memory that workers may plan with.
+    left = 0.8 * (available_memory() if memory is None else memory)
     count = 0
     for size in sorted(sizes, reverse=True)[: processors() if cores is None else cores]:
-        left -= BASE_MEMORY + MEMORY_PER_BYTE * size
+        # Memory of a worker, bytes: of the imported packages, and for each byte of its log (measured, see
+        # docs/scaling.md).
+        left -= 450_000_000 + 4.0 * size
         if left < 0:
             break
         count += 1

@@ -21,12 +21,6 @@ else:
     rich_console, rich_progress = lazy("rich.console"), lazy("rich.progress")
     rich_table, rich_text = lazy("rich.table"), lazy("rich.text")
 
-#: Of the whole, the part after which the time to go can be told from the time gone.
-TELLING = 0.1
-
-#: Bytes of a log that take as long as what every log takes, whatever its size.
-EACH = 2_000_000
-
 #: Logs at work that are named.
 MOST_NAMED = 4
 
@@ -41,7 +35,8 @@ class Watch:
 
     def __init__(self, progress: Progress, sizes: Mapping[str, int], known: int, executor: Executor | None) -> None:
         self._progress = progress
-        self._weights = {url: EACH + size for url, size in sizes.items()}
+        # Bytes of a log that take as long as what every log takes, whatever its size.
+        self._weights = {url: 2_000_000 + size for url, size in sizes.items()}
         self._whole = sum(self._weights.values())
         self._unchanged = f", {known} unchanged" if known else ""
         self._workers = getattr(executor, "count", MOST_NAMED)
@@ -155,7 +150,8 @@ class Clock:
             return
         self._fraction = fraction
         first, start = self._began
-        if fraction - first >= TELLING and now > start:
+        # Of the whole, the part after which the time to go can be told from the time gone.
+        if fraction - first >= 0.1 and now > start:
             self._end = now + (now - start) * (1.0 - fraction) / (fraction - first)
 
     def left(self, now: float) -> float:

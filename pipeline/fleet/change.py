@@ -18,11 +18,8 @@ from scipy.special import ndtri, stdtrit
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.results.drift import Mean, ParameterChange
 
-#: Chance of calling any parameter changed when none did, and that with which a change called detectable is found.
-SIGNIFICANCE, POWER = 0.05, 0.8
-
-#: Standard errors that a value must differ from zero by for a change of it to be told in percent.
-KNOWN = 3.0
+#: Chance of calling any parameter changed when none did.
+SIGNIFICANCE = 0.05
 
 
 def difference(
@@ -35,7 +32,8 @@ def difference(
     change, sigma, p = fit.test([-1.0, 1.0])
     before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
     # Percent of what may be zero mean nothing.
-    percent = 100.0 / before if abs(before) > KNOWN * before_sigma else None
+    # Standard errors that a value must differ from zero by for a change of it to be told in percent.
+    percent = 100.0 / before if abs(before) > 3.0 * before_sigma else None
     half = _quantile(1.0 - SIGNIFICANCE / 2.0, fit.df) * sigma
     return ParameterChange(
         parameter=parameter,
@@ -49,7 +47,7 @@ def difference(
         difference_percent=None if percent is None else percent * change,
         interval_percent=None if percent is None else (percent * (change - half), percent * (change + half)),
         # That of a true change that is found four times out of five.
-        detectable_percent=None if percent is None else abs(percent) * (half + _quantile(POWER, fit.df) * sigma),
+        detectable_percent=None if percent is None else abs(percent) * (half + _quantile(0.8, fit.df) * sigma),
         p=p,
     )
 

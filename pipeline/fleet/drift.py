@@ -25,9 +25,6 @@ from sysid.rotors.motor_faults.trims import weak_from_start
 if TYPE_CHECKING:
     from pipeline.results.entry import FlightEntry, FlightParameter
 
-#: Flights whose responses are laid over each other: of more, none can be told apart.
-MOST_CURVES = 8
-
 #: What may have changed when a parameter did.
 _CAUSES: Mapping[str, str] = {
     "thrust over mass": "weigh the craft, and compare propellers and motors with those of the earlier flights",
@@ -62,6 +59,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     histories, joint = _judged(histories, together(flights, histories))
     motors = motor_drift(flights, histories, joint)
     told = [flight.trims for flight in flights if flight.trims is not None]
+    # Flights whose responses are laid over each other: of more, none can be told apart.
     return Drift(
         order="name" if any(flight.start_utc is None for flight in flights) else "date",
         flights=tuple(flight.name for flight in flights),
@@ -72,7 +70,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
             *(motors.findings if motors is not None else ()),
             *(weak_from_start(told[-1], told[:-1]) if told else ()),
         ),
-        responses=tuple(curve for flight in flights[-MOST_CURVES:] for curve in flight.responses),
+        responses=tuple(curve for flight in flights[-8:] for curve in flight.responses),
     )
 
 

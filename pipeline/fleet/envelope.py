@@ -23,12 +23,6 @@ from pipeline.results.entry import FlightEntry
 #: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
 MARGIN = 0.005
 
-#: Part of a flight's time outside the fitted range, and one bin beyond, that is worth a finding.
-OUTSIDE = 0.05
-
-#: Quantities that one finding lists.
-_MOST_NAMED = 3
-
 #: A flight with what it covered.
 Flown = tuple[FlightEntry, Coverage]
 
@@ -128,7 +122,8 @@ def _excursion(flight: str, name: str, count: Distribution | None, flown: RangeF
         below += seconds if k < low - 1 else 0.0
         above += seconds if k > high else 0.0
     part = (below + above) / max(sum(count.seconds), 1e-9)
-    if part <= OUTSIDE:
+    # Part of a flight's time outside the fitted range, and one bin beyond, that is worth a finding.
+    if part <= 0.05:
         return None
     # A blip beyond the rest of the flight is not what it did: the 95 % quantile, where that is outside already.
     if above >= below:
@@ -152,7 +147,8 @@ def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]
         flights[each.flight].append(each)
     for flight, found in flights.items():
         told = []
-        for each in found[:_MOST_NAMED]:
+        # Quantities that one finding lists.
+        for each in found[:3]:
             flown = quantities[each.quantity]
             above = each.reach > each.fitted[1]
             told.append(

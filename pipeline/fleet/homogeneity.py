@@ -40,20 +40,11 @@ SCATTER: Mapping[str, float] = {
     "yaw torque over inertia": 0.08,
 }
 
-#: The same of thrust on one day at one place, where 4 K of the air are left.
-SAME_DAY = 0.015
-
 #: Fewest flights of one day, or with known trims, among which one can be odd.
 _FEWEST = 3
 
-#: Most flights of whose trims the mean is taken.
-_OTHERS = 100
-
 #: Chance of a false alarm for one craft and quantity.
 LEVEL = 1e-3
-
-#: Relative standard error beyond which a value says nothing.
-_VAGUE = 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +71,8 @@ def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     for quantity, scatter in SCATTER.items():
         found |= _apart([each for each in flights if each.name not in found], quantity, scatter)
     for of_a_day in _days([each for each in flights if each.name not in found]):
-        found |= _apart(of_a_day, "thrust over mass", SAME_DAY)
+        # The same of thrust on one day at one place, where 4 K of the air are left.
+        found |= _apart(of_a_day, "thrust over mass", 0.015)
     return found | _of_other_motors([each for each in flights if each.name not in found])
 
 
@@ -135,7 +127,8 @@ def _of_other_motors(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     middle = list(told.values())[int(np.argmin(np.sum((values - np.median(values, axis=0)) ** 2, axis=1)))]
     most = [name for name, each in told.items() if changed_motor(each, [middle]) is None]
     # Each is held against the mean of the others, which a hundred of them tell as well as thousands.
-    mean_of = most[:: -(-len(most) // _OTHERS) or 1]
+    # Most flights of whose trims the mean is taken.
+    mean_of = most[:: -(-len(most) // 100) or 1]
     for name, trims in told.items():
         others = [told[each] for each in mean_of if each != name]
         change = changed_motor(trims, others) if len(most) > len(told) / 2 else None
@@ -178,7 +171,8 @@ def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
 def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], Floats, Floats]:
     """Return names, logarithms and relative errors of a quantity by the method that most flights have."""
     rows = [(flight, row) for flight in flights for row in flight.parameters if row.parameter == quantity]
-    sure = [(flight, row) for flight, row in rows if row.value > 0.0 and row.sigma < _VAGUE * row.value]
+    # Relative standard error beyond which a value says nothing.
+    sure = [(flight, row) for flight, row in rows if row.value > 0.0 and row.sigma < 0.15 * row.value]
     counts: dict[str, int] = {}
     for _, row in sure:
         counts[row.method] = counts.get(row.method, 0) + 1

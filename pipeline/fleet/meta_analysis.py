@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 #: Smallest standard error taken seriously, as a part of the largest value: below it is rounding.
 _FINEST = 1e-9
 
-#: Newton's steps for tau^2: one is enough where all standard errors are alike, a dozen where they differ wildly.
-_MOST_STEPS = 100
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MetaRegression:
@@ -99,7 +96,8 @@ def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | No
     beta, information, weights, squares = fit(0.0)
     q, between = float(squares.sum()), 0.0
     # One over the sum of squares is concave in tau^2 and rises: Newton's steps from 0 towards df never pass it.
-    for _ in range(_MOST_STEPS if df else 0):
+    # One is enough where all standard errors are alike, a dozen where they differ wildly.
+    for _ in range(100 if df else 0):
         total = float(squares.sum())
         if not total > df:
             break

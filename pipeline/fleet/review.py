@@ -36,9 +36,6 @@ RATE = 0.01
 #: A clock that says less was never set: the first autopilots of this family are younger.
 _FIRST = datetime(2009, 1, 1, tzinfo=UTC)
 
-#: Fewest flights on either side of a boundary for a difference.
-_FEWEST_ASIDE = 2
-
 
 def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: datetime | None = None) -> CraftReview:
     """Look at a craft as a whole."""
@@ -146,7 +143,8 @@ def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> tuple
             [(point.value, point.sigma) for point in each.flights if (point.flight in later) is side]
             for side in (False, True)
         ]
-        if min(map(len, sides)) >= _FEWEST_ASIDE and each.method != STEADY:
+        # Fewest flights on either side of a boundary for a difference.
+        if min(map(len, sides)) >= 2 and each.method != STEADY:
             found.append(difference(each.parameter, each.method, each.unit, *sides))
     return corrected(found)
 

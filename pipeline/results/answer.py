@@ -83,10 +83,6 @@ class Answer:
         return next((each for each in self.lines if each.purpose == purpose), None)
 
 
-#: Flights that a sentence names.
-_MOST_NAMED = 4
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
     """What to do next time."""
@@ -107,7 +103,8 @@ def names_of(flights: Sequence[FlightEntry], total: int) -> str:
     """Name flights in a sentence; all of several are not listed."""
     if len(flights) == total:
         return f"all {total} flights" if total > 1 else "this flight"
-    names = [flight.name for flight in flights[:_MOST_NAMED]]
+    # Flights that a sentence names.
+    names = [flight.name for flight in flights[:4]]
     more = len(flights) - len(names)
     return ", ".join(names) + (f" and {more} more" if more else "")
 

@@ -13,9 +13,6 @@ from sysid.loops.known_margins import Margins
 #: Margins that a loop should have (MIL-F-9490D, table III: 6 dB and 45 deg), dB and deg.
 LEAST_GAIN_DB, LEAST_PHASE_DEG = 6.0, 45.0
 
-#: Part of the responses that the data leave possible, for which a loop may be unstable without being called so.
-_MAY_BE_UNSTABLE = 0.05
-
 #: A value for each frequency; None where it is not known.
 Numbers = tuple[float | None, ...]
 
@@ -116,7 +113,8 @@ def state_of(margins: Margins, *, ordinary: bool = False) -> LoopState:
         values = {name: getattr(margins, name).value for name in least}
         known = {name: (value, value) for name, value in values.items() if value is not None}
     thin = any(high < least[name] for name, (_, high) in known.items())
-    if thin or (not ordinary and margins.unstable > _MAY_BE_UNSTABLE):
+    # Part of the responses that the data leave possible, for which a loop may be unstable without being called so.
+    if thin or (not ordinary and margins.unstable > 0.05):
         return LoopState.THIN
     good = len(known) == len(least) and all(low >= least[name] for name, (low, _) in known.items())
     return LoopState.GOOD if good else LoopState.UNKNOWN

@@ -32,11 +32,8 @@ MANIFEST = "manifest.json"
 #: Where the products of flights and crafts are in the store.
 FLIGHTS, CRAFTS = "flights", "crafts"
 
-#: Packages that numbers and plots come from, and those that show them: pages are drawn of what the first have written.
+#: Packages that numbers and plots come from; pages, which `reports` shows, are drawn of what these have written.
 _ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.numbers", "reports.figures")
-_PRESENTATION = ("reports",)
-
-_SOURCES = (".py", ".html", ".css", ".js", ".json")
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy")
@@ -117,7 +114,7 @@ def software() -> Software:
 @cache
 def presentation() -> tuple[str, str | None]:
     """Return which software shows results: a fingerprint of code, templates and style sheets, and Plotly's version."""
-    return _fingerprint(_PRESENTATION), _version("plotly")
+    return _fingerprint(("reports",)), _version("plotly")
 
 
 def installed() -> Mapping[str, Any]:
@@ -138,7 +135,9 @@ def _fingerprint(packages: Iterable[str]) -> str:
         if spec is None or spec.origin is None:
             continue
         folder = Path(spec.origin).parent
-        for file in sorted(each for each in folder.rglob("*") if each.suffix in _SOURCES):
+        for file in sorted(
+            each for each in folder.rglob("*") if each.suffix in (".py", ".html", ".css", ".js", ".json")
+        ):
             sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
     return sources.hexdigest()

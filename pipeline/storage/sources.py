@@ -26,11 +26,6 @@ else:
 #: Endings that promise a flight log: a file found in a folder is reported as failed only if it has one of them.
 LOG_SUFFIXES = frozenset({".bin", ".log", ".tlog", ".ulg", ".raw"})
 
-#: Endings of packed files, which may stand behind those.
-PACKED_SUFFIXES = frozenset({".gz", ".zip"})
-
-_CHUNK = 1 << 20
-
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -57,7 +52,7 @@ class Source:
 def called_a_log(file: str) -> bool:
     """Return whether the ending of a file promises a log, packed (``flight.bin.gz``) or not."""
     name = PurePosixPath(file)
-    if name.suffix.lower() in PACKED_SUFFIXES:
+    if name.suffix.lower() in (".gz", ".zip"):
         name = PurePosixPath(name.stem)
     return name.suffix.lower() in LOG_SUFFIXES
 
@@ -177,7 +172,7 @@ def digest(url: str) -> str:
     """
     with opened(url) as file:
         sha256 = hashlib.sha256()
-        while chunk := file.read(_CHUNK):
+        while chunk := file.read(1 << 20):
             sha256.update(chunk)
     return sha256.hexdigest()
 

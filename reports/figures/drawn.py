@@ -68,10 +68,6 @@ def draw_craft(group: GroupResult, numbers: CraftReport) -> CraftFigures:
     return CraftFigures(board=model_board(group.models, hidden), predictions=joint_predictions(group, hidden))
 
 
-_HEIGHT, _ALONE = 270, 420
-_SIDE_HEIGHT = 330
-#: Width of a letter above a plot, as a part of the plot's width.
-_LETTER = 0.012
 #: Plots below each other for which there is room.
 _PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
@@ -89,7 +85,7 @@ def first_figures(result: FlightResult) -> list[Figure]:
     """Draw where it flew and what matters most; each is left out where nothing is known of it."""
     beside = track(result)
     figures = [] if beside is None else [_map(beside)]
-    matters = _matters(result, _ALONE if beside is None else _HEIGHT)
+    matters = _matters(result, 420 if beside is None else 270)
     return figures if matters is None else [*figures, matters]
 
 
@@ -106,7 +102,7 @@ def _map(figure: Figure) -> Figure:
         for name in (each["name"],)
     ]
     caption = "Dots: GPS." if any(each["name"] == "GPS" for each in figure.data) else ""
-    return replace(figure, height=_SIDE_HEIGHT, caption=caption, data=data, layout=layout)
+    return replace(figure, height=330, caption=caption, data=data, layout=layout)
 
 
 def _matters(result: FlightResult, height: int) -> Figure | None:
@@ -152,7 +148,8 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
     story = () if account is None else account.story
     for event, t in sorted(notable(result), key=lambda each: each[0] not in story):
         text = event.id.replace("-", " ")
-        width = _LETTER * len(text) * around.duration
+        # Width of a letter above a plot, as a part of the plot's width.
+        width = 0.012 * len(text) * around.duration
         for side, low, high in (("left", t, t + width), ("right", t - width, t)):
             free = all(high <= other[0] or low >= other[1] for other in taken)
             if free and around.start <= low and high <= around.stop:
@@ -183,4 +180,4 @@ def _motors(result: FlightResult, around: Span | None) -> Figure | None:
     signals = present(result.signals)
     shapes = [] if signals is None else [limit_line(each, "y") for each in signals.motor_limits.values()]
     layout = layout_of(xaxis=time_axis(span), yaxis={"title": {"text": "output (µs)"}}, shapes=shapes)
-    return Figure("first-motors", "", data, layout, _HEIGHT)
+    return Figure("first-motors", "", data, layout, 270)

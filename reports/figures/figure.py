@@ -31,15 +31,8 @@ else:
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
-#: Points from which on dots are drawn small.
-MANY_POINTS = 1000
-#: Samples further apart than this, s, are not joined by a line.
-LONGEST_JOIN = 1.5
-#: Shorter lists travel as they are, longer ones as differences of whole parts, the coarsest that lose nothing.
-FEWEST_VALUES, _SCALES = 24, (1, 10, 100, 1000)
 #: Height of a row of names above a plot, pixels.
 _ROW = 18
-TIME_TITLE = "time on the log’s clock (s)"
 
 #: Colour of each kind of model, everywhere; further kinds share the last.
 MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
@@ -104,15 +97,15 @@ def _in_colors(value: Any, colors: Mapping[str, str]) -> Any:
 
 
 def _slim(trace: Trace) -> Trace:
-    """Write long lines as ``{"scale", "deltas"}``: value k is the sum of k + 1 of them over the scale."""
+    """Write long lines as ``{"scale", "deltas"}``: value k is the sum of k + 1 of them over the scale, the coarsest."""
     slim = dict(trace)
     for axis in ("x", "y"):
         values = slim.get(axis, ())
-        if len(values) < FEWEST_VALUES or isinstance(values[0], str):
+        if len(values) < 24 or isinstance(values[0], str):
             continue
         numbers = np.array(values, dtype=float)  # a gap, None, becomes NaN and adds nothing
         known = np.isfinite(numbers)
-        for scale in _SCALES:
+        for scale in (1, 10, 100, 1000):
             whole = np.round(numbers[known] * scale)
             if np.array_equal(whole / scale, numbers[known]) and np.all(np.abs(whole) < 2.0**53):
                 deltas = np.full(len(numbers), None)
@@ -205,7 +198,7 @@ def layout_of(**parts: Any) -> Drawn:
 
 def time_axis(span: Span | None) -> Drawn:
     """Lay out an axis of time that begins by showing a stretch of it."""
-    axis: Drawn = {"title": {"text": TIME_TITLE}, "hoverformat": ".1f"}
+    axis: Drawn = {"title": {"text": "time on the log’s clock (s)"}, "hoverformat": ".1f"}
     return axis if span is None else axis | {"range": [span.start, span.stop]}
 
 
@@ -268,7 +261,8 @@ def line(
     # A line across a gap would show what nobody measured.
     apart = np.diff(time)
     usual = float(np.median(apart)) if len(apart) else 0.0
-    gaps = np.flatnonzero(apart > max(LONGEST_JOIN, 5.0 * usual)) + 1
+    # Samples further apart than this, s, are not joined by a line.
+    gaps = np.flatnonzero(apart > max(1.5, 5.0 * usual)) + 1
     return {
         "type": "scatter",
         "mode": "lines",
@@ -340,7 +334,8 @@ def dots(x: ArrayLike, y: ArrayLike, name: str, color: str) -> Trace:
     trace = line(x, y, name, color, time=np.arange(np.size(x), dtype=float))
     del trace["line"]
     # Of many points each is small, or they cover what lies among them.
-    size = 4 if np.size(x) < MANY_POINTS else 2
+    # Points from which on dots are drawn small.
+    size = 4 if np.size(x) < 1000 else 2
     return trace | {"mode": "markers", "marker": {"color": color, "size": size}, "hoverinfo": "skip"}
 
 

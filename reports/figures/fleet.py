@@ -34,8 +34,6 @@ PARTS = (("training", "fitted", "@fitted"), ("held_out", "judged", "@judged"))
 _LEAST = 0.1
 #: Parameters that one figure holds, a small plot for each.
 MOST_PLOTS = 4
-#: Fewer points show no course.
-FEWEST_POINTS = 3
 #: Height [px] of the plot beside the answer: with it they fill a screen, and the table of flights begins the next.
 FIRST_HEIGHT = 540
 #: Colour, mark and name of a flight by what happened in it.
@@ -222,7 +220,8 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     motors = motors_over_flights(drift, f"{prefix}shares", lines)
     shown = [*([] if motors is None else [motors]), *response_overlays(drift.responses, prefix)]
     folded: list[Figure] = []
-    worth = [each for each in drift.parameters if len(each.flights) >= FEWEST_POINTS]
+    # Fewer points show no course.
+    worth = [each for each in drift.parameters if len(each.flights) >= 3]
     worth.sort(key=lambda each: each.change is None)
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]

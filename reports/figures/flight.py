@@ -16,6 +16,7 @@ from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
 from reports.figures.figure import (
+    MOST_POINTS,
     Drawn,
     Figure,
     Plot,
@@ -37,8 +38,8 @@ from sysid.rigid_body.conditions.wind import WIND_HEIGHT
 
 #: Colours of the sources of height.
 _HEIGHTS = {"barometer": "@baro", "autopilot": "@own", "GPS": "@gps"}
-#: Points of the track that carry a colour, events marked on it, and length of the wind's arrow, pixels.
-_TRACK_POINTS, _MOST_EVENTS, _ARROW = 1500, 40, 34
+#: Length of the wind's arrow, pixels.
+_ARROW = 34
 
 Floats = NDArray[np.float64]
 Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
@@ -92,7 +93,7 @@ def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[D
 
 def _heights(states: pd.DataFrame) -> Trace:
     """Colour the track by height, with a scale that also reads in grey."""
-    chosen = states.iloc[:: max(1, -(-len(states) // _TRACK_POINTS))]
+    chosen = states.iloc[:: max(1, -(-len(states) // MOST_POINTS))]
     height = float(states["p_d"].iloc[0]) - chosen["p_d"].to_numpy(float)
     trace = dots(chosen["p_e"], chosen["p_n"], "height", "@ink") | {"showlegend": False, "hoverinfo": "all"}
     scale = {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0}
@@ -103,7 +104,7 @@ def _heights(states: pd.DataFrame) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
     """Mark where notable events began."""
-    inside = [(each, t) for each, t in notable(result) if states.index[0] <= t <= states.index[-1]][:_MOST_EVENTS]
+    inside = [(each, t) for each, t in notable(result) if states.index[0] <= t <= states.index[-1]][:40]
     if not inside:
         return None
     at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)

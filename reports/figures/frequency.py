@@ -21,10 +21,6 @@ from sysid.transfer_functions.transfer_function import Root, poles, zeros
 
 Floats = NDArray[np.float64]
 
-#: Half-width of a 95 % band in standard deviations, and the widest that is drawn, in parts of the gain.
-_BAND, _WIDEST = 1.96, 3.0
-#: Ratio of the fastest to the slowest known root from which a linear scale squeezes the slow ones together.
-_DECADES = 20.0
 #: Colours of curves that are laid over each other.
 _OVER = ("@ink", "@body", "@mixer", "@joint", "@own")
 
@@ -105,7 +101,8 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
         ):
             for part in _runs(np.isfinite(sigma)) if sigma is not None and np.any(sigma) else ():
                 assert sigma is not None
-                reach = factor * np.minimum(_BAND * sigma[part], _WIDEST)
+                # A 95 % band, at most three times the gain wide.
+                reach = factor * np.minimum(1.96 * sigma[part], 3.0)
                 shade = area(each.hz[part], values[part] - reach, values[part] + reach, each.name, each.color)
                 plot.add(shade, panel, group=each.group, **style)
             line = curve(each.hz, values, each.name, each.color, 2.0, each.dash, hover)
@@ -192,7 +189,8 @@ def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: s
     """
     known = [root.value for kinds in found.values() for roots in kinds for root in roots if root.determined]
     sizes = [abs(root) for root in known if abs(root) > 0.0]
-    unit = min(sizes) if sizes and max(sizes) > _DECADES * min(sizes) else None
+    # Ratio of the fastest to the slowest known root from which a linear scale squeezes the slow ones together.
+    unit = min(sizes) if sizes and max(sizes) > 20.0 * min(sizes) else None
 
     def place(values: Sequence[complex] | NDArray[np.complex128]) -> NDArray[np.complex128]:
         roots = np.asarray(values, dtype=np.complex128)

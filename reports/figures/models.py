@@ -33,13 +33,6 @@ from reports.figures.figure import (
 from reports.figures.frequency import bode, of_model, pole_map
 from sysid import ClosedLoopModel, Experiment, TransferFunction, TransferFunctionModel
 
-#: Points of all flights of a craft together that one line of one model may have: what a page can carry.
-ALL_POINTS = 24_000
-#: Fewest points of a line: fewer would no longer show a flight.
-FEWEST_POINTS = 150
-#: Frequencies of a Bode plot.
-POINTS = 60
-
 
 def off_by_default(models: Sequence[ModelReport]) -> set[str]:
     """Return the keys of models that cannot be trusted, where there are others."""
@@ -155,7 +148,8 @@ def _frequencies(functions: dict[str, TransferFunction], rate: float) -> NDArray
     """Return frequencies from a third of the slowest pole to Nyquist's, Hz; the data tell nothing beyond."""
     slowest = min(float(np.min(np.abs(f.poles))) for f in functions.values()) / (2.0 * np.pi)
     highest = 0.5 * rate
-    return np.geomspace(min(max(slowest / 3.0, highest / 3e4), highest / 30.0), highest, POINTS)
+    # Frequencies of a Bode plot.
+    return np.geomspace(min(max(slowest / 3.0, highest / 3e4), highest / 30.0), highest, 60)
 
 
 def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | None:
@@ -170,7 +164,9 @@ def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | N
 def joint_predictions(group: GroupResult, hidden: Collection[str]) -> dict[str, Figure]:
     """Draw what the joint models make of each flight of a craft, those that judge first; `hidden` models off."""
     flights = [*group.held_out, *group.training]
-    most = int(np.clip(ALL_POINTS // max(len(flights), 1), FEWEST_POINTS, MOST_POINTS))
+    # Points of all flights of a craft together that one line of one model may have: what a page can carry.
+    # Fewest points of a line: fewer would no longer show a flight.
+    most = int(np.clip(24_000 // max(len(flights), 1), 150, MOST_POINTS))
     figures = {}
     for flight in flights:
         models = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,11 +29,7 @@ from reports.figures.figure import (
 
 #: Unit shown and factor, by the unit kept.
 _SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
-#: Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
-_ROTORS_REACH = 600.0
 _OWN = {"asked": "@own", "flown": "@ink"}
-#: How the axis of a panel of which nothing is negative begins.
-_POSITIVE: Mapping[bool, Drawn] = {True: {"rangemode": "nonnegative"}, False: {}}
 
 _CAPTIONS = {
     "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
@@ -104,7 +100,8 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequenc
         unit, _ = _SHOWN.get(panel.unit, (panel.unit, 1.0))
         title = plotly_text(f"{panel.title} ({unit})" if unit else panel.title)
         positive = all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals)
-        axes.append({"title": {"text": title, "font": {"size": 11}}, "nticks": 5} | _POSITIVE[positive])
+        begins = {"rangemode": "nonnegative"} if positive else {}
+        axes.append({"title": {"text": title, "font": {"size": 11}}, "nticks": 5} | begins)
     plot = Plot(*axes, x=time_axis(margin(flight)))
     plot.shapes += happened
     named: set[str] = set()
@@ -141,7 +138,8 @@ def _marks(result: FlightResult) -> list[Drawn]:
 def _spectrum(spectrum: Spectrum) -> Figure:
     unit, factor = _SHOWN.get(spectrum.unit, (spectrum.unit, 1.0))
     last = float(spectrum.hz[-1])
-    axis = {"title": {"text": "frequency (Hz)"}, "range": [0.0, min(last, _ROTORS_REACH)]}
+    # Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
+    axis = {"title": {"text": "frequency (Hz)"}, "range": [0.0, min(last, 600.0)]}
     plot = Plot({"title": {"text": f"amplitude ({unit})"}, "type": "log"}, x=axis)
     for place, (name, amplitude) in enumerate(spectrum.amplitudes.items()):
         hover = "%{x:.0f} Hz: %{y:.3g}"

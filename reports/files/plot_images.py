@@ -21,10 +21,6 @@ ImageFormat = Literal["png", "svg"]
 
 #: Browsers that draw without a window, as they are called on Linux, macOS and Windows.
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge", "microsoft-edge")
-#: Pixels of a page's column, and how many of a PNG's stand for one of them.
-_WIDTH, _SCALE = 900, 2
-#: Longest time for all plots of a flight, s.
-_PATIENCE = 120.0
 _PAGE = """<!DOCTYPE html><meta charset="utf-8"><script src="plotly.min.js"></script><pre id="drawn"></pre><script>
 const figures = {figures}, format = "{format}";
 (async () => {{
@@ -49,8 +45,9 @@ def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFor
             "chromium); report.html shows the same plots in any browser"
         )
     drawn = [each.light() for each in figures]
-    scale = _SCALE if image_format == "png" else 1
-    page = _PAGE.format(figures=script_json(drawn), format=image_format, width=_WIDTH, scale=scale)
+    # Two pixels of a PNG for each of a page's column of 900.
+    scale = 2 if image_format == "png" else 1
+    page = _PAGE.format(figures=script_json(drawn), format=image_format, width=900, scale=scale)
     target = folder / "plots"
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as scratch:
@@ -59,7 +56,8 @@ def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFor
         options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=600000", "--dump-dom"]
         place = [f"--user-data-dir={scratch}/profile", (Path(scratch) / "plots.html").as_uri()]
         try:
-            ran = subprocess.run([browser, *options, *place], capture_output=True, timeout=_PATIENCE, check=True)
+            # Longest time for all plots of a flight, s.
+            ran = subprocess.run([browser, *options, *place], capture_output=True, timeout=120.0, check=True)
         except (OSError, subprocess.SubprocessError) as error:
             raise NoBrowserError(f"{browser} could not draw the plots: {error}") from error
     images = re.findall(r"data:image/[a-z+]+(;base64)?,(\S+)", ran.stdout.decode("utf-8"))

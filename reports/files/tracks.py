@@ -16,9 +16,6 @@ import pymap3d
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 
-#: Most points of a track, and the least time between two of them [s].
-_MOST, _STEP = 20_000, 0.2
-
 #: Names of the files.
 FILES = ("track.geojson", "track.kml", "track.gpx")
 
@@ -69,7 +66,8 @@ def _points(result: FlightResult) -> list[_Point]:
         return []
     t = states.index.to_numpy(np.float64)
     usual = max(float(np.median(np.diff(t))), 1e-6)
-    step = max(1, round(_STEP / usual), math.ceil(len(t) / _MOST))
+    # At most 20,000 points, 0.2 s or more apart.
+    step = max(1, round(0.2 / usual), math.ceil(len(t) / 20_000))
     rows = np.unique(np.append(np.arange(0, len(t), step), len(t) - 1))
     north, east, down = states.to_numpy(np.float64)[rows].T
     lat, lon, alt = pymap3d.ned2geodetic(north, east, down, origin.lat, origin.lon, origin.alt, deg=False)

@@ -22,12 +22,6 @@ from pipeline.results.verdict import Trust
 #: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
 METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")
 
-#: Flights on each side from which on errors of models are tested and not only set side by side.
-FEWEST_JUDGES = 3
-
-#: Flights on each side from which on a difference of a few standard errors is more than chance.
-ENOUGH = 3
-
 #: Settings of an analysis that do not change what is found.
 _NO_MATTER = frozenset({"time_limit", "training", "validation"})
 
@@ -280,7 +274,8 @@ def _errors(a: Subject, b: Subject) -> list[ErrorChange]:
 def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | None:
     """Chance of errors as different as these (Welch's t of their logarithms); None with too few flights."""
     left, right = ([math.log(value) for value in values if value] for values in (a, b))
-    if min(len(left), len(right)) < FEWEST_JUDGES:
+    # Flights on each side from which on errors of models are tested and not only set side by side.
+    if min(len(left), len(right)) < 3:
         return None
     return float(scipy.stats.ttest_ind(left, right, equal_var=False).pvalue)
 
@@ -332,7 +327,7 @@ def _sentences(parameters: Sequence[ParameterChange], changed: Sequence[SettingC
             f"With one flight on each side that tells it ({', '.join(alone)}) nobody knows how much flights differ "
             "anyway; wind, battery and temperature alone move parameters. Analyse several flights before and after."
         )
-    elif any(min(row.a.flights, row.b.flights) < ENOUGH for row in still):
+    elif any(min(row.a.flights, row.b.flights) < 3 for row in still):
         text.append(
             "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each "
             "side."

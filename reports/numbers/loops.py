@@ -18,9 +18,6 @@ from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning
 
-#: Frequencies and draws of the response that a page gets.
-_POINTS, _DRAWS = 180, 40
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraftResponse:
@@ -124,8 +121,9 @@ def _axis(axis: AxisTuning) -> AxisReport:
 
 
 def _loop(loop: RateLoop) -> FlownLoop:
-    rows = np.unique(np.linspace(0, len(loop.hz) - 1, _POINTS).round().astype(int))
-    draws = loop.plant.draws[1 : _DRAWS + 1, rows] / loop.plant.response[rows]
+    # A page gets 180 frequencies and 40 draws of the response.
+    rows = np.unique(np.linspace(0, len(loop.hz) - 1, 180).round().astype(int))
+    draws = loop.plant.draws[1:41, rows] / loop.plant.response[rows]
     notches = np.ones(len(rows), np.complex128)
     for one in loop.flown.gyro.notches:
         notches *= one.response(loop.hz[rows])

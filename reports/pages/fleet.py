@@ -34,9 +34,6 @@ from reports.views.fleet_answer import Insight, called, fleet_answer, insight
 from reports.views.models import MOST_ADVICE, holding, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 
-#: Tables of more flights are folded.
-MOST_UNFOLDED = 60
-
 
 @dataclass(frozen=True, slots=True)
 class Craft:
@@ -115,6 +112,7 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         for place, (craft, figures) in enumerate(drawn, start=1)
     ]
     figures = [*firsts, *(figure for some in courses for figure in some)]
+    # Tables of more flights are folded.
     return html.render(
         "fleet.html",
         figures,
@@ -126,7 +124,7 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
         crafts=shown,
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flights_table(numbers, pages),
-        unfolded=len(numbers.flights) <= MOST_UNFOLDED,
+        unfolded=len(numbers.flights) <= 60,
         serious=[each for each in numbers.findings if each.severity is Severity.ERROR],
         notes=[each for each in numbers.findings if each.severity is not Severity.ERROR],
         failures=[(each.file, log_words.sentence(each.reason)) for each in numbers.failures],

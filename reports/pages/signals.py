@@ -13,9 +13,6 @@ from pipeline.names import printable
 from reports.figures.figure import COLORS, Figure, Plot, line, plotly_text, time_axis
 from reports.pages import html
 
-#: Points of a line: smallest and largest value of each stretch.
-_MOST = 8000
-
 
 def write_signal_plot(
     log: FlightLog, signals: Sequence[LoggedSignal], file: str | Path, start: float | None, stop: float | None
@@ -43,7 +40,8 @@ def signal_figure(signals: Sequence[LoggedSignal], start: float | None = None, s
         t, y = signal.t[inside], signal.y[inside]
         drawn.append(t)
         color = COLORS[place % len(COLORS)]
-        trace = line(t, y, plotly_text(signal.name), color, width=1.2, decimals=6, most=_MOST)
+        # Points of a line: smallest and largest value of each stretch.
+        trace = line(t, y, plotly_text(signal.name), color, width=1.2, decimals=6, most=8000)
         plot.add(trace, units.index(signal.unit), legend=True)
     times = np.concatenate(drawn)
     if len(times):

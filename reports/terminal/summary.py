@@ -16,8 +16,6 @@ from reports.views.fleet import flight_cells
 from reports.views.fleet_answer import fleet_answer
 from reports.views.models import holding
 
-#: Longest text of a cell, and of what happened to a craft on a wide terminal.
-_LONGEST_CELL, _LONGEST_HEALTH = 24, 34
 #: What the columns of the table of flights hold.
 _HEADS = (
     "predicts: how far ahead, better than half of what constant velocity errs. loops: phase margin where chirps "
@@ -66,7 +64,7 @@ def answer_rows(lines: Sequence[AnswerLine]) -> list[RenderableType]:
 
 def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
     """Tabulate what each flight tells, by purpose."""
-    longest = _LONGEST_CELL if narrow else _LONGEST_HEALTH
+    longest = 24 if narrow else 34
     rows = []
     for flight in flights:
         found = flight_cells(flight)

@@ -9,9 +9,6 @@ from core.quantity import duration, number
 from core.table import Cell, Row, Table
 from pipeline.results.account import Account
 
-#: Most rows of what was only reported.
-_MOST = 40
-
 
 def happened(account: Account | None) -> Table | None:
     """Lay out what happened; an advice that was given in a row before is not repeated."""
@@ -21,7 +18,8 @@ def happened(account: Account | None) -> Table | None:
 def reported(account: Account | None) -> Table | None:
     """Lay out what was only reported."""
     quiet = [] if account is None else [each for each in account.happenings if not each.notable]
-    return None if account is None or not quiet else _table(account, ((each, "") for each in quiet[:_MOST]))
+    # Most rows of what was only reported.
+    return None if account is None or not quiet else _table(account, ((each, "") for each in quiet[:40]))
 
 
 def _advised(account: Account) -> Iterator[tuple[Finding, str]]:

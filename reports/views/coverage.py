@@ -9,9 +9,6 @@ from core.quantity import alike, number, per_degree
 from core.table import Row, Table
 from pipeline.results.coverage import Coverage, Envelope, RangeFlown
 
-#: Flights outside of what was fitted that are named one by one.
-MOST_OUTSIDE = 12
-
 
 def coverage_table(coverage: Envelope | None) -> Table | None:
     """Tabulate the range of each quantity in flights fitted to and in those that judge."""
@@ -48,7 +45,8 @@ def outside(coverage: Envelope | None) -> list[str]:
         return []
     sentences = []
     found = sorted(coverage.outside, key=lambda each: -each.part)
-    for each in found[:MOST_OUTSIDE]:
+    # Flights outside of what was fitted that are named one by one.
+    for each in found[:12]:
         quantity = coverage.quantities[each.quantity]
         degrees, unit = per_degree(quantity.unit)
         low, high, reach = alike([edge * degrees for edge in (*each.fitted, each.reach)])

@@ -11,8 +11,6 @@ from reports.views import log_words
 
 Row = tuple[str, str]
 
-_DEG = 180.0 / math.pi
-
 
 def log_details(numbers: FlightReport) -> list[tuple[str, list[Row]]]:
     """Return what is folded away at the end of the page of a flight: title and rows."""
@@ -57,7 +55,7 @@ def _vehicle_details(vehicle: Vehicle) -> list[Row]:
     ]
     turns = {1: "clockwise", -1: "counter-clockwise"}
     motors = ", ".join(
-        f"{motor.number} at {number(motor.angle * _DEG, 3)}° {turns.get(motor.spin, '')}".strip()
+        f"{motor.number} at {number(math.degrees(motor.angle), 3)}° {turns.get(motor.spin, '')}".strip()
         for motor in vehicle.motors
     )
     return [*rows, ("motors", motors or "not described by the log")]
@@ -73,7 +71,7 @@ def _trajectory_details(trajectory: TrajectoryReport) -> list[Row]:
     for name, value in trajectory.sigma_median.items():
         kind = name.rsplit("_", 1)[0]
         if kind in units and value is not None:
-            shown = value * _DEG if kind == "phi" else value
+            shown = math.degrees(value) if kind == "phi" else value
             rows.append((f"median 1-sigma of {name}", f"{number(shown, 2)} {units[kind]}"))
     rows += [(name.replace("_", " "), _shown(value)) for name, value in trajectory.diagnostics.items()]
     return rows

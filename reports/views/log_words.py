@@ -10,8 +10,6 @@ FORMATS = {
     "mavlink-raw": "MAVLink stream without time stamps",
     "ulog": "PX4 log",
 }
-#: What a frame is called that the log does not tell.
-UNKNOWN = "unknown"
 
 
 def craft(vehicle: Vehicle) -> str:
@@ -28,7 +26,8 @@ def firmware(vehicle: Vehicle) -> str:
 
 def frame(vehicle: Vehicle) -> str:
     """Name the frame: ``octa plus``; ``unknown`` when the log does not tell."""
-    return " ".join(part for part in (vehicle.frame_class or UNKNOWN, vehicle.frame_type) if part)
+    # What a frame is called that the log does not tell.
+    return " ".join(part for part in (vehicle.frame_class or "unknown", vehicle.frame_type) if part)
 
 
 def sentence(text: str) -> str:
