@@ -18,7 +18,7 @@ from benchmarks._measure import CRAFT, LOGS, SHARED, Row, row, unpacked
 from logparse import FlightLog
 from pipeline.fleet.history import ALPHA, history
 from pipeline.fleet.meta_analysis import holm
-from pipeline.results.drift import Point
+from pipeline.results.drift import FlightPoint
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import Experiment, frequency
 from sysid.frequency.structures import low_pass
@@ -179,7 +179,7 @@ def _histories(scratch: Path) -> Iterator[Row]:
     """Count craft of which nothing changes, but whose effectiveness or delay over flights is said to."""
     craft, flights, alarms = 30, 8, 0
     for number in range(craft):
-        points: dict[str, list[Point]] = {"effectiveness": [], "delay": []}
+        points: dict[str, list[FlightPoint]] = {"effectiveness": [], "delay": []}
         for k in range(flights):
             _, log = made_craft(500 + number, scratch, sticks=True, flight=k + 1)
             with suppress(frequency.FrequencyError):
@@ -188,7 +188,7 @@ def _histories(scratch: Path) -> Iterator[Row]:
                 for name, each in (("effectiveness", known["gain"]), ("delay", late)):
                     if each.value is not None and each.sigma is not None:
                         points[name].append(
-                            Point(flight=str(k), number=k + 1, start_utc=None, value=each.value, sigma=each.sigma)
+                            FlightPoint(flight=str(k), number=k + 1, start_utc=None, value=each.value, sigma=each.sigma)
                         )
         followed = [history(name, "", {"": each}) for name, each in points.items() if len(each) > 3]
         changes = [change for each in followed for change in (each.trend, each.step) if change is not None]

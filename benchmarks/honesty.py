@@ -27,7 +27,7 @@ from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.frequency.survey import survey
 from sysid.records.thrust_curve import reference_voltage
-from sysid.rigid_body.six_dof.body_record import Quantity
+from sysid.rigid_body.six_dof.body_record import BodyQuantity
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.honesty import (
     Stated,
@@ -68,7 +68,7 @@ def run() -> list[Row]:
 def papers() -> Iterator[Stated]:
     """Fly the papers' craft, measured by motion capture, for the body with six degrees of freedom."""
     for craft in (octocopter(), kim_quadcopter(), quadcopter()):
-        for quantity in (Quantity.SPEED, Quantity.PWM):
+        for quantity in (BodyQuantity.SPEED, BodyQuantity.PWM):
             for seed in range(PAPER_FLIGHTS):
                 seen = measured(craft, seed, quantity)
                 model = fit_six_dof(seen, mass=craft.mass, indoors=True, most_runs=800)

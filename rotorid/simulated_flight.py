@@ -3,7 +3,7 @@
 import simulation
 
 
-def simulate(case: str, **settings: object) -> simulation.Outcome:
+def simulate(case: str, **settings: object) -> simulation.CaseOutcome:
     """Fly a simulated craft with known truth.
 
     Parameters
@@ -15,7 +15,7 @@ def simulate(case: str, **settings: object) -> simulation.Outcome:
 
     Returns
     -------
-    Outcome
+    CaseOutcome
 
     Raises
     ------

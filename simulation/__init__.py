@@ -10,7 +10,7 @@ from simulation.cases import parse as parse_settings
 from simulation.cases import read as read_settings
 from simulation.errors import ArrivalError, DivergenceError, ParameterError
 from simulation.fly import Flight, Setup, fly, propagate
-from simulation.outcome import Outcome, write
+from simulation.outcome import CaseOutcome, write
 from simulation.sample_logs import FLIGHTS, write_sample_logs
 
 __all__ = [
@@ -19,9 +19,9 @@ __all__ = [
     "GROUPS",
     "ArrivalError",
     "Case",
+    "CaseOutcome",
     "DivergenceError",
     "Flight",
-    "Outcome",
     "ParameterError",
     "Setup",
     "find",

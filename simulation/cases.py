@@ -14,7 +14,7 @@ import yaml
 
 from simulation import chirp_case, guntur2019, kim2017, mission_case, motion2018
 from simulation.errors import ParameterError
-from simulation.outcome import Outcome
+from simulation.outcome import CaseOutcome
 from simulation.sample_logs import FLIGHTS, TRAINING, VALIDATION
 from simulation.vehicle import Vector
 
@@ -128,9 +128,9 @@ class Case:
     name: str
     summary: str
     settings: Any  #: What can be changed, with the usual values.
-    simulate: Callable[[str, str, Any], Outcome]  #: Takes name, summary and settings.
+    simulate: Callable[[str, str, Any], CaseOutcome]  #: Takes name, summary and settings.
 
-    def run(self, changes: Mapping[str, object] = MappingProxyType({})) -> Outcome:
+    def run(self, changes: Mapping[str, object] = MappingProxyType({})) -> CaseOutcome:
         """Simulate the case.
 
         Parameters

@@ -23,7 +23,7 @@ from simulation.axis_loop import (
     write_rate_log,
 )
 from simulation.errors import ParameterError
-from simulation.outcome import Fact, Outcome, Plot
+from simulation.outcome import CaseOutcome, CasePlot, Fact
 from sysid.loops.controller import AXES
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import read_parameter_file
@@ -70,7 +70,7 @@ class Chirps:
             raise ParameterError(f"rate {self.rate:g} Hz must be 400 over a whole number, and at least 10")
 
 
-def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
+def simulate(name: str, summary: str, settings: Chirps) -> CaseOutcome:
     """Fly the three chirps one after the other."""
     filter_hz, gains = _set(_read(settings.parameters))
     plants = {axis: replace(plant, filter_hz=filter_hz) for axis, plant in PLANTS.items()}
@@ -92,13 +92,13 @@ def simulate(name: str, summary: str, settings: Chirps) -> Outcome:
     angles = pd.DataFrame({axis: np.degrees(run.attitude[rows]) for axis, run in runs.items()}, index=t)
     outputs = pd.DataFrame({axis: run.output[rows] for axis, run in runs.items()}, index=t)
     history = pd.concat((angles.add_suffix("_deg"), outputs.add_suffix("_output")), axis=1)
-    return Outcome(
+    return CaseOutcome(
         name=name,
         summary=summary,
         facts=facts,
         plots=(
-            Plot("Angles: each axis swings while its chirp is slow.", "angle (deg)", angles),
-            Plot("What the rate controllers and the chirps give to the mixer.", "part of full output", outputs),
+            CasePlot("Angles: each axis swings while its chirp is slow.", "angle (deg)", angles),
+            CasePlot("What the rate controllers and the chirps give to the mixer.", "part of full output", outputs),
         ),
         history=history.rename_axis("t_s"),
         write_log=write_log,

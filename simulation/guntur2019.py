@@ -14,7 +14,7 @@ from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import BladeElementRotor, Drive, FirstOrder
 from simulation.errors import ParameterError
 from simulation.fly import propagate
-from simulation.outcome import Fact, Outcome, Plot, Table, named, rotor_speeds, with_units
+from simulation.outcome import CaseOutcome, CasePlot, CaseTable, Fact, named, rotor_speeds, with_units
 from simulation.papers import PRINTED, write_paper_log
 from simulation.vehicle import Multirotor, Tank, mounts
 
@@ -190,7 +190,7 @@ _NOTES = (
 )
 
 
-def simulate(name: str, summary: str, settings: Profile) -> Outcome:
+def simulate(name: str, summary: str, settings: Profile) -> CaseOutcome:
     """Fly the plan with every payload, and with the payload of the settings for the log."""
     craft = quadcopter(
         find(settings.motor), settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start
@@ -202,13 +202,15 @@ def simulate(name: str, summary: str, settings: Profile) -> Outcome:
     feasible = feasibility(settings.voltage)
     height, distance = named(flown, height="p_d") * -1.0, named(flown, north="p_n")
     plots = [
-        Plot("Height of the flight that is logged: climb, pitch forward and back, more lift.", "height (m)", height),
-        Plot(
+        CasePlot(
+            "Height of the flight that is logged: climb, pitch forward and back, more lift.", "height (m)", height
+        ),
+        CasePlot(
             "Distance north: the plan pitches forward at 8 s and, more strongly, back at 12 s.",
             "distance (m)",
             distance,
         ),
-        Plot("Speeds of the rotors.", "rotor speed (rpm)", rotor_speeds(flown) / RPM),
+        CasePlot("Speeds of the rotors.", "rotor speed (rpm)", rotor_speeds(flown) / RPM),
     ]
     if craft.tank is None:
         every = {
@@ -220,13 +222,13 @@ def simulate(name: str, summary: str, settings: Profile) -> Outcome:
         thrusts = {payload: per_square * (rotor_speeds(each) ** 2).sum(axis=1) for payload, each in every.items()}
         about = "Height with each payload: about its own hover each craft flies nearly the same plan."
         plots += [
-            Plot(about, "height (m)", pd.DataFrame(heights)),
-            Plot("Thrust of all rotors with each payload.", "thrust (N)", pd.DataFrame(thrusts)),
+            CasePlot(about, "height (m)", pd.DataFrame(heights)),
+            CasePlot("Thrust of all rotors with each payload.", "thrust (N)", pd.DataFrame(thrusts)),
         ]
     else:
-        plots.append(Plot("Mass of the craft while the tank empties.", "mass (kg)", pd.DataFrame({"mass": mass})))
+        plots.append(CasePlot("Mass of the craft while the tank empties.", "mass (kg)", pd.DataFrame({"mass": mass})))
     columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "w1", "w2", "w3", "w4"]
-    return Outcome(
+    return CaseOutcome(
         name=name,
         summary=summary,
         facts=_facts(settings, flown, mass, feasible),
@@ -255,7 +257,7 @@ def _facts(settings: Profile, flown: pd.DataFrame, mass: pd.Series, feasible: pd
     )
 
 
-def _table(feasible: pd.DataFrame, voltage: float) -> Table:
+def _table(feasible: pd.DataFrame, voltage: float) -> CaseTable:
     frame = pd.DataFrame(
         {
             "motor": feasible["motor"],
@@ -269,7 +271,7 @@ def _table(feasible: pd.DataFrame, voltage: float) -> Table:
             "limit (W)": feasible["limit_power"],
         }
     )
-    return Table(
+    return CaseTable(
         f"Which motor holds the plan at {voltage:g} V: its top speed must stay below KV times voltage, its ideal power "
         f"below the motor's ({len(MOTORS)} motors, {len(PAYLOADS)} payloads).",
         frame,

@@ -16,7 +16,7 @@ from simulation.drive import Drive, FirstOrder, QuadraticRotor
 from simulation.errors import DivergenceError, ParameterError
 from simulation.fly import attitude, propagate
 from simulation.instruments import attitude_angles
-from simulation.outcome import Fact, Outcome, Plot, named, rotor_speeds
+from simulation.outcome import CaseOutcome, CasePlot, Fact, named, rotor_speeds
 from simulation.papers import PRINTED, write_paper_log
 from simulation.vehicle import Multirotor, mounts
 
@@ -178,7 +178,7 @@ _NOTES = (
 )
 
 
-def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
+def simulate(name: str, summary: str, settings: Recovery) -> CaseOutcome:
     """Level the craft from the start of Table 5."""
     fault = height_fault(settings)
     try:
@@ -195,22 +195,22 @@ def simulate(name: str, summary: str, settings: Recovery) -> Outcome:
     rates = named(path, roll_rate="w_x", pitch_rate="w_y", yaw_rate="w_z")
     height = pd.DataFrame({"height above the target": -path["p_d"]})
     history = pd.concat((angles.add_suffix("_deg"), path), axis=1).iloc[rows].rename_axis("t_s")
-    return Outcome(
+    return CaseOutcome(
         name=name,
         summary=summary,
         facts=_facts(settings, path, angles),
         notes=(f"{fault[0].upper()}{fault[1:]}.", *_NOTES) if fault else _NOTES,
         fault=fault,
         plots=(
-            Plot(
+            CasePlot(
                 "Roll and pitch go to zero (figure 12).",
                 "angle (deg)",
                 angles[["roll", "pitch"]].iloc[rows],
             ),
-            Plot("Yaw is not controlled and turns on (figure 12).", "yaw (deg)", angles[["yaw"]].iloc[rows]),
-            Plot("Angular rates.", "rate (deg/s)", rates.iloc[rows] * (180.0 / np.pi)),
-            Plot("Height: the craft starts 0.30 m below its target.", "height (m)", height.iloc[rows]),
-            Plot("Speeds of the rotors.", "rotor speed (rad/s)", rotor_speeds(path, "motor").iloc[rows]),
+            CasePlot("Yaw is not controlled and turns on (figure 12).", "yaw (deg)", angles[["yaw"]].iloc[rows]),
+            CasePlot("Angular rates.", "rate (deg/s)", rates.iloc[rows] * (180.0 / np.pi)),
+            CasePlot("Height: the craft starts 0.30 m below its target.", "height (m)", height.iloc[rows]),
+            CasePlot("Speeds of the rotors.", "rotor speed (rad/s)", rotor_speeds(path, "motor").iloc[rows]),
         ),
         history=history,
         write_log=lambda folder: write_paper_log(path, craft, folder, name, summary, gravity=GRAVITY),

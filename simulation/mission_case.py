@@ -10,7 +10,7 @@ import pandas as pd
 from simulation import _kernels
 from simulation.fly import STATE_COLUMNS, Flight
 from simulation.mission import Chirp, GoTo, Turn, Wait
-from simulation.outcome import Fact, Outcome, Plot, named, rotor_speeds, with_units
+from simulation.outcome import CaseOutcome, CasePlot, Fact, named, rotor_speeds, with_units
 from simulation.sample_logs import FLIGHTS, SampleFlight, fly_sample, write_flight
 from simulation.vehicle import Vector
 
@@ -66,7 +66,7 @@ def settings_of(sample: SampleFlight) -> MissionSettings:
     )
 
 
-def simulate(name: str, summary: str, settings: MissionSettings) -> Outcome:
+def simulate(name: str, summary: str, settings: MissionSettings) -> CaseOutcome:
     """Fly a sample's mission with these settings."""
     sample = _apply(FLIGHTS[name], settings)
     flight = fly_sample(sample)
@@ -74,7 +74,7 @@ def simulate(name: str, summary: str, settings: MissionSettings) -> Outcome:
     names = [*STATE_COLUMNS, "wind_n", "wind_e", "wind_d", "voltage", "current", "mass"]
     numbers = range(1, len(flight.setup.vehicle.rotors) + 1)
     rows = flight.truth.iloc[:: round(0.05 / (flight.truth.index[1] - flight.truth.index[0]))]
-    return Outcome(
+    return CaseOutcome(
         name=name,
         summary=summary,
         facts=_facts(flight),
@@ -139,7 +139,7 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
     )
 
 
-def _plots(flight: Flight, rows: pd.DataFrame) -> tuple[Plot, ...]:
+def _plots(flight: Flight, rows: pd.DataFrame) -> tuple[CasePlot, ...]:
     active = rows["state"].isin((_kernels.FLYING, _kernels.LANDING)).to_numpy()
     plan = np.where(active, -_planned(flight, rows)[:, 2], np.nan)
     where = "Position against the plan: steps are flown from rest to rest, the landing ends where the ground is."
@@ -147,11 +147,11 @@ def _plots(flight: Flight, rows: pd.DataFrame) -> tuple[Plot, ...]:
     up = rows.assign(up=-rows["p_d"], up_planned=plan, climb=-rows["v_d"])
     turned = rows[["roll", "pitch", "yaw"]] * (180.0 / np.pi)
     return (
-        Plot(where, "position (m)", named(up, north="p_n", east="p_e", up="up", up_planned="up_planned")),
-        Plot("Velocity over the ground.", "velocity (m/s)", named(up, north="v_n", east="v_e", up="climb")),
-        Plot(lean, "angle (deg)", turned[["roll", "pitch"]]),
-        Plot("Heading.", "heading (deg)", turned[["yaw"]]),
-        Plot("Speeds of the rotors.", "rotor speed (rad/s)", rotor_speeds(rows)),
-        Plot("Wind at the craft.", "wind (m/s)", named(rows, north="wind_n", east="wind_e", down="wind_d")),
-        Plot("Battery under load.", "voltage (V)", named(rows, voltage="voltage")),
+        CasePlot(where, "position (m)", named(up, north="p_n", east="p_e", up="up", up_planned="up_planned")),
+        CasePlot("Velocity over the ground.", "velocity (m/s)", named(up, north="v_n", east="v_e", up="climb")),
+        CasePlot(lean, "angle (deg)", turned[["roll", "pitch"]]),
+        CasePlot("Heading.", "heading (deg)", turned[["yaw"]]),
+        CasePlot("Speeds of the rotors.", "rotor speed (rad/s)", rotor_speeds(rows)),
+        CasePlot("Wind at the craft.", "wind (m/s)", named(rows, north="wind_n", east="wind_e", down="wind_d")),
+        CasePlot("Battery under load.", "voltage (V)", named(rows, voltage="voltage")),
     )

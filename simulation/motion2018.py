@@ -16,7 +16,7 @@ from simulation.atmosphere import GRAVITY, SEA_LEVEL_DENSITY, Atmosphere
 from simulation.drive import Drive, QuadraticRotor, ThirdOrder
 from simulation.errors import ArrivalError, ParameterError
 from simulation.fly import attitude, propagate
-from simulation.outcome import Fact, Outcome, Plot, rotor_speeds, with_units
+from simulation.outcome import CaseOutcome, CasePlot, Fact, rotor_speeds, with_units
 from simulation.papers import write_paper_log
 from simulation.vehicle import Multirotor, Vector, mounts
 
@@ -260,7 +260,7 @@ _NOTES = (
 )
 
 
-def simulate(name: str, summary: str, settings: Flight) -> Outcome:
+def simulate(name: str, summary: str, settings: Flight) -> CaseOutcome:
     """Fly from start to target."""
     flown = fly_to_point(settings)
     path = in_paper_axes(flown)
@@ -268,7 +268,7 @@ def simulate(name: str, summary: str, settings: Flight) -> Outcome:
     rows = pd.concat((path.iloc[:-1:per_row], path.iloc[-1:]))
 
     craft, wind = quadcopter(settings.mass), _ned(settings.wind)
-    return Outcome(
+    return CaseOutcome(
         name=name,
         summary=summary,
         facts=_facts(settings, path),
@@ -305,7 +305,7 @@ def _facts(settings: Flight, path: pd.DataFrame) -> tuple[Fact, ...]:
     )
 
 
-def _plots(rows: pd.DataFrame) -> tuple[Plot, ...]:
+def _plots(rows: pd.DataFrame) -> tuple[CasePlot, ...]:
     accelerations = rows.filter(regex=r"^a\d$").rename(columns=lambda name: f"rotor {name[1:]}")
     coordinates = "Coordinates in the paper's axes: x forward, y up, z right (figures 3, 7 and 11)."
     speeds = "Speeds of the rotors (figures 5, 9 and 13); the drive's limit is 490 rad/s."
@@ -313,8 +313,8 @@ def _plots(rows: pd.DataFrame) -> tuple[Plot, ...]:
     places = rows[["x", "y", "z"]].rename(columns={"y": "y (up)"})
     velocities = rows[["v_x", "v_y", "v_z"]].rename(columns={"v_x": "x", "v_y": "y (up)", "v_z": "z"})
     return (
-        Plot(coordinates, "coordinate (m)", places),
-        Plot("Velocities (figures 4, 8 and 12).", "velocity (m/s)", velocities),
-        Plot(speeds, "rotor speed (rad/s)", rotor_speeds(rows)),
-        Plot(changes, "rotor acceleration (rad/s²)", accelerations),
+        CasePlot(coordinates, "coordinate (m)", places),
+        CasePlot("Velocities (figures 4, 8 and 12).", "velocity (m/s)", velocities),
+        CasePlot(speeds, "rotor speed (rad/s)", rotor_speeds(rows)),
+        CasePlot(changes, "rotor acceleration (rad/s²)", accelerations),
     )

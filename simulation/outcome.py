@@ -24,7 +24,7 @@ class Fact:
 
 
 @dataclass(frozen=True, slots=True)
-class Plot:
+class CasePlot:
     """Lines over time."""
 
     caption: str  #: What to see.
@@ -33,7 +33,7 @@ class Plot:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class CaseTable:
     """Rows to read; `frame` holds text and numbers, its columns are named as they shall be read."""
 
     caption: str
@@ -41,17 +41,17 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class CaseOutcome:
     """A simulated case."""
 
     name: str
     summary: str
     facts: tuple[Fact, ...]  #: Characteristics of the flight.
-    plots: tuple[Plot, ...]
+    plots: tuple[CasePlot, ...]
     history: pd.DataFrame  #: Index `t` [s]; names of columns carry their units.
     write_log: Callable[[Path], list[Path]]  #: Writes the log and its truth into a folder; returns the files.
     notes: tuple[str, ...] = ()  #: Where this differs from what the paper prints, and why.
-    tables: tuple[Table, ...] = field(default=())
+    tables: tuple[CaseTable, ...] = field(default=())
     #: What is wrong with the settings although the flight came to its end, such as unstable gains; else empty.
     fault: str = ""
 
@@ -89,7 +89,7 @@ def rotor_speeds(path: pd.DataFrame, word: str = "rotor") -> pd.DataFrame:
     return path.filter(regex=r"^w\d+$").rename(columns=lambda column: f"{word} {column[1:]}")
 
 
-def write(outcome: Outcome, folder: Path) -> list[Path]:
+def write(outcome: CaseOutcome, folder: Path) -> list[Path]:
     """Write NAME.txt (characteristics), NAME.csv (history), a CSV for each table, the log and its truth.
 
     Returns
@@ -107,7 +107,7 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
     return paths + outcome.write_log(folder)
 
 
-def characteristics(outcome: Outcome) -> str:
+def characteristics(outcome: CaseOutcome) -> str:
     """Return the characteristics of the flight as text."""
     width = max(len(fact.name) for fact in outcome.facts) + 2
     lines = [f"{outcome.name}: {outcome.summary}", "simulated by rotorid, not flown", ""]

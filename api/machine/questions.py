@@ -30,7 +30,7 @@ from logparse.signals import LoggedSignal
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin
 from pipeline.flight.spectrum import rotor_speeds
-from pipeline.results.drift import CraftReview, Note, ParameterChange
+from pipeline.results.drift import CraftNote, CraftReview, ParameterChange
 from pipeline.results.entry import FlightEntry
 from pipeline.results.span import Span
 from reports.numbers.comparison import compare_reports
@@ -190,13 +190,13 @@ def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpe
 
 def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> dict[str, Any]:
     """Look at a craft as a whole, see `pipeline.fleet.review`."""
-    found: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[Note])))
+    found: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[CraftNote])))
     return found
 
 
 def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
     """Render what the flights of a craft say together."""
-    return render_craft(restored(found, CraftReview), name, restored(notes, list[Note]))
+    return render_craft(restored(found, CraftReview), name, restored(notes, list[CraftNote]))
 
 
 def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:

@@ -19,7 +19,7 @@ from core.errors import LogError
 from core.findings import Finding
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
-from logparse.dataflash.chain import Chain, Slot, Span
+from logparse.dataflash.chain import ByteSpan, Chain, Slot
 from logparse.dataflash.findings import crowded_names, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable
 from logparse.source import Boot, MessageSource, clean_text, mended_times
@@ -239,7 +239,7 @@ class DataflashSource(MessageSource):
             frames[name] = own[0][1] if len(own) == 1 else self._joined(name, span, own)
         return frames
 
-    def _gather(self, span: Span, layout: Layout, numbers: list[int]) -> None:
+    def _gather(self, span: ByteSpan, layout: Layout, numbers: list[int]) -> None:
         """Fill the columns of `layout`, whose tables are the definitions `numbers`."""
         chain = self._chain
         table_of_slot = np.full(len(chain.slots), -1, np.int32)
@@ -280,7 +280,7 @@ class DataflashSource(MessageSource):
             frame.attrs["instance"] = slot.fields[instance].name
         return frame
 
-    def _joined(self, name: str, span: Span, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
+    def _joined(self, name: str, span: ByteSpan, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
         """Rows of one name under several definitions, in file order; columns that one lacks are missing there."""
         parts = self._affordable(name, parts)
         numbers = [number for number, _ in parts]
@@ -316,7 +316,7 @@ class DataflashSource(MessageSource):
             kept.append((number, frame))
         return sorted(kept, key=lambda part: part[0])
 
-    def _interpolated_times(self, span: Span, boot: Boot, slots: set[int]) -> dict[int, npt.NDArray[np.float64]]:
+    def _interpolated_times(self, span: ByteSpan, boot: Boot, slots: set[int]) -> dict[int, npt.NDArray[np.float64]]:
         """Boot clock of messages that carry none, from the bytes between the timed messages around them."""
         chain = self._chain
         positions, indices = chain.locate(span, slots)

@@ -23,7 +23,7 @@ _LAST_PAUSE_US = 60_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class ByteSpan:
     """Messages of one boot: ``first`` to ``last - 1``, the first of them at byte (or line) `position`."""
 
     first: int
@@ -33,7 +33,7 @@ class Span:
 
 def boot_spans(
     rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], messages: int, size: int
-) -> dict[Boot, Span]:  # fmt: skip
+) -> dict[Boot, ByteSpan]:  # fmt: skip
     """Return the boots and their messages."""
     n = int(state[_decode.BOOTS])
     rows = rows[: n + 1].copy()
@@ -45,7 +45,7 @@ def boot_spans(
     lasts = [*rows[1:, 0].tolist(), messages]
     stops = [*rows[1:, 1].tolist(), size]
     return {
-        Boot(position, stop, start * 1e-6, end * 1e-6): Span(first, last, position)
+        Boot(position, stop, start * 1e-6, end * 1e-6): ByteSpan(first, last, position)
         for (first, position, start, end), last, stop in zip(rows.tolist(), lasts, stops, strict=True)
     }
 
@@ -249,18 +249,18 @@ class Chain:
         row[: min(len(order), _CANDIDATES)] = order[:_CANDIDATES]
         self._candidates[message_id] = row
 
-    def runs(self, span: Span) -> tuple[Int64s, Int64s, Int64s]:
+    def runs(self, span: ByteSpan) -> tuple[Int64s, Int64s, Int64s]:
         """Return the breaks within a span: message behind it counted from the span's first, its byte, the gap's."""
         a = int(np.searchsorted(self._run_index, span.first, "right" if span.first else "left"))
         b = int(np.searchsorted(self._run_index, span.last, "left"))
         return self._run_index[a:b] - span.first, self._run_position[a:b], self.gap_start[a:b]
 
     @property
-    def whole(self) -> Span:
+    def whole(self) -> ByteSpan:
         """All messages."""
-        return Span(0, len(self.sequence), 0)
+        return ByteSpan(0, len(self.sequence), 0)
 
-    def totals(self, span: Span) -> Int64s:
+    def totals(self, span: ByteSpan) -> Int64s:
         """Messages of each definition."""
         key = (span.first, span.last)
         if key not in self._counted:
@@ -269,7 +269,7 @@ class Chain:
             self._counted[key] = totals
         return self._counted[key]
 
-    def locate(self, span: Span, slots: set[int]) -> tuple[Int64s, Int64s]:
+    def locate(self, span: ByteSpan, slots: set[int]) -> tuple[Int64s, Int64s]:
         """Byte and index, counted from the span's first, of each message that follows one of these definitions."""
         wanted = np.zeros(max(1, len(self.slots)), np.bool_)
         wanted[list(slots)] = True

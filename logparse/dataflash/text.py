@@ -18,7 +18,7 @@ from core.errors import LogError
 from core.findings import Finding, info, warning
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
-from logparse.dataflash.chain import Span, boot_spans
+from logparse.dataflash.chain import ByteSpan, boot_spans
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
 from logparse.source import Boot, MessageSource, listed, mended_times, several_boots
 from logparse.timebase import mend_times
@@ -199,7 +199,7 @@ class DataflashTextSource(MessageSource):
         return counts
 
     @staticmethod
-    def _selected(group: _Group, span: Span) -> range:
+    def _selected(group: _Group, span: ByteSpan) -> range:
         a, b = np.searchsorted(group.numbers, (span.first, span.last))
         return range(int(a), int(b))
 

@@ -46,7 +46,7 @@ _KEYS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Signal:
+class ColumnSignal:
     """Columns of one vector and how to read them."""
 
     columns: tuple[str, ...]
@@ -85,18 +85,18 @@ class MotorSignal:
 class ColumnMap:
     """All that a user says of a table."""
 
-    time: Signal | None  #: None when the rate is given instead.
+    time: ColumnSignal | None  #: None when the rate is given instead.
     rate: float | None  #: Samples per second.
     #: Frames.
     world: str
     body: str
-    position: Signal
-    velocity: Signal | None
+    position: ColumnSignal
+    velocity: ColumnSignal | None
     attitude: AttitudeSignal
-    rates: Signal | None
+    rates: ColumnSignal | None
     motors: MotorSignal
-    inputs: Mapping[str, Signal]  #: Further inputs, by the name that they get.
-    voltage: Signal | None
+    inputs: Mapping[str, ColumnSignal]  #: Further inputs, by the name that they get.
+    voltage: ColumnSignal | None
     #: kg, m.
     mass: float | None
     arm: float | None
@@ -214,16 +214,16 @@ def _names(key: str, value: Any, count: int | None) -> tuple[str, ...]:
     return names
 
 
-def _signal(key: str, value: Any, units: Mapping[str, float] | None, count: int) -> Signal:
+def _signal(key: str, value: Any, units: Mapping[str, float] | None, count: int) -> ColumnSignal:
     if not isinstance(value, Mapping):
-        return Signal(columns=_names(key, value, count))
+        return ColumnSignal(columns=_names(key, value, count))
     given = _mapping(key, value)
     unit = str(given.get("unit", next(iter(units)) if units else "1"))
     if units is not None and unit not in units:
         raise TableError(f"columns: the unit of {key} must be one of {', '.join(units)}, not {unit}")
     axes = _choice(f"{key}: axes", str(given.get("axes", "world")), ("world", "body"))
     names = given.get("columns", given.get("column"))
-    return Signal(columns=_names(key, names, count), factor=units[unit] if units else 1.0, body=axes == "body")
+    return ColumnSignal(columns=_names(key, names, count), factor=units[unit] if units else 1.0, body=axes == "body")
 
 
 def _attitude(value: Any) -> AttitudeSignal:

@@ -21,13 +21,13 @@ from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
-from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, FleetResult, Run
+from pipeline.fleet.result import ANOTHER_RECORDING, FleetResult, IdentifiedCrafts, Run
 from pipeline.results.entry import FlightEntry
 from pipeline.results.fleet import LogFailure, Publish
 from pipeline.storage.inventory import READERS, index_sources
 from pipeline.storage.manifest import (
     FLIGHTS,
-    LogRecord,
+    FileRecord,
     Manifest,
     is_current,
     of_one_flight,
@@ -36,7 +36,7 @@ from pipeline.storage.manifest import (
     stored_flights,
 )
 from pipeline.storage.removed import bring_back, set_aside
-from pipeline.storage.sources import Found, find
+from pipeline.storage.sources import FoundFiles, find
 from pipeline.storage.store import Store, TemporaryStore, open_store
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ Outcome = tuple[FlightEntry, ...] | LogFailure | None
 
 
 def analyze_fleet(
-    paths: Iterable[str | Path] | Found,
+    paths: Iterable[str | Path] | FoundFiles,
     config: AnalysisConfig | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -98,7 +98,7 @@ def analyze_fleet(
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
     run = Run(config=config, store=store, publish=publish, executor=executor, redo=redo)
-    found = paths if isinstance(paths, Found) else find(paths, exclude=store.folder)
+    found = paths if isinstance(paths, FoundFiles) else find(paths, exclude=store.folder)
     check_choices(found, config)
     store.prepare()
     with store.locked():
@@ -155,7 +155,7 @@ def analyze_fleet(
     )
 
 
-def check_choices(found: Found, config: AnalysisConfig) -> None:
+def check_choices(found: FoundFiles, config: AnalysisConfig) -> None:
     """Refuse names of flights that no log has: before the work, not after it.
 
     Raises
@@ -171,7 +171,7 @@ def check_choices(found: Found, config: AnalysisConfig) -> None:
                 raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
 
 
-def _known(records: Sequence[LogRecord], former: Manifest, run: Run) -> dict[str, Outcome]:
+def _known(records: Sequence[FileRecord], former: Manifest, run: Run) -> dict[str, Outcome]:
     """Return what is in the store already, by URL: entries of flights, and why other logs have none.
 
     A flight whose result is there but not the pages that are wanted is not among them.
@@ -186,7 +186,7 @@ def _known(records: Sequence[LogRecord], former: Manifest, run: Run) -> dict[str
         elif record.key:
             others.append(record)
 
-    def stored(record: LogRecord) -> tuple[FlightEntry, ...] | None:
+    def stored(record: FileRecord) -> tuple[FlightEntry, ...] | None:
         return stored_flights(run.store, record.folder, record.key, record.url, run.pages)
 
     with ThreadPoolExecutor(READERS) as readers:
@@ -195,9 +195,9 @@ def _known(records: Sequence[LogRecord], former: Manifest, run: Run) -> dict[str
 
 
 def _analyzed(
-    records: Sequence[LogRecord],
+    records: Sequence[FileRecord],
     known: Mapping[str, Outcome],
-    found: Found,
+    found: FoundFiles,
     run: Run,
     progress: Progress,
     told: Callable[[FlightEntry], None] | None,
@@ -265,7 +265,7 @@ def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Itera
             yield job, LogFailure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
 
 
-def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> list[LogRecord]:
+def _settled(records: Sequence[FileRecord], outcomes: Mapping[str, Outcome]) -> list[FileRecord]:
     """Note what became of every file."""
     settled = [_with(record, outcomes[record.url]) if record.url in outcomes else record for record in records]
     junk = {record.url: record for record in settled if record.state == "no log"}
@@ -276,7 +276,7 @@ def _settled(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> l
     ]
 
 
-def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
+def _with(record: FileRecord, outcome: Outcome) -> FileRecord:
     if isinstance(outcome, tuple):
         return replace(record, state="analysed")
     if outcome is None:
@@ -284,12 +284,12 @@ def _with(record: LogRecord, outcome: Outcome) -> LogRecord:
     return replace(record, state="failed" if outcome.lasting else "interrupted", reason=outcome.reason, folder="")
 
 
-def _flights(records: Sequence[LogRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
+def _flights(records: Sequence[FileRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
     ordered = (outcomes.get(record.url) for record in records)
     return tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
 
 
-def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress: Progress) -> Crafts:
+def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress: Progress) -> IdentifiedCrafts:
     """Identify every craft of several flights jointly, unless that was done with these flights."""
     before = tuple(replace(craft, pages=run.pages) for craft in former.crafts)
     unchanged = (
@@ -298,15 +298,15 @@ def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress
         and former.software == software()
     )
     if unchanged and not run.redo and all(is_current(run.store, craft) for craft in before):
-        return Crafts(entries=before, left_out=former.left_out)
+        return IdentifiedCrafts(entries=before, left_out=former.left_out)
     return fleet_crafts.identify_crafts(flights, run, progress)
 
 
-def _in_state(records: Sequence[LogRecord], *states: str) -> tuple[LogFailure, ...]:
+def _in_state(records: Sequence[FileRecord], *states: str) -> tuple[LogFailure, ...]:
     return tuple(record.as_failure() for record in records if record.state in states)
 
 
-def _removed(former: Manifest, records: Sequence[LogRecord]) -> Iterator[LogRecord]:
+def _removed(former: Manifest, records: Sequence[FileRecord]) -> Iterator[FileRecord]:
     """List logs of former runs that are not among the inputs any more but whose products are still there."""
     urls, folders = {record.url for record in records}, {record.folder for record in records}
     for record in (*former.logs, *former.removed):

@@ -9,7 +9,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress, overall
 from pipeline.fleet import joint
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
-from pipeline.fleet.result import ANOTHER_RECORDING, Crafts, Run
+from pipeline.fleet.result import ANOTHER_RECORDING, IdentifiedCrafts, Run
 from pipeline.fleet.split import choose_split
 from pipeline.flight.craft import by_craft, changes, kept_apart
 from pipeline.results.entry import FlightEntry, GroupEntry
@@ -17,7 +17,7 @@ from pipeline.results.fleet import GroupResult, LogFailure
 from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, write_entry
 
 
-def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> Crafts:
+def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> IdentifiedCrafts:
     """Identify every craft that has several flights from some of them, and judge its models on the others."""
     config, store = run.config, run.store
     crafts = by_craft(flights)
@@ -75,7 +75,7 @@ def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress
         else:
             entries.append(entry)
             fitted[entry.folder] = result if run.publish is None else _light(result)
-    return Crafts(
+    return IdentifiedCrafts(
         entries=tuple(entries),
         left_out=tuple(left_out),
         failures=tuple(failures),

@@ -19,7 +19,7 @@ from pipeline.fleet.meta_analysis import holm
 from pipeline.fleet.motor_drift import STEADY, Together, motor_drift, together, trims
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.flight_parameters import BATTERY
-from pipeline.results.drift import Drift, History, Point
+from pipeline.results.drift import Drift, FlightPoint, History
 from sysid.rotors.motor_faults.trims import weak_from_start
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     """Follow the parameters of one craft over its flights; None with fewer than two flights that say anything."""
     flights = in_order(entries)
     number = {flight.name: k for k, flight in enumerate(flights, start=1)}
-    series: dict[str, dict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
+    series: dict[str, dict[str, list[FlightPoint]]] = defaultdict(lambda: defaultdict(list))
     units: dict[str, str] = {}
     for flight in flights:
         rows = [row for row in flight.parameters if row.method != BATTERY]
@@ -74,9 +74,9 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
     )
 
 
-def _point(flight: FlightEntry, number: int, row: FlightParameter) -> Point:
+def _point(flight: FlightEntry, number: int, row: FlightParameter) -> FlightPoint:
     start = took_off(flight)
-    return Point(
+    return FlightPoint(
         flight=flight.name,
         number=number,
         start_utc=None if start is None else start.isoformat(),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.fleet.meta_analysis import MetaRegression, meta_regression
-from pipeline.results.drift import Heterogeneity, History, Point, Step, Trend
+from pipeline.results.drift import FlightPoint, Heterogeneity, History, Step, Trend
 from sysid.rigid_body.consensus import TRUSTED
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
@@ -22,7 +22,7 @@ ALPHA = 0.05
 FEWEST, FEWEST_ASIDE = 4, 2
 
 
-def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -> History:
+def history(parameter: str, unit: str, methods: Mapping[str, Sequence[FlightPoint]]) -> History:
     """Follow one parameter by the method that most flights have it by, of those the one that is trusted first.
 
     The smallest standard error would choose the method that is most often too sure.
@@ -48,14 +48,14 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[Point]]) -
     )
 
 
-def design_of(points: Sequence[Point], change: Trend | Step) -> Floats:
+def design_of(points: Sequence[FlightPoint], change: Trend | Step) -> Floats:
     """Return the design in which a change of this kind, and at this place, is the second coefficient; (n, 2)."""
     numbers = np.array([float(point.number) for point in points])
     x = numbers - numbers.mean() if isinstance(change, Trend) else (numbers >= change.number).astype(np.float64)
     return np.column_stack([np.ones(len(points)), x])
 
 
-def _trend(points: Sequence[Point], values: Floats, sigmas: Floats) -> Trend | None:
+def _trend(points: Sequence[FlightPoint], values: Floats, sigmas: Floats) -> Trend | None:
     if len(points) < FEWEST:
         return None
 
@@ -72,7 +72,7 @@ def _trend(points: Sequence[Point], values: Floats, sigmas: Floats) -> Trend | N
     return Trend(per_flight=per_flight, per_flight_sigma=sigma, per_day=per_day, p=p)
 
 
-def _step(points: Sequence[Point], values: Floats, sigmas: Floats, together: MetaRegression) -> Step | None:
+def _step(points: Sequence[FlightPoint], values: Floats, sigmas: Floats, together: MetaRegression) -> Step | None:
     """Find the likeliest place of a step and judge it there."""
     places = range(FEWEST_ASIDE, len(points) - FEWEST_ASIDE + 1)
     if len(points) < FEWEST:

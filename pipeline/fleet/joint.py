@@ -22,7 +22,7 @@ from pipeline.fleet.envelope import envelope
 from pipeline.flight.advice.next_flights import for_craft
 from pipeline.flight.craft import in_order
 from pipeline.flight.identification import compare_parameters, identify, without_model
-from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.fleet import GroupResult, Split
@@ -142,7 +142,7 @@ def _dead(stage: str, error: Exception) -> Failure:
     return Failure(stage, f"the worker process failed: {type(error).__name__}: {error}")
 
 
-def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
+def _no_records(kind: ModelKind, training: Sequence[FlightEntry]) -> str:
     """Explain why there is nothing to fit a kind of model to."""
     if not training:
         return "none of its flights was chosen for training"
@@ -151,14 +151,14 @@ def _no_records(kind: Kind, training: Sequence[FlightEntry]) -> str:
 
 
 def _identify_alone(
-    kind: Kind, records: Mapping[str, Records], config: AnalysisConfig, time_limit: float
+    kind: ModelKind, records: Mapping[str, Records], config: AnalysisConfig, time_limit: float
 ) -> tuple[ModelResult, Stages]:
     """Identify in a process of its own; progress is not heard there."""
     stages = Stages(silent, time_limit)
     return _identify(kind, records[kind.key], config, stages), stages
 
 
-def _identify(kind: Kind, records: Records, config: AnalysisConfig, stages: Stages) -> ModelResult:
+def _identify(kind: ModelKind, records: Records, config: AnalysisConfig, stages: Stages) -> ModelResult:
     result = identify(kind, records.fitted(), records.judges(), config, stages)
     most = max(500, MOST_ROWS // max(1, len(result.predictions)))
     return replace(result, predictions=tuple(_thinned(each, most) for each in result.predictions))

@@ -21,7 +21,7 @@ from scipy.special import ndtri as normal_quantile
 from logparse import Finding, Severity
 from pipeline.fleet.history import FEWEST_ASIDE, design_of
 from pipeline.fleet.meta_analysis import meta_regression
-from pipeline.results.drift import History, MotorDrift, MotorWork, Point, Step, Trend
+from pipeline.results.drift import FlightPoint, History, MotorDrift, MotorWork, Step, Trend
 from pipeline.results.entry import FlightParameter
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
     return min(asked, key=lambda each: each.p)
 
 
-def _place(points: Sequence[Sequence[Point]]) -> int:
+def _place(points: Sequence[Sequence[FlightPoint]]) -> int:
     """Return the place of a step that all trims together prefer, each in units of its own scatter."""
     count = len(points[0])
     values = np.array([[point.value for point in each] for each in points])
@@ -109,7 +109,7 @@ def _place(points: Sequence[Sequence[Point]]) -> int:
     return int(places[np.argmin(np.log(np.maximum(1.0 - between / whole, 1e-12)).sum(axis=0))])
 
 
-def _fit(points: Sequence[Point], at: int | None) -> tuple[float, float, float]:
+def _fit(points: Sequence[FlightPoint], at: int | None) -> tuple[float, float, float]:
     """Return slope per flight, or step before the point `at`: estimate, standard error, two-sided p."""
     numbers = np.array([float(point.number) for point in points])
     x = numbers - numbers.mean() if at is None else (np.arange(len(points)) >= at).astype(np.float64)

@@ -43,7 +43,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Crafts:
+class IdentifiedCrafts:
     """Crafts of several flights, and what has no part in them."""
 
     entries: tuple[GroupEntry, ...] = ()  #: Those with most flights first.

@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from core.quantity import uncertain
+from core.summary import listed
 from logparse import Severity
 from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
@@ -26,7 +27,7 @@ from pipeline.fleet.history import FEWEST
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
-from pipeline.results.drift import Alert, CraftReview, Drift, History, Note, ParameterChange, Point
+from pipeline.results.drift import Alert, CraftNote, CraftReview, Drift, FlightPoint, History, ParameterChange
 from pipeline.results.entry import FlightEntry
 from sysid.autopilot.values import over_flights
 
@@ -37,7 +38,7 @@ RATE = 0.01
 _FIRST = datetime(2009, 1, 1, tzinfo=UTC)
 
 
-def review(entries: Sequence[FlightEntry], notes: Sequence[Note] = (), now: datetime | None = None) -> CraftReview:
+def review(entries: Sequence[FlightEntry], notes: Sequence[CraftNote] = (), now: datetime | None = None) -> CraftReview:
     """Look at a craft as a whole."""
     clean = [_unset(entry, now or datetime.now(UTC)) for entry in entries]
     recorded = once(clean)
@@ -95,8 +96,9 @@ def _dated(entries: Sequence[FlightEntry]) -> tuple[list[FlightEntry], list[str]
             entry = replace(entry, start_utc=start - timedelta(seconds=entry.flight.start if entry.flight else 0.0))
         last = start if entry.name in undated else max(last, start)
         placed.append(entry)
-    some = ", ".join(undated[:4]) + (f" and {len(undated) - 4} more" if len(undated) > 4 else "")
-    return in_order(placed), [f"the clock of {some} was not set: placed in the order in which the logs came"]
+    return in_order(placed), [
+        f"the clock of {listed(undated, 4)} was not set: placed in the order in which the logs came"
+    ]
 
 
 def _remarks_on(flights: Sequence[FlightEntry], undated: Collection[str], copies: int) -> list[str]:
@@ -118,11 +120,11 @@ def _remarks_on(flights: Sequence[FlightEntry], undated: Collection[str], copies
 
 
 def _parted(
-    flights: Sequence[FlightEntry], notes: Sequence[Note]
-) -> tuple[Note | None, list[FlightEntry], list[FlightEntry]]:
+    flights: Sequence[FlightEntry], notes: Sequence[CraftNote]
+) -> tuple[CraftNote | None, list[FlightEntry], list[FlightEntry]]:
     """Part flights at the last boundary with flights after it; those between it and the one before come second."""
     bounds = sorted((note for note in notes if note.boundary), key=lambda note: note.at)
-    parts: list[tuple[Note | None, list[FlightEntry]]] = [(None, [])]
+    parts: list[tuple[CraftNote | None, list[FlightEntry]]] = [(None, [])]
     for flight in flights:
         start = took_off(flight)
         while bounds and start is not None and bounds[0].at <= start:
@@ -215,7 +217,7 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
     ]
 
 
-def _numbers(points: Sequence[Point]) -> tuple[list[float], list[float]]:
+def _numbers(points: Sequence[FlightPoint]) -> tuple[list[float], list[float]]:
     return [point.value for point in points], [point.sigma for point in points]
 
 
@@ -224,5 +226,5 @@ def _spread(each: History) -> float:
     return float(np.hypot(each.between, each.flights[-1].sigma))
 
 
-def _written(point: Point, each: History) -> str:
+def _written(point: FlightPoint, each: History) -> str:
     return f"{uncertain(point.value, point.sigma)} {each.unit.partition(',')[0]}".rstrip()

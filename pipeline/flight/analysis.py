@@ -23,7 +23,7 @@ from pipeline.flight.answer import compose_answer
 from pipeline.flight.coverage import measure
 from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.identification import compare_parameters, identify, without_model
-from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, Kind
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.logged import logged_rates
 from pipeline.flight.part import busiest, part_findings
 from pipeline.flight.rotation import find_rotation
@@ -408,7 +408,7 @@ def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
 
 
 def _record(
-    kind: Kind,
+    kind: ModelKind,
     log: FlightLog,
     trajectory: estimation.Trajectory,
     part: Span,

@@ -16,7 +16,7 @@ import sysid
 from pipeline.flight.excitation import excitation_of
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.flight.logged import log_health
-from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, Wind
+from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, MeanWind
 from sysid.records.context import resample_frame, shared_context
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
@@ -88,7 +88,7 @@ def measure(
         map=_cells(*(series[name] for name in MAP)),
         wind=None
         if trim is None
-        else Wind.towards(
+        else MeanWind.towards(
             float(trim.wind_n), float(trim.wind_e), float(trim.wind_sigma), "rigid body fitted to this flight"
         ),
         excitation=excitation_of(trajectory, context),

@@ -8,7 +8,7 @@ import sysid
 from logparse import MissingDataError, RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Stages
-from pipeline.flight.kinds import RIGID_BODY_KEY, Kind
+from pipeline.flight.kinds import RIGID_BODY_KEY, ModelKind
 from pipeline.results.failure import Failure
 from pipeline.results.flight import ModelResult, Prediction
 from sysid.records.excitation import Coherence, coherence
@@ -18,7 +18,7 @@ SCAN_PART = 0.8
 
 
 def identify(
-    kind: Kind,
+    kind: ModelKind,
     fitted: Sequence[sysid.Experiment],
     judges: Sequence[sysid.Experiment],
     config: AnalysisConfig,
@@ -60,7 +60,7 @@ def identify(
     )
 
 
-def without_model(kind: Kind, failure: Failure) -> ModelResult:
+def without_model(kind: ModelKind, failure: Failure) -> ModelResult:
     """Return that a kind of model could not be fitted."""
     return ModelResult(key=kind.key, title=kind.title, note=kind.note, model=failure)
 

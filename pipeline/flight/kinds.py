@@ -34,7 +34,7 @@ class Fit(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ModelKind:
     """One kind of model."""
 
     key: str  #: Names it in files.
@@ -96,7 +96,7 @@ def _rigid_body(
 
 
 KINDS = (
-    Kind(
+    ModelKind(
         "motors",
         "motor PWM → position",
         "motors",
@@ -105,7 +105,7 @@ KINDS = (
         "A black box with a transfer function for every motor, as in Elhesasy 2024.",
         scans="per_input",
     ),
-    Kind(
+    ModelKind(
         "mixer",
         "mixer commands → position",
         "mixer",
@@ -115,7 +115,7 @@ KINDS = (
         "axis: fewer coefficients.",
         scans="common",
     ),
-    Kind(
+    ModelKind(
         "reference",
         "position target → position",
         "reference",
@@ -123,7 +123,7 @@ KINDS = (
         _closed_loop,
         "Craft and autopilot together: where the craft goes when it is told to, nothing of the craft alone.",
     ),
-    Kind(
+    ModelKind(
         RIGID_BODY_KEY,
         "rigid body",
         "motors",

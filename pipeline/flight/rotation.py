@@ -15,10 +15,10 @@ from pipeline.results.rotation import (
     LEAST_PHASE_DEG,
     AttitudeFollowing,
     AxisCoupling,
+    AxisMargins,
     AxisRotation,
     Check,
     FittedResponse,
-    LoopMargins,
     LoopState,
     Numbers,
     RotationResult,
@@ -209,7 +209,7 @@ def _check(found: Verification) -> Check:
     )
 
 
-def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> LoopMargins:
+def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> AxisMargins:
     """Compute the margins of a loop: from chirps, in two ways where the log allows it, else from the craft's model.
 
     Raises
@@ -231,7 +231,7 @@ def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> Loo
     refused = next((doubt for doubt in (*doubts, None if loop.measured is None else apart) if doubt), None)
     if refused:
         raise LoopError(refused)
-    return LoopMargins(
+    return AxisMargins(
         state=state_of(loop.margins),
         gains=loop.settings.parameters(),
         computed=loop.margins,
@@ -240,7 +240,7 @@ def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> Loo
     )
 
 
-def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
+def _ordinary(log: FlightLog, found: AxisSurvey) -> AxisMargins:
     """Compute the margins of an axis without chirps from what sticks told of the craft.
 
     Raises
@@ -261,7 +261,7 @@ def _ordinary(log: FlightLog, found: AxisSurvey) -> LoopMargins:
         f"{frf.hz[frf.usable][-1]:.2g} Hz, through the controller of the log's parameters"
     )
     limits = tuple(finding.reason for finding in frf.findings if finding.id == "motors-at-limits")
-    return LoopMargins(
+    return AxisMargins(
         state=state_of(loop.margins, ordinary=True),
         gains=loop.settings.parameters(),
         computed=loop.margins,

@@ -15,7 +15,7 @@ from logparse.messages import NumericMessages
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.spectrum import vibration_spectrum
-from pipeline.results.signals import FlightSignals, Panel, Signal
+from pipeline.results.signals import FlightSignals, Panel, SignalLine
 from pipeline.results.span import Span
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
     )
 
 
-def _heights(tables: Tables, flight: Span) -> Iterator[Signal | None]:
+def _heights(tables: Tables, flight: Span) -> Iterator[SignalLine | None]:
     """Yield height above the ground that the flight left, by every sensor."""
     shown = Span(flight.start - 2.0, flight.stop + 5.0)
     for source, known in heights(tables):
@@ -90,7 +90,7 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
     return t[rows], y[rows]
 
 
-def _line(name: str, column: pd.Series[float], flight: Span) -> Signal | None:
+def _line(name: str, column: pd.Series[float], flight: Span) -> SignalLine | None:
     # Messages are as logged, and damage moves time stamps.
     ordered = column if column.index.is_monotonic_increasing else column.sort_index(kind="stable")
     inside = ordered.iloc[flight.rows(ordered.index)]
@@ -98,11 +98,11 @@ def _line(name: str, column: pd.Series[float], flight: Span) -> Signal | None:
     if len(values) < 2 or not np.isfinite(values).any():
         return None
     t: Floats = inside.index.to_numpy(np.float64)
-    return Signal(name, *thin(t, np.asarray(values, dtype=np.float64)))
+    return SignalLine(name, *thin(t, np.asarray(values, dtype=np.float64)))
 
 
 def _panel(
-    title: str, unit: str, lines: Iterable[Signal | None], limits: Mapping[str, float] | None = None
+    title: str, unit: str, lines: Iterable[SignalLine | None], limits: Mapping[str, float] | None = None
 ) -> tuple[Panel, ...]:
     drawn = tuple(line for line in lines if line is not None)
     return (Panel(title=title, unit=unit, signals=drawn, limits=limits or {}),) if drawn else ()

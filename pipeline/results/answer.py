@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from core.quantity import uncertain
+from core.summary import listed
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
@@ -103,10 +104,7 @@ def names_of(flights: Sequence[FlightEntry], total: int) -> str:
     """Name flights in a sentence; all of several are not listed."""
     if len(flights) == total:
         return f"all {total} flights" if total > 1 else "this flight"
-    # Flights that a sentence names.
-    names = [flight.name for flight in flights[:4]]
-    more = len(flights) - len(names)
-    return ", ".join(names) + (f" and {more} more" if more else "")
+    return listed([flight.name for flight in flights], 4)
 
 
 def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:

@@ -77,7 +77,7 @@ class LogHealth:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class FlownQuantity:
     """What is counted out: name for people, unit and width of its bins; bins begin at multiples of the width."""
 
     title: str
@@ -86,15 +86,15 @@ class Quantity:
 
 
 #: In the order of reports.
-QUANTITIES: Mapping[str, Quantity] = {
-    "ground_speed": Quantity("ground speed", "m/s", 1.0),
-    "airspeed": Quantity("horizontal airspeed", "m/s", 1.0),
-    "climb_rate": Quantity("climb rate", "m/s", 0.5),
-    "altitude": Quantity("altitude above the start", "m", 5.0),
-    "density": Quantity("air density", "kg/m^3", 0.02),
-    "thrust": Quantity("mean thrust command", "part of full thrust", 0.025),
-    "tilt": Quantity("tilt", "rad", pi / 72),
-    "yaw_rate": Quantity("yaw rate", "rad/s", pi / 36),
+QUANTITIES: Mapping[str, FlownQuantity] = {
+    "ground_speed": FlownQuantity("ground speed", "m/s", 1.0),
+    "airspeed": FlownQuantity("horizontal airspeed", "m/s", 1.0),
+    "climb_rate": FlownQuantity("climb rate", "m/s", 0.5),
+    "altitude": FlownQuantity("altitude above the start", "m", 5.0),
+    "density": FlownQuantity("air density", "kg/m^3", 0.02),
+    "thrust": FlownQuantity("mean thrust command", "part of full thrust", 0.025),
+    "tilt": FlownQuantity("tilt", "rad", pi / 72),
+    "yaw_rate": FlownQuantity("yaw rate", "rad/s", pi / 36),
 }
 
 
@@ -124,7 +124,7 @@ class Distribution:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wind:
+class MeanWind:
     """Mean wind of a flight as the rigid body found it."""
 
     #: Where the air goes, 10 m above the start, m/s.
@@ -137,7 +137,7 @@ class Wind:
     source: str
 
     @classmethod
-    def towards(cls, north: float, east: float, sigma: float | None, source: str) -> Wind:
+    def towards(cls, north: float, east: float, sigma: float | None, source: str) -> MeanWind:
         """Return the wind whose air goes so fast to the north and to the east, m/s."""
         direction = atan2(-east, -north) % (2.0 * pi)
         return cls(north=north, east=east, speed=hypot(north, east), direction=direction, sigma=sigma, source=source)
@@ -150,7 +150,7 @@ class Coverage:
     seconds: float  #: Of flight that were counted.
     quantities: Mapping[str, Distribution]  #: Of those of `QUANTITIES` that are known.
     map: tuple[Cell, ...]  #: Time at each ground speed and altitude; cells without any are left out.
-    wind: Wind | None
+    wind: MeanWind | None
     excitation: Excitation
     health: LogHealth
     missing: Mapping[str, str] = field(default_factory=dict)  #: Why a quantity, or the wind, is not known.

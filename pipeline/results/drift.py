@@ -52,7 +52,7 @@ class ParameterChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
+class FlightPoint:
     """A flight's own value of a parameter with its standard error; `number` counts the craft's flights from 1."""
 
     flight: str
@@ -104,7 +104,7 @@ class History:
     parameter: str
     unit: str
     method: str
-    flights: tuple[Point, ...]  #: What each says, in their order.
+    flights: tuple[FlightPoint, ...]  #: What each says, in their order.
     #: Over flights, with its standard error.
     mean: float
     mean_sigma: float
@@ -112,7 +112,7 @@ class History:
     heterogeneity: Heterogeneity
     trend: Trend | None = None
     step: Step | None = None
-    others: Mapping[str, tuple[Point, ...]] = field(default_factory=dict)  #: What other methods say, by method.
+    others: Mapping[str, tuple[FlightPoint, ...]] = field(default_factory=dict)  #: What other methods say, by method.
     sentence: str = ""
 
     @property
@@ -158,7 +158,7 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Note:
+class CraftNote:
     """What was done to a craft, as its owner wrote it down."""
 
     at: datetime  #: UTC.
@@ -184,7 +184,7 @@ class CraftReview:
     flights: tuple[str, ...]  #: In order.
     #: Of them those since the last boundary, and among those again the ones built as the newest is.
     pooled: tuple[str, ...]
-    boundary: Note | None  #: The last before the newest flight.
+    boundary: CraftNote | None  #: The last before the newest flight.
     drift: Drift | None  #: Of the pooled flights.
     whole: Drift | None  #: Of all flights, where not all are pooled.
     since: tuple[ParameterChange, ...]  #: What changed with the boundary.

@@ -89,7 +89,7 @@ class AttitudeFollowing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoopMargins:
+class AxisMargins:
     """Margins of one axis' rate and angle loop, with the gains flown."""
 
     state: LoopState  #: See `state_of`.
@@ -130,7 +130,7 @@ class AxisRotation:
     reason: str = ""
     attitude: AttitudeFollowing | None = None
     attitude_reason: str = ""  #: Why not; empty where there is.
-    loop: LoopMargins | None = None
+    loop: AxisMargins | None = None
     loop_reason: str = ""  #: Why not, with what to fly or log; empty where there are.
 
     @property
@@ -174,6 +174,6 @@ class RotationResult:
         return self.axes if self.vertical is None else (*self.axes, self.vertical)
 
     @property
-    def loops(self) -> Mapping[str, LoopMargins]:
+    def loops(self) -> Mapping[str, AxisMargins]:
         """Return the margins that are known, by axis."""
         return {axis.axis: axis.loop for axis in self.axes if axis.loop is not None}

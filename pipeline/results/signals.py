@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Signal:
+class SignalLine:
     """One line over time, thinned such that no peak is lost."""
 
     name: str  #: For the legend, such as ``"asked"``, ``"flown"``.
@@ -28,7 +28,7 @@ class Panel:
     #: Of the axis; SI, angles in radians.
     title: str
     unit: str
-    signals: tuple[Signal, ...]
+    signals: tuple[SignalLine, ...]
     limits: Mapping[str, float] = field(default_factory=dict)  #: Published limits by name, same unit.
 
 

@@ -11,7 +11,7 @@ from pathlib import PurePath
 from pipeline.config import AnalysisConfig
 from pipeline.execution.executors import as_done
 from pipeline.names import file_name, folder_names, is_url, printable
-from pipeline.storage.manifest import LogRecord, Manifest, flight_key
+from pipeline.storage.manifest import FileRecord, Manifest, flight_key
 from pipeline.storage.sources import Source, called_a_log, digest
 
 #: Files that are read at the same time: storage far away answers late.
@@ -23,7 +23,7 @@ def index_sources(
     former: Manifest,
     config: AnalysisConfig,
     executor: Executor | None = None,
-) -> list[LogRecord]:
+) -> list[FileRecord]:
     """Make a record of every file, in the order given.
 
     Copies have the state ``"duplicate"``, files that cannot be read ``"failed"``; all others have names, folders and
@@ -33,7 +33,7 @@ def index_sources(
     originals = _originals(sources, contents, former)
     records = []
     for source in sources:
-        record = LogRecord(url=source.url, size=source.size, modified=source.modified)
+        record = FileRecord(url=source.url, size=source.size, modified=source.modified)
         content = contents[source.url]
         if isinstance(content, OSError):
             reason = f"cannot be read: {content.strerror or content}"
@@ -93,7 +93,7 @@ def _originals(sources: Sequence[Source], contents: Mapping[str, str | OSError],
     return originals
 
 
-def _named(records: Sequence[LogRecord], former: Manifest, config: AnalysisConfig) -> list[LogRecord]:
+def _named(records: Sequence[FileRecord], former: Manifest, config: AnalysisConfig) -> list[FileRecord]:
     single = [record for record in records if not record.reason]
     names = flight_names(
         [record.url for record in single], {record.url: record.name for record in former.logs if record.name}

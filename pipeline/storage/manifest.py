@@ -40,7 +40,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LogRecord:
+class FileRecord:
     """What became of one file."""
 
     #: As in `pipeline.storage.sources.Source`.
@@ -78,13 +78,13 @@ class Manifest:
     software: Software | None = None
     configuration: AnalysisConfig | None = None
     pages: str = ""  #: `page_key` of what shows the results.
-    logs: tuple[LogRecord, ...] = ()  #: Every file that was found, in the order of the report.
+    logs: tuple[FileRecord, ...] = ()  #: Every file that was found, in the order of the report.
     crafts: tuple[GroupEntry, ...] = ()
     passed_over: tuple[tuple[str, str], ...] = ()  #: Whatever else was found and not used, with its reason.
     #: Logs that were analysed but have no part in the joint models, with the reason.
     left_out: tuple[tuple[str, str], ...] = ()
     #: Logs of earlier runs that are no longer among the inputs; their products are kept.
-    removed: tuple[LogRecord, ...] = ()
+    removed: tuple[FileRecord, ...] = ()
     reported: str = ""  #: `identity` of the run that the report in the store is of; empty before it is written.
 
     @property

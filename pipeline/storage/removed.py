@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from core.lazy import lazy
 from pipeline.names import flight_folder
-from pipeline.storage.manifest import FLIGHTS, LogRecord
+from pipeline.storage.manifest import FLIGHTS, FileRecord
 from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ else:
 REMOVED = "removed"
 
 
-def set_aside(store: Store, records: Sequence[LogRecord]) -> None:
+def set_aside(store: Store, records: Sequence[FileRecord]) -> None:
     """Move the tables of flights out of the datasets."""
     for place in _places(store, records, ""):
         store.remove(f"{REMOVED}/{place}")
         store.move(place, f"{REMOVED}/{place}")
 
 
-def bring_back(store: Store, records: Sequence[LogRecord]) -> None:
+def bring_back(store: Store, records: Sequence[FileRecord]) -> None:
     """Move them back, where nothing newer stands."""
     for place in list(_places(store, records, f"{REMOVED}/")):
         if store.names(place):
@@ -41,7 +41,7 @@ def bring_back(store: Store, records: Sequence[LogRecord]) -> None:
             store.move(f"{REMOVED}/{place}", place)
 
 
-def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[str]:
+def _places(store: Store, records: Sequence[FileRecord], below: str) -> Iterator[str]:
     """List the partitions that flights have in the datasets, as far as they are there."""
     if not records:
         return
@@ -53,7 +53,7 @@ def _places(store: Store, records: Sequence[LogRecord], below: str) -> Iterator[
                     yield place
 
 
-def _flights(store: Store, records: Sequence[LogRecord]) -> Iterator[tuple[str, str]]:
+def _flights(store: Store, records: Sequence[FileRecord]) -> Iterator[tuple[str, str]]:
     """List folder and vehicle of every flight of logs."""
     for record in records:
         for number in count(1):

@@ -58,7 +58,7 @@ def called_a_log(file: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundFiles:
     """Files to look into, those that cannot be opened, and what else was passed over, with reasons."""
 
     sources: tuple[Source, ...]
@@ -66,7 +66,7 @@ class Found:
     passed_over: tuple[LogFailure, ...]
 
 
-def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
+def find(places: Iterable[str | Path], exclude: Path | None = None) -> FoundFiles:
     """List the files in places given by the user, each once, except in the folder that results go to."""
     search = _Search(exclude)
     for place in places:
@@ -77,7 +77,7 @@ def find(places: Iterable[str | Path], exclude: Path | None = None) -> Found:
             search.local(Path(place).absolute())
         if search.count == before:
             search.passed_over.append(LogFailure(str(place), "holds no further files"))
-    return Found(tuple(search.sources.values()), tuple(search.failures), tuple(search.passed_over))
+    return FoundFiles(tuple(search.sources.values()), tuple(search.failures), tuple(search.passed_over))
 
 
 class _Search:

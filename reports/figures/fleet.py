@@ -10,7 +10,7 @@ from typing import Any
 from core.quantity import per_degree, with_unit
 from pipeline.results.answer import Tone
 from pipeline.results.coverage import MAP, QUANTITIES, Envelope, RangeFlown
-from pipeline.results.drift import Drift, History, MotorWork, Note, Point
+from pipeline.results.drift import CraftNote, Drift, FlightPoint, History, MotorWork
 from pipeline.results.report import FlightReport
 from reports.figures.figure import (
     COLORS,
@@ -205,7 +205,9 @@ def winds(coverage: Envelope, name: str) -> Figure | None:
     return plot.figure(name, caption, 430)
 
 
-def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) -> tuple[list[Figure], list[Figure]]:
+def drift_figures(
+    drift: Drift | None, prefix: str, notes: Sequence[CraftNote] = ()
+) -> tuple[list[Figure], list[Figure]]:
     """Draw motors and parameters over flights, with what was done to the craft where flights are dated.
 
     What tells most is shown, all the rest is folded; parameters that change come first.
@@ -229,7 +231,7 @@ def drift_figures(drift: Drift | None, prefix: str, notes: Sequence[Note] = ()) 
     return shown, folded
 
 
-def _place(drift: Drift, point: Point | MotorWork) -> str:
+def _place(drift: Drift, point: FlightPoint | MotorWork) -> str:
     """Return the place of a flight on the axis: its start where all are known, else its name."""
     return _utc(point.start_utc) if point.start_utc and _dated(drift) else point.flight
 

@@ -26,7 +26,7 @@ from reports.figures.drawn import CraftFigures
 from reports.files.fleet_markdown import fleet_markdown
 from reports.files.folder import FIGURES, SHARED_SCRIPT, page_or_excuse, rmse_table
 from reports.pages import html
-from reports.pages.fleet import Craft, craft_file, craft_models_page, fleet_page
+from reports.pages.fleet import Shown, craft_file, craft_models_page, fleet_page
 
 
 def write_fleet(fleet: FleetResult) -> None:
@@ -43,7 +43,8 @@ def write_fleet(fleet: FleetResult) -> None:
     flights = [f"{FLIGHTS}/{entry.folder}" for entry in fleet.flights]
     crafts = [f"{CRAFTS}/{entry.folder}" for entry in fleet.groups]
     found = _told_apart([_craft(store, folder) for folder in crafts])
-    rows = [row for craft in found for row in craft.report.rmse]
+    reports = tuple(report for report, _ in found)
+    rows = [row for craft in reports for row in craft.rmse]
     short: list[FlightReport] = []
     findings: dict[str, tuple[Finding, ...]] = {}
     for folder in flights:  # those of many flights would not fit into memory
@@ -55,7 +56,7 @@ def write_fleet(fleet: FleetResult) -> None:
         FleetReport(
             rotorid=version("rotorid"),
             config=fleet.config,
-            groups=tuple(craft.report for craft in found),
+            groups=reports,
             flights=tuple(short),
             findings=_common_findings(findings),
             failures=_reasons(fleet.failures),
@@ -83,7 +84,10 @@ def write_fleet(fleet: FleetResult) -> None:
     for place, craft in enumerate(found, start=1):
         page = page_or_excuse(partial(craft_models_page, craft, numbers, place, script_file), craft_file(place))
         store.write(craft_file(place), page.encode())
-    store.write("report.html", page_or_excuse(lambda: fleet_page(numbers, found), "report.html").encode())
+    store.write(
+        "report.html",
+        page_or_excuse(lambda: fleet_page(numbers, reports), "report.html").encode(),
+    )
     fleet.confirm_report()
 
 
@@ -112,22 +116,21 @@ def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFi
     return tuple(sorted(found.values(), key=lambda each: (WORST_FIRST.index(each.severity), -len(each.flights))))
 
 
-def _craft(store: Store, folder: str) -> Craft:
+def _craft(store: Store, folder: str) -> Shown:
     drawn = from_json(store.read(f"{folder}/{FIGURES}"), CraftFigures)
     report = from_json(store.read(f"{folder}/report.json"), CraftReport)
-    return Craft(replace(report, folder=folder), drawn.board, drawn.predictions)
+    return replace(report, folder=folder), drawn
 
 
-def _told_apart(crafts: Sequence[Craft]) -> list[Craft]:
+def _told_apart(crafts: Sequence[Shown]) -> list[Shown]:
     """Distinguish crafts of one name by a number: many logs tell no more than firmware and frame."""
-    count = Counter(craft.report.name for craft in crafts)
+    count = Counter(craft.name for craft, _ in crafts)
     seen: Counter[str] = Counter()
     apart = []
-    for craft in crafts:
-        name = craft.report.name
-        seen[name] += 1
-        told = name if count[name] == 1 else f"{name}, craft {seen[name]}"
-        apart.append(replace(craft, report=replace(craft.report, name=told)))
+    for craft, drawn in crafts:
+        seen[craft.name] += 1
+        told = craft.name if count[craft.name] == 1 else f"{craft.name}, craft {seen[craft.name]}"
+        apart.append((replace(craft, name=told), drawn))
     return apart
 
 

@@ -87,7 +87,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class ComparedPair:
     """A craft, or a flight, before and after."""
 
     a: Facts
@@ -115,12 +115,12 @@ class Comparison:
     rotorid: str
     a: Side
     b: Side
-    pairs: tuple[Pair, ...]
+    pairs: tuple[ComparedPair, ...]
     unpaired: Unpaired
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class Compared:
     """What is compared: a craft over its flights, or one flight where there is no joint model."""
 
     name: str
@@ -132,7 +132,7 @@ class Subject:
     units: Mapping[str, str]  #: By parameter.
 
 
-def subjects(report: FlightReport | FleetReport) -> list[Subject]:
+def subjects(report: FlightReport | FleetReport) -> list[Compared]:
     """Find what a report can be compared by: its crafts; its one flight when it is the report of a flight."""
     if isinstance(report, FlightReport):
         return [_of_flight(report)]
@@ -147,13 +147,13 @@ def subjects(report: FlightReport | FleetReport) -> list[Subject]:
     ]
 
 
-def _of_flight(flight: FlightReport) -> Subject:
+def _of_flight(flight: FlightReport) -> Compared:
     # The other report is of another day.
     rows = [
         (row, row.value, None if row.sigma is None else math.hypot(row.sigma, row.transfer or 0.0))
         for row in flight.parameters or ()
     ]
-    return Subject(
+    return Compared(
         name=flight.name,
         numbers=flight,
         config=flight.config,
@@ -165,9 +165,9 @@ def _of_flight(flight: FlightReport) -> Subject:
     )
 
 
-def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightReport]) -> Subject:
+def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightReport]) -> Compared:
     followed = () if craft.drift is None else craft.drift.parameters
-    return Subject(
+    return Compared(
         name=craft.name,
         numbers=craft,
         config=config,
@@ -194,8 +194,8 @@ def compare_reports(a: FlightReport | FleetReport, b: FlightReport | FleetReport
 
 
 def _pair(
-    a: Sequence[Subject], b: Sequence[Subject]
-) -> tuple[list[tuple[Subject, Subject]], list[Subject], list[Subject]]:
+    a: Sequence[Compared], b: Sequence[Compared]
+) -> tuple[list[tuple[Compared, Compared]], list[Compared], list[Compared]]:
     """Pair what is called alike, in order; what is alone on both sides is a pair whatever it is called."""
     pairs, left, right = [], [], list(b)
     for each in a:
@@ -210,10 +210,10 @@ def _pair(
     return pairs, left, right
 
 
-def _compare(a: Subject, b: Subject) -> Pair:
+def _compare(a: Compared, b: Compared) -> ComparedPair:
     parameters = _parameters(a, b)
     changed = _changed(a, b)
-    return Pair(
+    return ComparedPair(
         a=_facts(a),
         b=_facts(b),
         changed=tuple(changed),
@@ -224,7 +224,7 @@ def _compare(a: Subject, b: Subject) -> Pair:
     )
 
 
-def _facts(subject: Subject) -> Facts:
+def _facts(subject: Compared) -> Facts:
     starts = sorted(flight.log.start_utc for flight in subject.flights if flight.log.start_utc)
     return Facts(
         name=subject.name,
@@ -234,7 +234,7 @@ def _facts(subject: Subject) -> Facts:
     )
 
 
-def _parameters(a: Subject, b: Subject) -> tuple[ParameterChange, ...]:
+def _parameters(a: Compared, b: Compared) -> tuple[ParameterChange, ...]:
     """Test every parameter that both sides determined; one method for each."""
     rows: list[ParameterChange] = []
     for parameter in dict.fromkeys(name for name, _ in a.points):
@@ -245,7 +245,7 @@ def _parameters(a: Subject, b: Subject) -> tuple[ParameterChange, ...]:
     return corrected(rows)
 
 
-def _errors(a: Subject, b: Subject) -> list[ErrorChange]:
+def _errors(a: Compared, b: Compared) -> list[ErrorChange]:
     """Set held-out errors of the models that both sides have side by side, output by output."""
     rows = []
     after = {model.key: model for model in b.numbers.models}
@@ -280,7 +280,7 @@ def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | 
     return float(scipy.stats.ttest_ind(left, right, equal_var=False).pvalue)
 
 
-def _verdicts(a: Subject, b: Subject) -> list[VerdictChange]:
+def _verdicts(a: Compared, b: Compared) -> list[VerdictChange]:
     after = {model.key: model for model in b.numbers.models}
     return [
         VerdictChange(model=model.key, title=model.title, a=model.verdict.trust, b=after[model.key].verdict.trust)
@@ -289,7 +289,7 @@ def _verdicts(a: Subject, b: Subject) -> list[VerdictChange]:
     ]
 
 
-def _changed(a: Subject, b: Subject) -> list[SettingChange]:
+def _changed(a: Compared, b: Compared) -> list[SettingChange]:
     """List what differs of the craft and of the settings of the analysis: a change of parameters may come from it."""
     return [
         SettingChange(of=of, name=field.name, a=left, b=right)

@@ -11,13 +11,13 @@ from rich.text import Text
 from core.quantity import counted, number
 from core.table import Row, Table, escaped
 from reports.figures.figure import Figure, Plot, digits, marks
-from reports.numbers.comparison import Comparison, Facts, Pair
+from reports.numbers.comparison import ComparedPair, Comparison, Facts
 from reports.pages.html import render
 from reports.views import summary
 from reports.views.drift import chance, change_table
 
 
-def error_table(pair: Pair) -> Table:
+def error_table(pair: ComparedPair) -> Table:
     """Lay out what the models of both sides err on flights that they were not fitted to."""
     return Table(
         label="Model",
@@ -38,13 +38,13 @@ def error_table(pair: Pair) -> Table:
     )
 
 
-def verdict_table(pair: Pair) -> Table:
+def verdict_table(pair: ComparedPair) -> Table:
     """Lay out what the models of both sides are worth."""
     rows = [Row(row.title, [summary.TRUST_WORDS[trust] for trust in (row.a, row.b)]) for row in pair.verdicts]
     return Table("Model", ["before", "after"], rows)
 
 
-def setting_table(pair: Pair) -> Table:
+def setting_table(pair: ComparedPair) -> Table:
     """Lay out what differs in the craft's settings and in those of the analysis."""
     rows = [
         Row(f"{row.name.replace('_', ' ')} ({row.of})", [_setting(value) for value in (row.a, row.b)])
@@ -61,7 +61,7 @@ def _setting(value: object) -> str:
     return "–" if value is None or value == "" else str(value)
 
 
-def tables(pair: Pair) -> Iterator[tuple[str, Table]]:
+def tables(pair: ComparedPair) -> Iterator[tuple[str, Table]]:
     """Yield the tables that have rows, with their headings, what matters most first."""
     for title, table in (
         ("Parameters", change_table(pair.parameters)),
@@ -73,12 +73,12 @@ def tables(pair: Pair) -> Iterator[tuple[str, Table]]:
             yield title, table
 
 
-def heading(pair: Pair) -> str:
+def heading(pair: ComparedPair) -> str:
     """Name what is compared."""
     return pair.a.name if pair.a.name == pair.b.name else f"{pair.a.name} → {pair.b.name}"
 
 
-def flights(pair: Pair, numbers: Comparison) -> str:
+def flights(pair: ComparedPair, numbers: Comparison) -> str:
     """Name the two sides, with how many flights they hold and when they were."""
     sides = ((numbers.a, pair.a, "Before"), (numbers.b, pair.b, "after"))
     return "; ".join(f"{word}: {side.report}, {_flights(facts)}" for side, facts, word in sides)
@@ -112,7 +112,7 @@ def _title(numbers: Comparison) -> str:
     return f"{numbers.a.report} against {numbers.b.report}"
 
 
-def _intervals(pair: Pair, name: str) -> Figure | None:
+def _intervals(pair: ComparedPair, name: str) -> Figure | None:
     """Draw the difference of every parameter in percent, with its 95 % interval."""
     rows = [
         (row, row.difference_percent, abs(row.interval_percent[1] - row.interval_percent[0]) / 2.0)

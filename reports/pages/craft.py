@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from core.quantity import counted, uncertain
-from pipeline.results.drift import CraftReview, Note
+from pipeline.results.drift import CraftNote, CraftReview
 from reports.figures.fleet import drift_figures
 from reports.pages import html
 from reports.views import log_words
 from reports.views.drift import change_table, drift_sentences, drift_table
 
 
-def craft_page(review: CraftReview, name: str, notes: Sequence[Note] = ()) -> str:
+def craft_page(review: CraftReview, name: str, notes: Sequence[CraftNote] = ()) -> str:
     """Render the page."""
     whole = review.whole or review.drift
     courses, folded = drift_figures(whole, "craft-", notes)

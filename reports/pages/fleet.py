@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from logparse import Severity
 from pipeline.results.report import CraftReport, FleetReport
+from reports.figures.drawn import CraftFigures
 from reports.figures.figure import Figure
 from reports.figures.fleet import (
     FIRST_HEIGHT,
@@ -16,14 +17,13 @@ from reports.figures.fleet import (
     motors_over_flights,
     parameters_over_flights,
 )
-from reports.figures.models import Board, horizon_figure
+from reports.figures.models import horizon_figure
 from reports.pages import html
 from reports.views import fleet as fleet_views
 from reports.views import log_words, summary
 from reports.views import tables as views
 from reports.views.coverage import coverage_table, outside
 from reports.views.craft import (
-    Choice,
     average_table,
     validation_table,
     vehicle_facts,
@@ -34,14 +34,8 @@ from reports.views.fleet_answer import Insight, called, fleet_answer, insight
 from reports.views.models import MOST_ADVICE, holding, thrust_coefficients
 from reports.views.parameters import coherence, parameters
 
-
-@dataclass(frozen=True, slots=True)
-class Craft:
-    """What the products of a craft hold: its report, and plots that only its models could give."""
-
-    report: CraftReport
-    board: Board | None = None
-    predictions: Mapping[str, Figure] = field(default_factory=dict)  #: Measured and predicted position by flight.
+#: What the products of a craft hold: its report, and the plots that only its models could give.
+Shown = tuple[CraftReport, CraftFigures]
 
 
 def craft_file(place: int) -> str:
@@ -49,25 +43,25 @@ def craft_file(place: int) -> str:
     return f"craft{place}.html"
 
 
-def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_file: str) -> str:
+def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_file: str) -> str:
     """Render the page with everything about the models of a craft."""
     pages = fleet_views.links(numbers.flights)
-    report, prefix = craft.report, f"{place}-"
+    report, drawn = craft
+    prefix = f"{place}-"
     ahead = horizon_figure(report.models, f"{prefix}horizons")
     covered = coverage_figures(report.coverage, prefix)
     courses, folded = drift_figures(report.drift, prefix)
     flown = {
         flight: replace(figure, id=f"{prefix}prediction-{number}", place=f"{prefix}prediction", time=False)
-        for number, (flight, figure) in enumerate(craft.predictions.items())
+        for number, (flight, figure) in enumerate(drawn.predictions.items())
     }
-    board = None if craft.board is None else craft.board.within(prefix)
-    boarded = () if board is None else board.figures
+    board = drawn.board.within(prefix)
     coverage_findings = () if report.coverage is None else report.coverage.findings
     drift_findings = () if report.drift is None else report.drift.findings
     told = [log_words.sentence(finding.reason) for finding in drift_findings]
     return html.render(
         "craft_models.html",
-        [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *boarded],
+        [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *board.figures],
         script_file,
         id=f"craft-{place}",
         report=report,
@@ -79,7 +73,7 @@ def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_fil
         horizons=views.horizons(report.models),
         coherence=coherence(report.models),
         validation=validation_table(report, pages),
-        prediction=_choice(f"{prefix}prediction", flown, report, pages),
+        prediction=_choice(flown, report, pages),
         coverage=coverage_table(report.coverage),
         coverage_findings=coverage_findings,
         outside=outside(report.coverage),
@@ -98,17 +92,17 @@ def craft_models_page(craft: Craft, numbers: FleetReport, place: int, script_fil
     )
 
 
-def fleet_page(numbers: FleetReport, crafts: Sequence[Craft]) -> str:
+def fleet_page(numbers: FleetReport, crafts: Sequence[CraftReport]) -> str:
     """Render the page on all flights; `crafts` are in the order of the report."""
     pages = fleet_views.links(numbers.flights)
     answer = fleet_answer(numbers)
     told = insight(numbers)
     first = _insight_figure(told) or flights_over_time(numbers.flights)
     firsts = [] if first is None else [first]
-    courses = [drift_figures(each.report.drift, f"{place}-")[0] for place, each in enumerate(crafts, start=1)]
+    courses = [drift_figures(each.drift, f"{place}-")[0] for place, each in enumerate(crafts, start=1)]
     drawn = zip(crafts, courses, strict=True)
     shown = [
-        _shown(craft.report, called(craft.report, numbers.groups), place, figures)
+        _shown(craft, called(craft, numbers.groups), place, figures)
         for place, (craft, figures) in enumerate(drawn, start=1)
     ]
     figures = [*firsts, *(figure for some in courses for figure in some)]
@@ -167,19 +161,12 @@ def _shown(report: CraftReport, short: str, place: int, courses: Sequence[Figure
     }
 
 
-def _choice(place: str, figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]) -> Choice | None:
-    """Offer the flights to choose from, those that judge first."""
-    if not figures:
-        return None
+def _choice(
+    figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]
+) -> list[tuple[str, list[tuple[Figure, str, str]]]]:
+    """Offer the flights to choose from with their plots and pages, those that judge first."""
     parts = [
-        (label, [(figures[name].id, name, pages.get(name, "")) for name in names if name in figures])
+        (label, [(figures[name], name, pages.get(name, "")) for name in names if name in figures])
         for label, names in (("judge the models", report.held_out), ("fitted", report.training))
     ]
-    first = next(iter(figures.values()))
-    return Choice(
-        place=place,
-        parts=[(label, options) for label, options in parts if options],
-        caption=first.caption,
-        height=first.height,
-        page=next(options[0][2] for _, options in parts if options),
-    )
+    return [(label, options) for label, options in parts if options]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from core.quantity import counted, number
 from core.table import Row, Table
@@ -12,17 +11,6 @@ from pipeline.results.model_report import ByOutput, ModelReport, average
 from pipeline.results.report import CraftReport
 from reports.views import log_words
 from reports.views.tables import rmse_heads
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Plots of which a reader chooses one: where it is drawn; id, name and page of each by what its flight is for."""
-
-    place: str
-    parts: Sequence[tuple[str, Sequence[tuple[str, str, str]]]]
-    caption: str
-    height: int
-    page: str
 
 
 def average_table(craft: CraftReport) -> Table | None:

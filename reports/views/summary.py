@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from core.quantity import joined, uncertain
+from core.summary import listed
 from pipeline.results.answer import Answer
 from pipeline.results.model_report import ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
@@ -147,17 +148,12 @@ def left_out(numbers: FleetReport) -> list[str]:
         by_reason: dict[str, list[str]] = {}
         for unused in kind:
             by_reason.setdefault(unused.reason, []).append(unused.file)
-        parts = [f"{_named(files)} ({reason})" for reason, files in by_reason.items()]
+        parts = [f"{listed(files, MOST_NAMED)} ({reason})" for reason, files in by_reason.items()]
         if len(parts) > MOST_NAMED:  # every copy has a reason of its own
             parts = [*parts[:MOST_NAMED], f"and {len(parts) - MOST_NAMED} more"]
         if parts:
             sentences.append(f"{words}: {'; '.join(parts)}.")
     return sentences
-
-
-def _named(files: list[str]) -> str:
-    more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
-    return f"{', '.join(files[:MOST_NAMED])}{more}"
 
 
 def clause(reason: str) -> str:

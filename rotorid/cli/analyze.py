@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pipeline.results.fleet import LogFailure
     from pipeline.results.flight import FlightResult
     from pipeline.results.report import FleetReport, FlightReport
-    from pipeline.storage.sources import Found, Source
+    from pipeline.storage.sources import FoundFiles, Source
 
 _DEFAULT = AnalysisConfig()
 #: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
@@ -215,7 +215,7 @@ def _existing(paths: Sequence[str]) -> Sequence[str]:
     return paths
 
 
-def _require_files(found: "Found", paths: Sequence[str]) -> None:
+def _require_files(found: "FoundFiles", paths: Sequence[str]) -> None:
     if not found.sources and not found.failures:
         from pipeline.config import ConfigError
 
@@ -327,7 +327,7 @@ def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -
 
 
 def _several_logs(
-    found: "Found",
+    found: "FoundFiles",
     out: str,
     config: AnalysisConfig,
     workers: "AbstractContextManager[Executor | None]",

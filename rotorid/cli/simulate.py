@@ -9,7 +9,7 @@ from rotorid.cli.options import folder_of
 from rotorid.cli.output import SOME_FAILED, fail, prepare
 
 if TYPE_CHECKING:
-    from simulation import Outcome
+    from simulation import CaseOutcome
 
 
 def simulate(
@@ -101,7 +101,7 @@ def simulate(
         fail("\n".join(faults), SOME_FAILED)
 
 
-def _write(outcome: "Outcome", out: Path, *, whole: bool) -> None:
+def _write(outcome: "CaseOutcome", out: Path, *, whole: bool) -> None:
     """Write what a case gave, and tell on stdout: its characteristics if it is the only one, and the files."""
     import simulation
     from reports.pages.simulation import simulation_page

@@ -22,7 +22,7 @@ from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
 from sysid.validation.assessment import MARGIN, validate
-from sysid.validation.report import Order, OrderRow, OrdersReport
+from sysid.validation.report import ModelOrder, OrderRow, OrdersReport
 
 #: (poles, zeros) that are tried, simplest first, so that a time limit costs the largest ones.
 ORDERS = ((1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (4, 2), (4, 3), (5, 3), (5, 4), (6, 4))
@@ -65,7 +65,7 @@ class OrderScan(Summarised):
             table=self.rows,
             recommended=None
             if self.recommended is None
-            else Order(poles=self.recommended[0], zeros=self.recommended[1]),
+            else ModelOrder(poles=self.recommended[0], zeros=self.recommended[1]),
             reason=self.reason,
             held_out=self.held_out,
         )

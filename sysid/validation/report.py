@@ -61,7 +61,7 @@ class OrderRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Order:
+class ModelOrder:
     """Numbers of poles and zeros."""
 
     poles: int
@@ -73,6 +73,6 @@ class OrdersReport:
     """A scan of orders, the one recommended, and why."""
 
     table: tuple[OrderRow, ...]
-    recommended: Order | None
+    recommended: ModelOrder | None
     reason: str
     held_out: tuple[str, ...]

@@ -14,7 +14,7 @@ from pipeline.flight.craft import build_of
 from pipeline.flight.rotation import fitted_response
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.entry import FlightEntry
-from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
+from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops.known_margins import Margins
@@ -184,7 +184,7 @@ def turning(computed: Margins) -> RotationResult:
         cost=3.0,
         verdict="excellent",
     )
-    loop = LoopMargins(state=state_of(computed), gains={"ATC_RAT_RLL_P": 0.1}, computed=computed)
+    loop = AxisMargins(state=state_of(computed), gains={"ATC_RAT_RLL_P": 0.1}, computed=computed)
     roll = AxisRotation(axis="roll", rate=rate, loop=loop)
     others = (AxisRotation(axis=axis, reason="nothing moved", loop_reason="no chirp") for axis in ("pitch", "yaw"))
     return RotationResult(axes=(roll, *others))

@@ -96,8 +96,8 @@ def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
 
 
 def test_where_the_wind_comes_from():
-    from pipeline.results.coverage import Wind as Found
+    from pipeline.results.coverage import MeanWind
 
-    assert Found.towards(-1.0, 0.0, 0.1, "").direction == 0.0
-    assert Found.towards(0.0, -2.0, 0.1, "").direction == pytest.approx(math.pi / 2)
+    assert MeanWind.towards(-1.0, 0.0, 0.1, "").direction == 0.0
+    assert MeanWind.towards(0.0, -2.0, 0.1, "").direction == pytest.approx(math.pi / 2)
     assert [word_of(x) for x in (0.1, 0.7, 2.0, 9.0)] == ["none", "weak", "fair", "strong"]

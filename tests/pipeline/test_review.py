@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.fleet.review import RATE, review
-from pipeline.results.drift import Note
+from pipeline.results.drift import CraftNote
 from tests.pipeline.builders import START, hovering
 from tests.pipeline.histories import flights_of, series
 
@@ -63,7 +63,7 @@ def test_one_strange_flight_is_named_by_its_band():
 def test_a_note_parts_the_flights_and_the_change_is_told():
     """New propellers before the seventh flight: no alarm of drift, but the difference with its error."""
     flights = flights_of(series(np.random.default_rng(5), 12, step=("thrust over mass", 0.68)))
-    note = Note(at=START + timedelta(days=5, hours=12), text="new propellers", boundary=True)
+    note = CraftNote(at=START + timedelta(days=5, hours=12), text="new propellers", boundary=True)
     found = review(flights, [note], now=NOW)
     assert found.boundary == note
     assert found.pooled == tuple(f"f{k:02d}" for k in range(6, 12))

@@ -6,7 +6,7 @@ from core.findings import Finding, Severity
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
 from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, Reading
 from pipeline.results.account import VibrationReading as Vibration
-from pipeline.results.signals import FlightSignals, Panel, Signal
+from pipeline.results.signals import FlightSignals, Panel, SignalLine
 from pipeline.results.span import Span
 
 FLIGHT = Span(40.0, 99.9)
@@ -48,10 +48,10 @@ def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Ac
 def signals() -> FlightSignals:
     """Return lines of every kind that the first screen shows."""
     t = np.arange(40.0, 100.0, 0.1)
-    asked, flown = Signal("asked", t, 0.1 * np.sin(t)), Signal("flown", t, 0.1 * np.sin(t - 0.1))
+    asked, flown = SignalLine("asked", t, 0.1 * np.sin(t)), SignalLine("flown", t, 0.1 * np.sin(t - 0.1))
 
     def one(title: str, unit: str, name: str, limits=None) -> tuple[Panel, ...]:
-        return (Panel(title=title, unit=unit, signals=(Signal(name, t, 5.0 + np.sin(t)),), limits=limits or {}),)
+        return (Panel(title=title, unit=unit, signals=(SignalLine(name, t, 5.0 + np.sin(t)),), limits=limits or {}),)
 
     return FlightSignals(
         height=one("height", "m", "barometer"),

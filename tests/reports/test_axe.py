@@ -8,7 +8,7 @@ import pytest
 
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
-from pipeline.results.drift import Note
+from pipeline.results.drift import CraftNote
 from reports.pages.craft import craft_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
@@ -54,7 +54,7 @@ def _of_a_craft(file):
 def _over_flights(file):
     """Write the page of a craft one of whose motors weakens, with new propellers before its fifth flight."""
     flights = hovering(np.random.default_rng(1), "octa", 8, weak=3, loss=0.01, scatter=0.001)
-    note = Note(at=START + timedelta(days=3, hours=12), text="new propellers", boundary=True)
+    note = CraftNote(at=START + timedelta(days=3, hours=12), text="new propellers", boundary=True)
     file.write_text(craft_page(review(flights, [note]), "our <b>octa</b>", [note]), encoding="utf-8")
     return file
 

@@ -18,10 +18,10 @@ from pipeline.results.answer import Advice, Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
-from pipeline.results.rotation import AxisRotation, LoopMargins, RotationResult, state_of
+from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
 from reports.figures.drawn import first_figures
 from reports.numbers.flight import flight_report
-from reports.pages.fleet import Craft, fleet_page
+from reports.pages.fleet import fleet_page
 from reports.terminal.summary import overview
 from reports.views import summary
 from reports.views.fleet_answer import fleet_answer
@@ -53,7 +53,7 @@ def loop(axis: str, phase: float, sigma: float = 2.0, *, stable=True) -> AxisRot
         stable=stable,
         unstable=0.0,
     )
-    return AxisRotation(axis=axis, loop=LoopMargins(state=state_of(margins), gains={}, computed=margins))
+    return AxisRotation(axis=axis, loop=AxisMargins(state=state_of(margins), gains={}, computed=margins))
 
 
 def answered(given: FlightResult, /, *happenings, state=None, **changed) -> FlightResult:
@@ -292,7 +292,7 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
     numbers = made(FleetReport, flights=flights, groups=[{"name": "quad", "drift": drift}])
     first = fleet_answer(numbers)[0]
     assert first.text == "Thrust over mass fell by 32 ± 3 % between 10 November 2014 and 14 November 2014."
-    page = fleet_page(numbers, [Craft(each) for each in numbers.groups if isinstance(each, CraftReport)])
+    page = fleet_page(numbers, [each for each in numbers.groups if isinstance(each, CraftReport)])
     assert 'id="plot-first-course"' in page
     assert 'href="craft1.html"' in page
 

@@ -12,7 +12,7 @@ from pipeline.flight.purposes import uses_of
 from pipeline.results.answer import HOLDS, AnswerLine, Tone
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from pipeline.results.rotation import LoopMargins, LoopState
+from pipeline.results.rotation import AxisMargins, LoopState
 from pipeline.results.verdict import PredictionUse
 from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
 from sysid.rotors.thrust_regression import THRUST_CHANGED
@@ -44,7 +44,7 @@ def _determined(number: Parameter) -> bool:
     return number.value is not None and number.sigma is not None and 2.0 * number.sigma < abs(number.value)
 
 
-def _margins(known: Mapping[str, LoopMargins]) -> AnswerLine:
+def _margins(known: Mapping[str, AxisMargins]) -> AnswerLine:
     """Answer with the axis whose phase margin is smallest; the word is that of the worst of all axes."""
     axis = min(known, key=lambda each: known[each].computed.phase_deg.value or 0.0)
     phase, states = known[axis].computed.phase_deg, [each.state for each in known.values()]

@@ -19,7 +19,7 @@ MIXER = ("thrust", "roll", "pitch", "yaw")
 _MIXER_ALIASES = {"throttle": "thrust"}
 
 
-class Quantity(StrEnum):
+class BodyQuantity(StrEnum):
     """What the inputs of the motors are."""
 
     SPEED = "rad/s"
@@ -35,7 +35,7 @@ class InputKinds:
     geometry: tuple[Motor, ...]
     mixer: tuple[tuple[str, int], ...]  #: Commands of a mixer and their columns, instead of motors.
     further: tuple[int, ...]  #: Columns of further inputs, such as elevons.
-    quantity: Quantity  #: Of the motors or the mixer.
+    quantity: BodyQuantity  #: Of the motors or the mixer.
     names: tuple[str, ...]  #: Of all inputs.
 
     @property
@@ -119,9 +119,11 @@ def input_kinds(record: Experiment) -> InputKinds:
         )
     used = motors or tuple(at for _, at in mixer)
     units = {record.units.get(names[k], "") for k in used}
-    quantity = Quantity.SPEED if units == {"rad/s"} else Quantity.PWM if units == {"us"} else Quantity.COMMAND
+    quantity = (
+        BodyQuantity.SPEED if units == {"rad/s"} else BodyQuantity.PWM if units == {"us"} else BodyQuantity.COMMAND
+    )
     largest = float(np.nanmax(np.abs(record.u[:, list(motors)]), initial=0.0))
-    if quantity is Quantity.COMMAND and largest > 2.0:
+    if quantity is BodyQuantity.COMMAND and largest > 2.0:
         raise ExperimentError(
             f"{record.name}: the unit of the motors is not known, and {names[motors[0]]} ... reach {largest:.4g}, "
             "which no command from 0 to 1 does; give the experiment units, such as units={'m1': 'us', ...} or 'rad/s'"
@@ -147,7 +149,7 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
             raise MissingDataError(f"{record.name}: {what} is not known at every sample")
     position = record.y[:, :3] * np.array([1.0, 1.0, -1.0])
     inputs = record.u.astype(np.float64, copy=True)
-    if kinds.quantity is Quantity.PWM:
+    if kinds.quantity is BodyQuantity.PWM:
         used = list(kinds.thrusting)
         inputs[:, used] = motor_commands(inputs[:, used], record.vehicle or Vehicle())
     return BodyRecord(
@@ -155,7 +157,7 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
         t=record.t,
         states=np.ascontiguousarray(np.hstack([position, velocity, rotation, rates])),
         inputs=inputs,
-        speeds=kinds.quantity is Quantity.SPEED,
+        speeds=kinds.quantity is BodyQuantity.SPEED,
         density=relative_density(record),
     )
 

@@ -14,10 +14,10 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats, requir
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import PER_INPUT, SHARED, THETA, ahead
 from sysid.rigid_body.six_dof.body_record import (
+    BodyQuantity,
     BodyRecord,
     InputKinds,
     InputShape,
-    Quantity,
     body_record,
     drives,
     input_kinds,
@@ -231,7 +231,7 @@ def _unknowns(
     kinds: InputKinds, bodies: Sequence[BodyRecord], indoors: bool, winds: Mapping[str, Floats], given: bool
 ) -> list[_Unknown]:
     """List what is estimated for these inputs."""
-    speeds = kinds.quantity is Quantity.SPEED
+    speeds = kinds.quantity is BodyQuantity.SPEED
     left_out = {"gyroscopic_x", "gyroscopic_y"} if kinds.mixer else set()
     if speeds or kinds.mixer:
         left_out.add("thrust_offset")
@@ -252,7 +252,7 @@ def _unknowns(
         out += [_Unknown(f"{each}_{name}", each, k, family=each) for each in moving for k, name in enumerate(names)]
     if kinds.further:
         out.append(_Unknown("lag_further", "further_lag", family="lag"))
-    if kinds.quantity is Quantity.PWM and kinds.motors:
+    if kinds.quantity is BodyQuantity.PWM and kinds.motors:
         out.append(_Unknown("expo", "expo"))
     if not speeds:
         out.append(_Unknown("thrust_drift", "drift", family="drift"))
@@ -268,7 +268,7 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
     """Scale the inputs so that their usual strength is one."""
     used, further = list(kinds.thrusting), list(kinds.further)
     inputs = np.concatenate([body.inputs for body in bodies])
-    speeds = kinds.quantity is Quantity.SPEED
+    speeds = kinds.quantity is BodyQuantity.SPEED
     expo = 1.0 if speeds else _expo(kinds, records)
     if speeds:
         scale = len(used) * float(np.mean(inputs[:, used] ** 2))
@@ -297,7 +297,7 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
 
 def _expo(kinds: InputKinds, records: Sequence[Experiment]) -> float:
     vehicle = records[0].vehicle
-    if kinds.quantity is not Quantity.PWM or vehicle is None:
+    if kinds.quantity is not BodyQuantity.PWM or vehicle is None:
         return 0.0
     return vehicle.thrust_expo
 
@@ -393,7 +393,7 @@ def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: floa
     less. Rotor speeds are measured, and may be late themselves: what is stated is how late their telemetry is.
     """
     value += 0.5 * dt
-    if kinds.quantity is Quantity.SPEED:
+    if kinds.quantity is BodyQuantity.SPEED:
         name, value = name.replace("delay", "telemetry_lag", 1), -value
         what = f"the motion follows the rotor speeds {-value:.3g} s later, which no lag of their telemetry explains"
     else:
@@ -403,7 +403,7 @@ def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: floa
 
 def _in_si(parameter: BodyParameter, shape: InputShape, kinds: InputKinds, mass: float | None) -> BodyParameter:
     """Add thrust and gains per unit of the inputs, in SI."""
-    speed = kinds.quantity is Quantity.SPEED
+    speed = kinds.quantity is BodyQuantity.SPEED
     if parameter.value is None or parameter.name not in {"thrust", "roll_gain", "pitch_gain", "yaw_gain"}:
         return parameter
     assert parameter.sigma is not None

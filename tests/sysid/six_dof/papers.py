@@ -7,7 +7,7 @@ import numpy as np
 
 from simulation.vehicle import Multirotor
 from sysid import Experiment, SixDofModel
-from sysid.rigid_body.six_dof.body_record import Quantity
+from sysid.rigid_body.six_dof.body_record import BodyQuantity
 from tests.sysid.honesty import Stated
 from tests.sysid.simulated_craft import flight
 
@@ -22,12 +22,12 @@ RATE = 100.0
 AIR = 1.225
 
 
-def measured(craft: Multirotor, seed: int, quantity: Quantity, seconds: float = 80.0) -> Experiment:
+def measured(craft: Multirotor, seed: int, quantity: BodyQuantity, seconds: float = 80.0) -> Experiment:
     """Fly a craft, every motor shaken by itself, and measure its motion with its rotor speeds or its PWM."""
     record = flight(craft, seed, duration=seconds, rate=RATE, noise=NOISE, wander=4.0, shake=0.05, density=AIR)
     names = record.input_names
     units = dict.fromkeys(names, str(quantity))
-    if quantity is Quantity.PWM:
+    if quantity is BodyQuantity.PWM:
         return replace(record, units=units)
     speeds = record.context[[f"rotor_speed_{name[1:]}" for name in names]].to_numpy()
     noise = SPEED_NOISE * np.random.default_rng(seed + 1000).standard_normal(speeds.shape)
@@ -36,7 +36,7 @@ def measured(craft: Multirotor, seed: int, quantity: Quantity, seconds: float = 
 
 def truth(craft: Multirotor, model: SixDofModel) -> dict[str, float]:
     """Return what is true of the parameters whose truth is known, in the units of the model."""
-    speeds = model.kinds.quantity is Quantity.SPEED
+    speeds = model.kinds.quantity is BodyQuantity.SPEED
     thrusts = np.array([mount.rotor.thrust(1.0, AIR) for mount in craft.rotors])
     torques = np.array([mount.rotor.torque(1.0, AIR) for mount in craft.rotors])
     full = (1.0 if speeds else craft.drive.speed_max**2) * model.shape.scale

@@ -10,7 +10,7 @@ from core.units import STANDARD_GRAVITY
 from simulation.elhesasy2024 import quadcopter
 from sysid import ExperimentError, validate_states
 from sysid.rigid_body.six_dof import _kernels as kernels
-from sysid.rigid_body.six_dof.body_record import InputKinds, Quantity
+from sysid.rigid_body.six_dof.body_record import BodyQuantity, InputKinds
 from sysid.rigid_body.six_dof.fit import fit_six_dof, timing_of
 from sysid.rigid_body.six_dof.shooting import state_errors
 from tests.sysid.six_dof import flown, papers
@@ -151,7 +151,7 @@ def test_drives_are_means_over_the_interval_of_what_the_lag_makes_of_the_input(l
 def test_pwm_turns_the_craft_by_torque_and_by_the_rotors_own_acceleration():
     """Without the rotors' momentum yaw would be off by a half and more, and the ratios of inertia with it."""
     craft = quadcopter()
-    record = papers.measured(craft, 1, Quantity.PWM, seconds=40.0)
+    record = papers.measured(craft, 1, BodyQuantity.PWM, seconds=40.0)
     model = fit_six_dof(record, mass=craft.mass, indoors=True, most_runs=400)
     for name, value in papers.truth(craft, model).items():
         if name.endswith("gain") or name.startswith(("thrust_expo", "share", "lag")):
@@ -210,7 +210,7 @@ def test_motion_is_that_of_another_integrator():
 def test_no_negative_delay_is_stated(unit, internal, name, stated, refused):
     """Inputs are held over the interval that begins with them: the fit's delay is half a sample (5 ms) too small."""
     kinds = InputKinds(
-        motors=(0,), geometry=flown.MOTORS[:1], mixer=(), further=(), quantity=Quantity(unit), names=("m1",)
+        motors=(0,), geometry=flown.MOTORS[:1], mixer=(), further=(), quantity=BodyQuantity(unit), names=("m1",)
     )
     found, value, reason = timing_of("delay_m1", internal, 0.001, kinds, 0.01)
     assert (found, bool(reason)) == (name, refused)
