@@ -148,6 +148,10 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
     return tuple(flights)
 
 
+#: VEHICLE_VTOL_STATE_TRANSITION_TO_FW, _TRANSITION_TO_MC and _FW.
+_PX4_ON_WINGS = (1, 2, 4)
+
+
 def wing_borne(tables: Tables) -> list[tuple[float, float]]:
     """Return when wings carried a QuadPlane: what its motors gave upwards would not have kept it in the air."""
     height = next((height for _, height in heights(tables)), None)
@@ -169,6 +173,22 @@ def wing_borne(tables: Tables) -> list[tuple[float, float]]:
     carries = float(np.median(thrust[running])) if running.any() else np.inf
     weak = flown & ~on_motors & (thrust < (1.0 - _CARRIED) * carries)
     return [(start, stop) for start, stop in _intervals(t, weak, _GROUND) if stop - start > _WINGS]
+
+
+def wing_borne_px4(status: pd.DataFrame | None) -> list[tuple[float, float]]:
+    """Return when wings carried, or took over, a VTOL of PX4, by its topic vtol_vehicle_status."""
+    if status is None or not len(status):
+        return []
+    if "vehicle_vtol_state" in status:
+        wings = status["vehicle_vtol_state"].isin(_PX4_ON_WINGS).to_numpy()
+    elif "vtol_in_rw_mode" in status:  # before 1.13
+        wings = ~status["vtol_in_rw_mode"].to_numpy(np.bool_) | status["vtol_in_trans_mode"].to_numpy(np.bool_)
+    else:
+        return []
+    t = status.index.to_numpy(np.float64)
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], wings, [False]]).astype(int)))
+    ends = np.append(t, np.inf)  # what was said last holds on
+    return [(float(ends[first]), float(ends[last])) for first, last in changes.reshape(-1, 2)]
 
 
 def idle_level(parameters: Mapping[str, float]) -> float:

@@ -14,7 +14,7 @@ from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
-from logparse.flights import wing_borne
+from logparse.flights import wing_borne, wing_borne_px4
 from logparse.source import LONG
 from logparse.tables import COLUMNS, LongTable, Tables, framed
 
@@ -53,7 +53,13 @@ def gather_tables(
     messages = Sender(messages) if kind is Kind.TELEMETRY else messages
     long: Mapping[str, LongTable] = _long_tables(messages, vehicle, said) if kind is Kind.DATAFLASH else {}
     tables = _build(messages, kind, parameters, vehicle, remarks, long)
-    if vehicle.firmware == "ArduPlane" and vehicle.motors and (wings := wing_borne(tables)):
+    wings: list[tuple[float, float]] = []
+    if vehicle.motors and tables.motors is not None:
+        if vehicle.firmware == "ArduPlane":
+            wings = wing_borne(tables)
+        elif kind is Kind.PX4:
+            wings = wing_borne_px4(messages.get("vtol_vehicle_status"))
+    if wings:
         tables, long = _without_wings(tables, long, wings, remarks)
     # A table without a row says no more than a missing one.
     empty = {name: None for name in COLUMNS if (table := getattr(tables, name)) is not None and len(table) == 0}
@@ -80,7 +86,7 @@ _MEASURED = ("w_x", "w_y", "w_z", "a_up")
 def _without_wings(
     tables: Tables, long: Mapping[str, LongTable], wings: Sequence[tuple[float, float]], remarks: Remarks
 ) -> tuple[Tables, Mapping[str, LongTable]]:
-    """Drop what controllers and motors of a QuadPlane's hover put out while its wings carried it."""
+    """Drop what controllers and motors of a VTOL's hover put out while its wings carried it."""
 
     def hover(rows: pd.DataFrame) -> pd.DataFrame:
         t, inside = rows.index.to_numpy(np.float64), np.zeros(len(rows), np.bool_)
@@ -91,8 +97,9 @@ def _without_wings(
     if "rates" in long:
         long = {**long, "rates": long["rates"].changed(hover)}
     motors, measured = tables.motors, tables.rates if "rates" not in long else None
-    assert motors is not None  # without them no wing was seen
-    seconds = sum(stop - start for start, stop in wings)
+    assert motors is not None  # without them no wing is looked for
+    end = float(motors.index[-1])
+    seconds = sum(min(stop, end) - min(start, end) for start, stop in wings)
     remarks.add(
         info(
             "wing-borne",

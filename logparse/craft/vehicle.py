@@ -349,6 +349,10 @@ _PX4_AIRFRAMES = (
 )
 
 
+#: CA_AIRFRAME of craft that hover level, and part of a rotor's thrust that points up where it lifts.
+_MULTIROTOR, _STANDARD_VTOL, _UPRIGHT = 0, 2, 0.5
+
+
 def _px4_motors(
     parameters: Mapping[str, float],
 ) -> tuple[tuple[Motor, ...], str | None, str | None, str | None]:
@@ -360,10 +364,12 @@ def _px4_motors(
             if 101 <= function <= 112:
                 channels.setdefault(function - 100, k + offset)
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
-    if int(parameters.get("CA_AIRFRAME", 0)) != 0:
-        # An aeroplane, a VTOL, a rover, a helicopter: what rotors they have do not make them a multirotor.
+    if int(parameters.get("CA_AIRFRAME", 0)) not in (_MULTIROTOR, _STANDARD_VTOL):
+        # An aeroplane, a tilting VTOL, a rover, a helicopter: what rotors they have do not make them a multirotor.
         return (), None, None, None
-    if count > 0:
+    # The rotor that pushes a VTOL forward comes after those that lift it.
+    lifting = [k for k in range(count) if parameters.get(f"CA_ROTOR{k}_AZ", -1.0) < -_UPRIGHT]
+    if lifting == list(range(len(lifting))) and (count := len(lifting)):
         rows = []
         for k in range(count):
             x, y = (float(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0)) for axis in "XY")

@@ -142,3 +142,22 @@ def test_signals_that_autotuning_adds_are_those_of_system_identification():
     assert first["elapsed"].iloc[[0, -1]].tolist() == pytest.approx([0.0, 9.9], abs=0.11)
     assert first["target"].max() == pytest.approx(np.degrees(0.5), rel=0.01)
     assert found["frequency"].isna().all()
+
+
+def test_a_vtol_is_a_multirotor_while_it_hovers():
+    """A standard VTOL: four rotors lift, the fifth pushes; on its wings from 0.3 to 0.6 s motors are not told."""
+    parameters = {"CA_AIRFRAME": 2, "CA_ROTOR_COUNT": 5, "CA_ROTOR4_AX": 1.0, "CA_ROTOR4_AZ": 0.0}
+    for k, (x, y) in enumerate([(1, 1), (-1, -1), (1, -1), (-1, 1)]):
+        parameters |= {f"CA_ROTOR{k}_PX": 0.2 * x, f"CA_ROTOR{k}_PY": 0.2 * y, f"CA_ROTOR{k}_KM": 0.05 * x * y}
+    flown = outputs(*[[1500, 1500, 1500, 1500, 1800]] * 10)
+    for said in (
+        {"vehicle_vtol_state": [3, 1, 4, 3]},
+        {"vtol_in_rw_mode": [1, 1, 0, 1], "vtol_in_trans_mode": [0, 1, 0, 0]},
+    ):
+        status = topic([0.0, 0.3, 0.4, 0.65], **said)
+        tables, findings = build({"actuator_outputs": flown, "vtol_vehicle_status": status}, parameters)
+        assert list(tables.motors) == ["m1", "m2", "m3", "m4"]
+        assert tables.motors["m1"].isna().tolist() == [False] * 3 + [True] * 4 + [False] * 3
+        assert "wing-borne" in {finding.id for finding in findings}
+    tilting, _ = build({"actuator_outputs": flown}, parameters | {"CA_AIRFRAME": 3})
+    assert tilting.motors is None

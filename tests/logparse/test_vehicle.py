@@ -93,7 +93,8 @@ FRAMES = {
         f"telemetry of type {kind}": (("tlog", beats(kind), {"FRAME_CLASS": 1, "FRAME_TYPE": 1}), None)
         for kind in (1, 10, 11, 21)
     },
-    "aeroplane of PX4": (("ulog", {}, {"CA_AIRFRAME": 2, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13000}), None),
+    "aeroplane of PX4": (("ulog", {}, {"CA_AIRFRAME": 1, "CA_ROTOR_COUNT": 1, "SYS_AUTOSTART": 2100}), None),
+    "tailsitter of PX4": (("ulog", {}, {"CA_AIRFRAME": 4, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13200}), None),
     "airframe of PX4": (("ulog", {}, {"SYS_AUTOSTART": 6001}), ("hexa", "x", "SYS_AUTOSTART", 6)),
     "y6": (("dataflash", {}, {"FRAME_CLASS": 5, "FRAME_TYPE": 0}), ("y6", "y6a", "FRAME_CLASS", 6)),
 }
