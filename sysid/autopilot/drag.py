@@ -101,7 +101,7 @@ def airspeeds(model: RigidBodyModel, record: Experiment) -> Floats:
     height = np.maximum(flight.ground - flight.position[:, 2], 0.0)
     wind = trim.wind(flight.t) * (height / WIND_HEIGHT)[:, None] ** trim.wind_exponent
     through = flight.velocity - np.pad(wind, ((0, 0), (0, 1)))
-    return np.asarray(np.einsum("nij,ni->nj", flight.rotation.reshape(-1, 3, 3), through)[:, :2])
+    return np.asarray(np.einsum("nij,ni->nj", flight.rotation, through)[:, :2])
 
 
 def wind_turned(trim: FlightTrim) -> float:

@@ -131,7 +131,7 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
 def _along_thrust(model: RigidBodyModel, record: Experiment) -> tuple[Floats, Floats]:
     """Return 1, c and c^2 summed over the motors (K, 3), and the specific force but for drag (K,), in sea-level air."""
     flight = motion(record, model.vehicle, model.reference_voltage)
-    rotation = flight.rotation.reshape(-1, 3, 3)
+    rotation = flight.rotation
     # The wind is horizontal, and hardly felt along the thrust of a craft that leans little.
     down = np.einsum("ni,ni->n", rotation[:, :, 2], flight.velocity)
     linear = np.sqrt(flight.density) if model.rotor_drag else flight.density

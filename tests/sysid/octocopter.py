@@ -26,16 +26,15 @@ def fitted():
 
 def level(samples, dt=0.02, thrust_over_weight=1.0):
     """Make a flight with level attitude, one motor's worth of command and sea-level air."""
-    rotation = np.tile(np.eye(3).ravel(), (samples, 1))
+    states = np.zeros((samples, 18))
+    states[:, [6, 10, 14]] = 1.0
     return Motion(
         name="level",
         t=np.arange(samples) * dt,
-        rotation=rotation,
+        states=states,
         density=np.ones(samples),
         linear=np.full(samples, thrust_over_weight),
         square=np.full(samples, thrust_over_weight),
-        position=np.zeros((samples, 3)),
-        velocity=np.zeros((samples, 3)),
         ground=1e-9,
         attitude_sigma=np.zeros(3),
         input_interval=dt,

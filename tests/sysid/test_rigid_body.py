@@ -31,7 +31,8 @@ def test_linear_drag_stops_exponentially_and_wind_carries_along():
     """With v' = -d (v - w) the solution is v = w + (v0 - w) exp(-d t)."""
     flight = level(501)
     theta = parameters(lx=0.4, ly=0.4, n=2.0, e=-1.0)
-    out = replace(flight, velocity=np.tile([5.0, 3.0, 0.0], (501, 1))).run(theta, np.ones((501, 1)), 0)
+    flight.states[:, 3:5] = 5.0, 3.0
+    out = flight.run(theta, np.ones((501, 1)), 0)
     decay = np.exp(-0.4 * flight.t)
     np.testing.assert_allclose(out[:, 3], 2.0 + 3.0 * decay, atol=1e-8)
     np.testing.assert_allclose(out[:, 4], -1.0 + 4.0 * decay, atol=1e-8)
@@ -54,7 +55,6 @@ def test_sensitivities_are_the_derivatives_of_the_accelerations(law):
     wave = np.cumsum(rng.standard_normal((samples, 3)), axis=0) * 0.02
     flight = replace(
         level(samples, 0.04),
-        rotation=Rotation.from_euler("xyz", wave).as_matrix().reshape(-1, 9),
         linear=1.0 + 0.1 * np.sin(t),
         square=1.0 + 0.2 * np.sin(t),
         density=0.9 + 0.001 * t,
@@ -63,12 +63,13 @@ def test_sensitivities_are_the_derivatives_of_the_accelerations(law):
     drag = {"lx": 0.2, "ly": 0.3, "lz": 0.1, "qx": 0.02, "qy": 0.03, "qz": 0.04}
     base = parameters(**drag, expo=0.6, climb=0.02, tx=0.01, ty=-0.02, exponent=0.3, lag=0.05)
     theta = np.concatenate([base[:14], [2.0, -1.0, 0.5, 0.3]])
-    velocity = np.array([4.0, -2.0, -1.0]) + 0.1 * rng.standard_normal((samples, 3))
+    flight.states[:, 3:6] = np.array([4.0, -2.0, -1.0]) + 0.1 * rng.standard_normal((samples, 3))
+    flight.states[:, 6:15] = Rotation.from_euler("xyz", wave).as_matrix().reshape(-1, 9)
 
     def at(values):
         out, jacobian = np.empty((samples - 1, 3)), np.empty((samples - 1, 3, len(theta)))
         heights = np.full(samples, 20.0)
-        accelerations(values, *flight.signals(values[LAG]), shapes, heights, velocity, law, 1, out, jacobian)
+        accelerations(values, *flight.signals(values[LAG]), shapes, heights, law, 1, out, jacobian)
         return out, jacobian
 
     for column in range(len(theta)):
@@ -249,7 +250,8 @@ def test_standard_errors_agree_with_monte_carlo():
             axis=0,
         )
         blown = calm.velocity + np.cumsum(push, axis=0) * calm.dt + 0.002 * rng.standard_normal(push.shape)
-        fits.append(fit_filter_error([replace(calm, velocity=blown)], start, prior, 0))
+        states = np.hstack([calm.position, blown, calm.states[:, 6:]])
+        fits.append(fit_filter_error([replace(calm, states=states)], start, prior, 0))
     ratios = {}
     for name in (f"drag_{law}_{axis}" for law in ("linear", "quadratic") for axis in "xyz"):
         k = THETA.index(name)

@@ -326,14 +326,14 @@ def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
     # The kernel takes means between neighbours: here of a sample and itself.
     twice = np.repeat(edges, 2)
-    rotation, density, late = (np.ascontiguousarray(each[twice]) for each in flight.signals(theta[LAG]))
+    states, density, late = (each[twice] for each in flight.signals(theta[LAG]))
     heights = np.ascontiguousarray(flight.ground - run[twice, 2])
     shapes, room = np.ones((len(twice), 1)), np.empty((len(twice) - 1, 3, len(theta)))
 
     def at(move: Floats) -> Floats:
         found = np.empty((len(twice) - 1, 3))
-        velocities = run[twice, 3:] + move
-        accelerations(theta, rotation, density, late, shapes, heights, velocities, law, 1, found, room)
+        states[:, 3:6] = run[twice, 3:] + move
+        accelerations(theta, states, density, late, shapes, heights, law, 1, found, room)
         return found[::2]
 
     moved = [at(_STEP * unit) - at(-_STEP * unit) for unit in np.eye(3)]

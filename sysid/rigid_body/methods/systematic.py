@@ -93,7 +93,7 @@ def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats
 
 def _swing(motions: Sequence[Motion], axis: int) -> float:
     """Acceleration over speed about their means along a body axis, 1/s: at which frequency the craft swings."""
-    speeds = [np.einsum("ni,ni->n", m.rotation.reshape(-1, 3, 3)[:, :, axis], m.velocity) for m in motions]
+    speeds = [np.einsum("ni,ni->n", m.rotation[:, :, axis], m.velocity) for m in motions]
     pushes = [np.gradient(speed, m.dt) for speed, m in zip(speeds, motions, strict=True)]
     moved, pushed = (sum(float(np.var(each)) * len(each) for each in part) for part in (speeds, pushes))
     return float(np.sqrt(pushed / moved)) if moved > 0.0 else 0.0
@@ -162,9 +162,7 @@ def _curvature(motions: Sequence[Motion], values: Floats, answer: float, fold: f
 
 def usual_speed(motions: Sequence[Motion], axis: int) -> float:
     """Root mean square of the speed along a body axis over the ground, m/s."""
-    along = [
-        np.einsum("ni,ni->n", motion.rotation.reshape(-1, 3, 3)[:, :, axis], motion.velocity) for motion in motions
-    ]
+    along = [np.einsum("ni,ni->n", motion.rotation[:, :, axis], motion.velocity) for motion in motions]
     return float(np.sqrt(np.mean(np.concatenate(along) ** 2)))
 
 

@@ -28,7 +28,6 @@ AXIS_DRAG = 2
 
 #: Below this height the wind's profile is level, m.
 _LOWEST = 0.5
-_LEVEL = log(_LOWEST / 10.0)
 
 #: Signals of a sample: rotation matrix by rows, relative density, sum of c and of c^2 times the square of the relative
 #: voltage, and the derivatives of these two by the motors' lag.
@@ -39,11 +38,11 @@ _FAST = {"contract"}
 
 
 @inner(nogil=True, fastmath=_FAST)
-def _blend(rotation: Floats, density: Floats, late: Floats, k: int, part: float, out: Floats) -> None:
+def _blend(states: Floats, density: Floats, late: Floats, k: int, part: float, out: Floats) -> None:
     """Signals between samples k and k + 1."""
     following = k if part == 0.0 else k + 1
     for i in range(9):
-        out[i] = rotation[k, i] + part * (rotation[following, i] - rotation[k, i])
+        out[i] = states[k, 6 + i] + part * (states[following, 6 + i] - states[k, 6 + i])
     out[9] = density[k] + part * (density[following] - density[k])
     for i in range(4):
         out[10 + i] = late[k, i] + part * (late[following, i] - late[k, i])
@@ -68,9 +67,9 @@ def _above(height: float) -> float:
 
 
 @inner(nogil=True, fastmath=_FAST)
-def _relative(s: Floats, north: float, east: float, v: Floats) -> tuple[float, float, float]:
-    """Velocity through the air along body axes."""
-    rn, re, rd = v[0] - north, v[1] - east, v[2]
+def _relative(s: Floats, north: float, east: float, state: Floats) -> tuple[float, float, float]:
+    """Velocity through the air along body axes, of a state."""
+    rn, re, rd = state[3] - north, state[4] - east, state[5]
     return (
         s[0] * rn + s[3] * re + s[6] * rd,
         s[1] * rn + s[4] * re + s[7] * rd,
@@ -111,10 +110,9 @@ def _derivatives(
     law: int,
     body: Floats,
     by_velocity: Floats,
-    by_height: Floats,
     by_theta: Floats,
 ) -> None:
-    """Differentiate the acceleration (world axes) by velocity (3, 3), height (3,) and parameters (3, q).
+    """Differentiate the acceleration (world axes) by velocity (3, 3) and parameters (3, q).
 
     `wind` is that at the reference height, `above` the logarithm of the height over it; `body` (3, 3) is scratch.
     """
@@ -145,7 +143,6 @@ def _derivatives(
         -1.0 - by_thrust * theta[4] * u[2],
     )
     by_log = profile * above
-    by_rise = 0.1 * theta[12] * exp((theta[12] - 1.0) * above) if above > _LEVEL else 0.0
     lag = gain * ((1.0 - theta[1]) * s[12] + theta[1] * s[13])
     bend, per_thrust, per_scale = gain * (s[11] - s[10]), theta[13] * density * curve, theta[0] * density * curve
     for a in range(3):
@@ -169,7 +166,6 @@ def _derivatives(
         by_theta[a, 11] = pull * lag
         by_theta[a, 12] = -blown * by_log
         by_theta[a, 13] = pull * per_scale
-        by_height[a] = -blown * by_rise
         for i in range(shapes.shape[1]):
             shape = shapes[k, i] if part == 0.0 else (1.0 - part) * shapes[k, i] + part * shapes[k + 1, i]
             by_theta[a, 14 + 2 * i] = -by_velocity[a, 0] * profile * shape
@@ -179,12 +175,11 @@ def _derivatives(
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def accelerations(
     theta: Vector,
-    rotation: Matrix,
+    states: Matrix,
     density: Vector,
     late: Matrix,
     shapes: Matrix,
     heights: Vector,
-    velocities: Matrix,
     law: int,
     stride: int,
     out: Matrix,
@@ -195,11 +190,11 @@ def accelerations(
     Means are by trapezoids from every `stride`-th sample to the next. Accelerations of all samples are not kept: with
     their derivatives those of a long flight would be larger than all that is known of it.
 
-    Shapes: `theta` (q,); `rotation`, `density`, `late` (N, 9), (N,) and (N, 4); `shapes` (N, w); `heights` (N,);
-    `velocities` (N, 3); `out` (n, 3); `jacobian` (n, 3, q).
+    Shapes: `theta` (q,); `states`, `density`, `late` (N, 18), (N,) and (N, 4); `shapes` (N, w); `heights` (N,); `out`
+    (n, 3); `jacobian` (n, 3, q).
     """
     s, push, q = np.empty(_SIGNALS), np.empty(3), len(theta)
-    body, by_velocity, by_height, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, q))
+    body, by_velocity, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, q))
     flat, total, sums = by_theta.reshape(3 * q), np.empty(3), np.empty(3 * q)
     for row in range(len(out)):
         for a in range(3):
@@ -211,13 +206,13 @@ def accelerations(
             # What is between two means belongs to both by half.
             weight = (0.5 if n == 0 or n == stride else 1.0) / stride
             if row == 0 or n > 0:
-                _blend(rotation, density, late, k, 0.0, s)
+                _blend(states, density, late, k, 0.0, s)
                 wind = _wind(theta, shapes, k, 0.0)
                 above = _above(heights[k])
                 profile = exp(theta[12] * above)
-                u = _relative(s, profile * wind[0], profile * wind[1], velocities[k])
+                u = _relative(s, profile * wind[0], profile * wind[1], states[k])
                 _acceleration(theta, s, u, law, push)
-                _derivatives(theta, s, shapes, k, 0.0, wind, above, u, law, body, by_velocity, by_height, by_theta)
+                _derivatives(theta, s, shapes, k, 0.0, wind, above, u, law, body, by_velocity, by_theta)
             for a in range(3):
                 total[a] += weight * push[a]
             for c in range(3 * q):
@@ -231,7 +226,7 @@ def accelerations(
 @inner(nogil=True, fastmath=_FAST)
 def _step(
     theta: Floats,
-    rotation: Floats,
+    states: Floats,
     density: Floats,
     late: Floats,
     shapes: Floats,
@@ -251,7 +246,7 @@ def _step(
     for i in range(4):
         part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
         if i != 2:
-            _blend(rotation, density, late, k, part, s)
+            _blend(states, density, late, k, part, s)
         north, east = _wind(theta, shapes, j, part)
         for a in range(6):
             stage[a] = x[a] + (part * dt * work[1 + i, a] if i > 0 else 0.0)
@@ -259,7 +254,7 @@ def _step(
         for a in range(3):
             rate[a] = stage[3 + a]
         profile = exp(theta[12] * _above(ground - stage[2]))
-        _acceleration(theta, s, _relative(s, profile * north, profile * east, stage[3:]), law, rate[3:])
+        _acceleration(theta, s, _relative(s, profile * north, profile * east, stage), law, rate[3:])
     for a in range(6):
         x[a] += dt / 6.0 * (work[2, a] + 2.0 * work[3, a] + 2.0 * work[4, a] + work[5, a])
 
@@ -267,14 +262,13 @@ def _step(
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def ahead(
     thetas: Matrix,
-    rotation: Matrix,
+    states: Matrix,
     density: Vector,
     late: Matrix,
     shapes: Matrix,
     dt: float,
     ground: float,
     law: int,
-    states: Matrix,
     starts: Int64s,
     marks: Int64s,
     out: Stack,
@@ -290,7 +284,7 @@ def ahead(
             x[a] = states[starts[s], a]
         theta, mark = thetas[s], 0
         for k in range(marks[-1]):
-            _step(theta, rotation, density, late, shapes, starts[s] + k, k, dt, ground, law, x, work)
+            _step(theta, states, density, late, shapes, starts[s] + k, k, dt, ground, law, x, work)
             if k + 1 == marks[mark]:
                 for a in range(6):
                     out[s, mark, a] = x[a]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import join_rows, logged_rate
-from sysid.records.thrust_curve import attitude, lagged, relative_density, squared_voltage, velocity_n
+from sysid.records.thrust_curve import attitude, column, lagged, relative_density, squared_voltage, velocity_n
 from sysid.rigid_body.motion._rigid_kernels import accelerations, ahead
 
 Samples = NDArray[np.int64]
@@ -52,24 +53,14 @@ ATTITUDE_SIGMA = np.radians(0.1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """One flight as the equations of motion see it."""
+class MeasuredMotion:
+    """How a craft moved in one record, as plain arrays on its clock; subclasses add what its motors did."""
 
     name: str
-    t: Floats  #: shape (N,)
-    rotation: Floats  #: shape (N, 9): Body to NED by rows.
-    density: Floats  #: shape (N,): Over 1.225 kg/m^3.
-    #: shape (N,): Sums of c and c^2 over the motors, times the square of the voltage over the reference.
-    linear: Floats
-    square: Floats
-    #: shape (N, 3): NED from the first sample, m and m/s.
-    position: Floats
-    velocity: Floats
-    ground: float  #: Down coordinate of the place of take-off, m.
-    #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
-    attitude_sigma: Floats
-    #: Time between the motor outputs that were logged, s.
-    input_interval: float
+    t: Floats  #: shape (N,): s, uniform.
+    #: shape (N, 18): Position NED [m], velocity NED [m/s], rotation body (FRD) to NED by rows, rates [rad/s].
+    states: Floats
+    density: Floats  #: shape (N,): Of the air over 1.225 kg/m^3.
 
     @property
     def dt(self) -> float:
@@ -77,37 +68,61 @@ class Motion:
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @property
-    def states(self) -> Floats:
-        """Position and velocity, (N, 6)."""
-        return np.hstack([self.position, self.velocity])
+    def position(self) -> Floats:
+        """Position NED, m, (N, 3)."""
+        return self.states[:, :3]
+
+    @property
+    def velocity(self) -> Floats:
+        """Velocity NED, m/s, (N, 3)."""
+        return self.states[:, 3:6]
+
+    @property
+    def rotation(self) -> Floats:
+        """Rotation from body to NED, (N, 3, 3)."""
+        return self.states[:, 6:15].reshape(-1, 3, 3)
+
+    def cut(self, start: int, stop: int) -> Self:
+        """Return the samples from `start` to before `stop`."""
+        held = {each.name: getattr(self, each.name) for each in fields(self)}
+        by_sample = {name: values for name, values in held.items() if np.shape(values)[:1] == self.t.shape}
+        return replace(self, **{name: values[start:stop] for name, values in by_sample.items()})
+
+
+def measured_states(record: Experiment) -> Floats:
+    """Read the states of a record, (N, 18), see `MeasuredMotion`; NaN where unknown."""
+    rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
+    position = record.y[:, :3] * np.array([1.0, 1.0, -1.0])
+    rotation = attitude(record).reshape(-1, 9)
+    return np.ascontiguousarray(np.hstack([position, velocity_n(record), rotation, rates]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion(MeasuredMotion):
+    """One flight as the equations of motion see it; positions count from the first sample."""
+
+    #: shape (N,): Sums of c and c^2 over the motors, times the square of the voltage over the reference.
+    linear: Floats
+    square: Floats
+    ground: float  #: Down coordinate of the place of take-off, m.
+    #: shape (3,): Standard deviation of the attitude's error about north, east and down, usual over the flight, rad.
+    attitude_sigma: Floats
+    #: Time between the motor outputs that were logged, s.
+    input_interval: float
 
     def signals(self, lag: float) -> tuple[Floats, Floats, Floats]:
-        """Return rotation, density, and (N, 4) `linear` and `square` behind a lag [s] with their derivatives by it."""
+        """Return states, density, and (N, 4) `linear` and `square` behind a lag [s] with their derivatives by it."""
         lag = max(lag, 0.0)
         thrust = np.column_stack([self.linear, self.square])
         now = lagged(thrust, lag, self.dt)
         later = lagged(thrust, lag + _LAG_STEP, self.dt)
-        return self.rotation, self.density, np.hstack([now, (later - now) / _LAG_STEP])
-
-    def cut(self, start: int, stop: int) -> Motion:
-        """Return the samples from `start` to before `stop`."""
-        part = slice(start, stop)
-        return replace(
-            self,
-            t=self.t[part],
-            rotation=np.ascontiguousarray(self.rotation[part]),
-            density=self.density[part],
-            linear=self.linear[part],
-            square=self.square[part],
-            position=np.ascontiguousarray(self.position[part]),
-            velocity=np.ascontiguousarray(self.velocity[part]),
-        )
+        return self.states, self.density, np.hstack([now, (later - now) / _LAG_STEP])
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
         """Positions and velocities from the measured state at sample `start`, in a wind of `shapes` (N, w)."""
         after = np.arange(1, (len(self.t) if stop is None else stop) - start)
         run = self.ahead(theta[None], shapes[start:], law, np.array([start]), after)[0]
-        return np.vstack([self.states[start], run])
+        return np.vstack([self.states[start, :6], run])
 
     def ahead(self, thetas: Floats, shapes: Floats, law: int, starts: Samples, marks: Samples) -> Floats:
         """Positions and velocities at the marks after each start, (S, M, 6), with its parameters (S, q).
@@ -116,7 +131,7 @@ class Motion:
         """
         out = np.empty((len(starts), len(marks), 6))
         signals = self.signals(thetas[0, LAG])
-        ahead(thetas, *signals, shapes, self.dt, self.ground, law, self.states, starts, marks, out)
+        ahead(thetas, *signals, shapes, self.dt, self.ground, law, starts, marks, out)
         return out
 
 
@@ -138,8 +153,8 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         raise ExperimentError(
             f"{record.name}: a rigid body moves in x, y, z (north, east, up); make the record with these"
         )
-    context, rotation = record.context, attitude(record)
-    if context is None or not np.isfinite(rotation).all():
+    context, states = record.context, measured_states(record)
+    if context is None or not np.isfinite(states[:, 6:15]).all():
         raise MissingDataError(f"{record.name}: no attitude, which the rigid body needs as an input; estimate it first")
     interval = min(1.0 / logged_rate(record.u, record.dt), 1.0)
     outputs = record.u
@@ -149,22 +164,18 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
         outputs = outputs + join_rows(common, record.dt, interval) - common
     command = np.clip(motor_commands(outputs, vehicle), 0.0, 1.0)
     ratio = squared_voltage(record, voltage)
-    position = record.y * np.array([1.0, 1.0, -1.0])
-    position = position - position[0]
-    velocity = velocity_n(record)
-    if not np.isfinite(velocity).all():
-        velocity = np.gradient(position, record.dt, axis=0)
+    states[:, :3] -= states[0, :3].copy()
+    if not np.isfinite(states[:, 3:6]).all():
+        states[:, 3:6] = np.gradient(states[:, :3], record.dt, axis=0)
     return Motion(
         name=record.name,
         t=record.t,
-        rotation=np.ascontiguousarray(rotation.reshape(-1, 9)),
+        states=states,
         density=relative_density(record),
         linear=ratio * command.sum(axis=1),
         square=ratio * (command**2).sum(axis=1),
-        position=np.ascontiguousarray(position),
-        velocity=np.ascontiguousarray(velocity),
         # A record that does not tell begins or ends near the ground.
-        ground=float(context["height"].iloc[0] if "height" in context else max(position[0, 2], position[-1, 2])),
+        ground=float(context["height"].iloc[0] if "height" in context else max(states[0, 2], states[-1, 2])),
         attitude_sigma=_attitude_sigma(context),
         input_interval=interval,
     )
@@ -216,5 +227,5 @@ def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, 
     model, jacobian = np.empty((means, 3)), np.empty((means, 3, len(theta)))
     heights = flight.ground - flight.position[:, 2]
     signals = flight.signals(theta[LAG])
-    accelerations(theta, *signals, shapes, heights, flight.velocity, law, stride, model, jacobian)
+    accelerations(theta, *signals, shapes, heights, law, stride, model, jacobian)
     return model, jacobian

@@ -103,7 +103,7 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | Non
     """
     record = model.record(experiment)
     _require(record, record.t[-1] - record.t[0] > 1.0)
-    early, lean = record.until(SETTLING_SECONDS), np.zeros(2) if trim is None else trim
+    early, lean = record.cut(0, max(round(SETTLING_SECONDS / record.dt), 2)), np.zeros(2) if trim is None else trim
 
     def blocks_of(own: Floats, *, beginning: bool) -> Increments:
         return _increments(model, early if beginning else record, own, lean)

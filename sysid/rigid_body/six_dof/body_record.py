@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from logparse import MissingDataError, Motor, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import curve, motor_commands
-from sysid.records.thrust_curve import attitude, column, relative_density, velocity_n
+from sysid.records.thrust_curve import relative_density
+from sysid.rigid_body.motion.body_motion import MeasuredMotion, measured_states
 from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.
@@ -50,29 +51,12 @@ class InputKinds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BodyRecord:
+class BodyRecord(MeasuredMotion):
     """One record."""
 
-    name: str
-    t: Floats  #: shape (N,): s, uniform.
-    #: shape (N, 18): Position NED from the first sample [m], velocity NED [m/s], rotation body (FRD) to NED by rows,
-    #: rates [rad/s].
-    states: Floats
     #: shape (N, m): Motors in rad/s, or as command 0..1; further inputs in the unit of the record less their trim.
     inputs: Floats
     speeds: bool  #: Motors are rotor speeds.
-    density: Floats  #: shape (N,): Over 1.225 kg/m^3.
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval, s."""
-        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
-
-    def until(self, seconds: float) -> BodyRecord:
-        """Return the first seconds of the record."""
-        part = slice(0, max(round(seconds / self.dt), 2))
-        t, states, inputs, density = (each[part] for each in (self.t, self.states, self.inputs, self.density))
-        return replace(self, t=t, states=states, inputs=inputs, density=density)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,12 +126,10 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
     """Bring an experiment into the form of the equations of motion."""
     if record.context is None or record.output_names[:3] != ("x", "y", "z"):
         raise MissingDataError(f"{record.name}: the motion needs outputs x, y, z and a context with attitude and rates")
-    velocity, rotation = velocity_n(record), attitude(record).reshape(-1, 9)
-    rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
-    for what, values in (("velocity", velocity), ("rates", rates), ("attitude", rotation)):
-        if not np.isfinite(values).all():
+    states = measured_states(record)
+    for what, columns in (("velocity", slice(3, 6)), ("rates", slice(15, 18)), ("attitude", slice(6, 15))):
+        if not np.isfinite(states[:, columns]).all():
             raise MissingDataError(f"{record.name}: {what} is not known at every sample")
-    position = record.y[:, :3] * np.array([1.0, 1.0, -1.0])
     inputs = record.u.astype(np.float64, copy=True)
     if kinds.quantity is BodyQuantity.PWM:
         used = list(kinds.thrusting)
@@ -155,7 +137,7 @@ def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
     return BodyRecord(
         name=record.name,
         t=record.t,
-        states=np.ascontiguousarray(np.hstack([position, velocity, rotation, rates])),
+        states=states,
         inputs=inputs,
         speeds=kinds.quantity is BodyQuantity.SPEED,
         density=relative_density(record),
