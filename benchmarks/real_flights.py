@@ -6,6 +6,7 @@ flights that are not in ../shared/bench) are judged, after training on all other
 has none; without test flights one kind is left out at a time.
 """
 
+import lzma
 import re
 import sys
 import time
@@ -17,10 +18,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from scipy.signal import butter, sosfiltfilt
+from scipy.ndimage import binary_erosion
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from benchmarks._measure import SHARED, Row, listed, row
+from logparse import RotoridError
 from sysid import Experiment, SixDofModel, estimate_trim, estimate_wind, fit_six_dof
+from sysid.frequency import fit, response
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof.body_record import BodyRecord
 from sysid.rigid_body.six_dof.learning import choose_observer, learn_correction
@@ -368,6 +372,103 @@ def _against(what: str, found: BodyParameter, factor: float, truth: float) -> Ro
     return row(label, text, peer=_PUBLISHED[what], goal="5 % or not determined")
 
 
+# crazyflie ---------------------------------------------------------------------------------------------------------
+
+#: Published from the same logs: thrust of a motor [N] by powers of its command, and inertia [kg m^2]; arm of a motor
+#: about roll and pitch, m.
+_CRAZYFLIE_THRUST, _CRAZYFLIE_INERTIA = (0.02127, -0.01118, 0.12013), {"roll": 1.029e-5, "pitch": 1.105e-5}
+_CRAZYFLIE_ARM = 0.046 / np.sqrt(2.0)
+
+#: Axis of the gyro, and what each motor adds to the torque about it.
+_TORQUES = {"roll": ("x", (-1, -1, 1, 1)), "pitch": ("y", (-1, 1, 1, -1)), "yaw": ("z", (-1, 1, -1, 1))}
+
+#: Mean command of motors that fly, and time at either end of flying that does not count, s.
+_FLIES, _ENDS = 0.35, 0.3
+
+
+def crazyflie(files: list[Path], spare: list[Path]) -> list[Row]:
+    """Thrust curve and inertia from motors, accelerometer and gyro alone, which no trajectory can be had from."""
+    flights = {path.name.split(".")[0]: crazyflie_flight(path) for path in files or spare}
+    rows = [row("crazyflie: analyze --columns", "no position and no attitude are logged: no table of a flight")]
+    if "log10" in flights:
+        rows.append(_crazyflie_thrust(flights["log10"]))
+    for axis, name in (("roll", "log15"), ("pitch", "log15"), ("yaw", "log16")):
+        if name not in flights:
+            continue
+        records = _crazyflie_records(flights[name], axis)
+        try:
+            gain = fit(response(records, axis)).parameters["gain"]
+        except RotoridError as error:
+            rows.append(row(f"crazyflie: {axis}", f"not determined: {error}"))
+            continue
+        text = f"not determined: {gain.reason}"
+        if axis == "yaw" and gain.value and gain.sigma:  # published with an assumed ratio of torque to thrust
+            text = (
+                f"inertia over torque per thrust {1.0 / gain.value:.2g} kg m ± {100.0 * gain.sigma / gain.value:.0f} %"
+            )
+        elif gain.value and gain.sigma:
+            text = f"{1.0 / gain.value:.3g} kg m^2 ± {100.0 * gain.sigma / gain.value:.0f} %"
+        rows.append(row(f"crazyflie: {axis}", text, peer=str(_CRAZYFLIE_INERTIA.get(axis, "-"))))
+    return rows
+
+
+def crazyflie_flight(path: Path) -> pd.DataFrame:
+    """Read a log of Bitcraze's micro-SD deck (version 2, one event) at 1 kHz; commands from 0 to 1, SI units."""
+    data = lzma.decompress(path.read_bytes())
+    place = data.index(b"\0", 7) + 1  # behind magic byte, version, number of events, and the event's number and name
+    count = int.from_bytes(data[place : place + 2], "little")
+    *names, rest = data[place + 2 :].split(b"\0", count)
+    kinds = {"f": "<f4", "I": "<u4"}
+    columns = [(str(name[:-3], "ascii"), kinds[chr(name[-2])]) for name in names]
+    whole = np.dtype([("event", "<u2"), ("time", "<u8"), *columns])
+    rows = np.frombuffer(rest, whole, len(rest) // whole.itemsize)
+    t = np.arange(rows["time"][0], rows["time"][-1], 1000) * 1e-6
+    frame = pd.DataFrame({name: np.interp(t, rows["time"] * 1e-6, rows[name]) for name, _ in columns}, index=t)
+    motors = frame.filter(like="motor") / 65535.0
+    return frame.filter(like="acc").mul(9.80665).join(np.radians(frame.filter(like="gyro"))).join(motors)
+
+
+def _flying(flight: pd.DataFrame) -> np.ndarray:
+    mean = flight.filter(like="motor").mean(axis=1).to_numpy()
+    return binary_erosion(mean > _FLIES, iterations=round(1000 * _ENDS))
+
+
+def _crazyflie_thrust(flight: pd.DataFrame) -> Row:
+    """Fit the specific force to powers of the commands behind a motor's lag, below 8 Hz."""
+    flying, felt = _flying(flight), low_pass(flight["acc.z"].to_numpy(), 8.0, 1000.0)
+    found = []
+    for lag in np.arange(0.02, 0.12, 0.01):
+        part = 1.0 - np.exp(-0.001 / lag)
+        u = lfilter([part], [1.0, part - 1.0], flight.filter(like="motor").to_numpy(), axis=0)
+        powers = np.column_stack([(u**k).sum(axis=1) for k in range(3)])
+        x, y = low_pass(powers, 8.0, 1000.0)[flying], felt[flying]
+        values, left, *_ = np.linalg.lstsq(x, y, rcond=None)
+        found.append((float(left[0]), lag, values, x, y))
+    _, lag, values, x, y = min(found, key=lambda each: each[0])
+    published = x @ _CRAZYFLIE_THRUST
+    mass = float(published @ published / (published @ y))
+    at = np.array([0.6, 0.7, 0.8])
+    ours, theirs = (1e3 * np.polyval(np.flip(each), at) for each in (mass * values, _CRAZYFLIE_THRUST))
+    square = mass * float(x[:, 2] @ y / (x[:, 2] @ x[:, 2]))
+    return row(
+        "crazyflie: thrust of a motor at 0.6, 0.7, 0.8; square alone",
+        f"{listed(ours, '.1f')} mN; {square:.4f} N; lag {lag:.2f} s, for the {1e3 * mass:.1f} g of the published curve",
+        peer=f"{listed(theirs, '.1f')} mN; 0.1500 N",
+    )
+
+
+def _crazyflie_records(flight: pd.DataFrame, axis: str) -> list[Experiment]:
+    """Return stretches of flying at 100 Hz: torque (thrust difference about yaw) by the published curve, and rate."""
+    letter, signs = _TORQUES[axis]
+    thrust = np.polyval(np.flip(_CRAZYFLIE_THRUST), flight.filter(like="motor").to_numpy())
+    torque = thrust @ np.array(signs) * (1.0 if axis == "yaw" else _CRAZYFLIE_ARM)
+    pair = low_pass(np.column_stack([torque, flight[f"gyro.{letter}"]]), 40.0, 1000.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], _flying(flight), [False]]).astype(int))).reshape(-1, 2)
+    stretches = [pair[first:last:10] for first, last in edges if last - first > 2000]
+    names = {"input_names": [axis], "output_names": [f"w_{letter}"]}
+    return [Experiment.from_arrays(0.01 * np.arange(len(each)), *each.T, **names) for each in stretches]
+
+
 #: Sets by the name of their folder: ending of their files, and what judges them.
 PARTS: dict[str, tuple[str, Callable[[list[Path], list[Path]], list[Row]]]] = {
     "nanodrone": (".parquet", nanodrone),
@@ -375,4 +476,5 @@ PARTS: dict[str, tuple[str, Callable[[list[Path], list[Path]], list[Row]]]] = {
     "tailsitter": (".mat", tailsitter),
     "x8-coaxial": (".log.xz", x8_coaxial),
     "px4-sitl": (".csv.xz", px4_sitl),
+    "crazyflie": ("[0-9].xz", crazyflie),
 }

@@ -58,7 +58,7 @@ def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
 
 def test_flights_that_are_not_there_are_no_empty_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(real_flights, "data_folder", lambda: tmp_path)
-    with pytest.raises(SystemExit, match=r"no flights of nanodrone, .*, px4-sitl in"):
+    with pytest.raises(SystemExit, match=r"no flights of nanodrone, .*, px4-sitl, crazyflie in"):
         real_flights.run()
 
 
