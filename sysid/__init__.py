@@ -42,7 +42,8 @@ if TYPE_CHECKING:
         zeros,
     )
     from sysid.validation.assessment import Model, Predictor, Validation, validate
-    from sysid.validation.order import OrderScan, scan_orders
+    from sysid.validation.order import scan_orders
+    from sysid.validation.report import OrderScan
     from sysid.validation.states import StateValidation, validate_states
 
 __all__ = [

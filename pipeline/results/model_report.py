@@ -10,7 +10,7 @@ from logparse import Finding
 from pipeline.results.coverage import Linearity
 from pipeline.results.verdict import Uses, Verdict
 from sysid.rotors.thrust_record import ThrustModel
-from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
+from sysid.validation.report import ModelRecord, OrderScan, ValidationReport
 
 #: Numbers by output; None for what could not be determined.
 ByOutput = Mapping[str, float | None]
@@ -88,7 +88,7 @@ class ModelReport:
     note: str  #: What the model describes, and what it cannot tell.
     horizons: tuple[HorizonRow, ...]
     validation: ValidationReport | None
-    orders: OrdersReport | None
+    orders: OrderScan | None
     coherence: CoherenceReport | None  #: None for models that are not linear.
     model: ModelRecord | None
     findings: tuple[Finding, ...]

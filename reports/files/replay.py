@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from core.serialization import cleaned
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
+from pipeline.results.model_report import ModelReport
 from reports.figures.models import compare
 from reports.numbers.flight import model_report, overall
 from reports.pages import html
@@ -59,7 +61,7 @@ def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
 def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
-    models = [model_report(result, "replay", flight=replay.name) for result in replay.results]
+    models = [cleaned(model_report(each, "replay", flight=replay.name), ModelReport) for each in replay.results]
     missing = [(log_words.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(

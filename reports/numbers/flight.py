@@ -40,12 +40,11 @@ from pipeline.results.report import (
 )
 from pipeline.results.span import Span
 from sysid.rigid_body.model_record import RigidBodyRecord
-from sysid.rotors.thrust_record import ThrustModel
-from sysid.validation.report import ModelRecord, OrdersReport, ValidationReport
+from sysid.validation.report import ModelRecord
 
 if TYPE_CHECKING:
     from pipeline.results.verdict import Verdict
-    from sysid import Model, PhysicalParameters, Validation
+    from sysid import PhysicalParameters, Validation
     from sysid.records.excitation import Coherence
 
 
@@ -63,7 +62,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             verdict=overall(models),
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
-            thrust=_thrust(result),
+            thrust=present(result.thrust),
             parameters=None if isinstance(result.parameters, Failure) else parameter_rows(result.parameters),
             trajectory=_trajectory(result),
             coverage=present(result.coverage),
@@ -96,7 +95,7 @@ def craft_report(group: GroupResult) -> CraftReport:
             verdict=overall(models),
             rmse=tuple(row for model in models for row in model.rmse),
             models=tuple(models),
-            thrust=_thrust(group),
+            thrust=present(group.thrust),
             parameters=None if isinstance(group.parameters, Failure) else parameter_rows(group.parameters),
             coverage=coverage,
             drift=present(group.drift),
@@ -115,8 +114,8 @@ def models_file(result: FlightResult | GroupResult) -> ModelsFile:
     """Gather the fitted models with every coefficient and its covariance: what models.json holds."""
     owned = OwnedModels(
         name=result.name,
-        models={each.key: _record(each.model) for each in result.models if not isinstance(each.model, Failure)},
-        thrust=_thrust(result),
+        models={each.key: each.model.record() for each in result.models if not isinstance(each.model, Failure)},
+        thrust=present(result.thrust),
         parameters=None if isinstance(result.parameters, Failure) else parameter_rows(result.parameters),
         missing={each.key: each.missing for each in result.models if isinstance(each.model, Failure)}
         | {key: result.missing[key] for key in ("experiment", "thrust", "parameters") if key in result.missing},
@@ -135,7 +134,7 @@ def model_report(
 ) -> ModelReport:
     """Gather one of several models with what it is worth."""
     rows = _rmse_rows(result, scope, flight, craft)
-    record = None if isinstance(result.model, Failure) else _record(result.model)
+    record = None if isinstance(result.model, Failure) else result.model.record()
     validation, orders = present(result.validation), present(result.orders)
     uses = uses_of(validation, present(result.model), outside)
     return ModelReport(
@@ -147,19 +146,14 @@ def model_report(
         rmse=tuple(rows),
         rmse_average_m=average([row.rmse_m for row in rows if row.part == "held-out"]),
         horizons=tuple(_horizons(validation)),
-        validation=None if validation is None else cleaned(validation.report(), ValidationReport),
-        orders=None if orders is None else cleaned(orders.report(), OrdersReport),
+        validation=None if validation is None else validation.report(),
+        orders=None if orders is None else replace(orders, findings=()),
         coherence=_coherence(result.coherence),
         kind="" if record is None else str(record.__struct_config__.tag),
         model=None if record is None else _without_covariance(record),
         findings=gathered(result.findings),
         missing=result.missing,
     )
-
-
-def _record(model: Model) -> ModelRecord:
-    record = model.record()
-    return cleaned(record, type(record))
 
 
 def _without_covariance(record: ModelRecord) -> ModelRecord:
@@ -171,10 +165,6 @@ def _without_covariance(record: ModelRecord) -> ModelRecord:
         for output, row in record.transfer_functions.items()
     }
     return msgspec.structs.replace(record, findings=(), transfer_functions=functions)
-
-
-def _thrust(result: FlightResult | GroupResult) -> ThrustModel | None:
-    return None if isinstance(result.thrust, Failure) else cleaned(result.thrust, ThrustModel)
 
 
 def parameter_rows(found: PhysicalParameters) -> tuple[ParameterRow, ...]:

@@ -13,7 +13,7 @@ from pipeline.results.verdict import PredictionUse
 from reports.views import log_words, summary
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
-from sysid.validation.report import OrderRow, OrdersReport
+from sysid.validation.report import OrderRow, OrderScan
 
 #: Outputs of flights in words.
 PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}
@@ -61,19 +61,18 @@ def functions_intro(model: FunctionsRecord) -> str:
     )
 
 
-def orders(scan: OrdersReport) -> Table:
+def orders(scan: OrderScan) -> Table:
     """Tabulate a scan of orders: a line for each, errors on the part held back by output."""
-    outputs = list(dict.fromkeys(row.output for row in scan.table))
+    outputs = list(dict.fromkeys(row.output for row in scan.rows))
     tried: dict[tuple[int, int], dict[str, OrderRow]] = {}
-    for row in scan.table:
+    for row in scan.rows:
         tried.setdefault((row.poles, row.zeros), {})[row.output] = row
-    chosen = scan.recommended and (scan.recommended.poles, scan.recommended.zeros)
     lines = []
     for order, rows in tried.items():
         criteria = ([getattr(row, name) for row in rows.values()] for name in ("aic", "bic"))
         sums = (f"{sum(each for each in some if each is not None):.0f}".replace("-", MINUS) for some in criteria)
         first = [str(max(row.parameters for row in rows.values())), *sums]
-        kind = "average" if order == chosen else ""
+        kind = "average" if order == scan.recommended else ""
         errors = [getattr(rows[output], name) for name in ("rmse", "rmse_held_out") for output in outputs]
         lines.append((Row(f"{order[0]} / {order[1]}", first, kind), errors))
     return Table.of_numbers(

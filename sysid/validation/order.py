@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
 
-from core.summary import Summarised, listed
 from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
 from sysid.validation.assessment import MARGIN, validate
-from sysid.validation.report import ModelOrder, OrderRow, OrdersReport
+from sysid.validation.report import OrderRow, OrderScan
 
 #: (poles, zeros) that are tried, simplest first, so that a time limit costs the largest ones.
 ORDERS = ((1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (4, 2), (4, 3), (5, 3), (5, 4), (6, 4))
@@ -32,43 +30,6 @@ SEEN = 0.7
 
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class OrderScan(Summarised):
-    """What each order achieves."""
-
-    #: A row for each order and output. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
-    #: part held back, averaged over its records, ``rmse_mean`` what always predicting the mean achieves there.
-    rows: tuple[OrderRow, ...]
-    recommended: tuple[int, int] | None  #: Poles and zeros; None when no order beats always predicting the mean.
-    reason: str  #: Why, in a sentence.
-    held_out: tuple[str, ...]  #: What was held back.
-    findings: tuple[Finding, ...] = field(default=())
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
-        return {
-            "recommended": "none" if self.recommended is None else "{} poles, {} zeros".format(*self.recommended),
-            "why": self.reason,
-            "held out": listed(self.held_out),
-        }
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """The rows as a table."""
-        return pd.DataFrame(self.rows)
-
-    def report(self) -> OrdersReport:
-        """Return the table and the recommendation as files hold them."""
-        return OrdersReport(
-            table=self.rows,
-            recommended=None
-            if self.recommended is None
-            else ModelOrder(poles=self.recommended[0], zeros=self.recommended[1]),
-            reason=self.reason,
-            held_out=self.held_out,
-        )
 
 
 def scan_orders(

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+from core.lazy import lazy
+from core.summary import Summarised, listed
+from logparse import Finding
 from sysid.rigid_body.model_record import RigidBodyRecord
 from sysid.statistics.residual_test import ResidualTest
 from sysid.transfer_functions.model_record import ClosedLoopRecord, TransferFunctionsRecord
+
+if TYPE_CHECKING:
+    import pandas as pd
+else:
+    pd = lazy("pandas")  # pages read a scan without it
 
 #: A model with its coefficients.
 ModelRecord = TransferFunctionsRecord | ClosedLoopRecord | RigidBodyRecord
@@ -60,19 +69,27 @@ class OrderRow:
     seconds: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelOrder:
-    """Numbers of poles and zeros."""
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class OrderScan(Summarised):
+    """What each order achieves, and the one recommended; files hold None for what is not finite."""
 
-    poles: int
-    zeros: int
+    #: A row for each order and output. ``rmse`` is that of the part fitted, ``rmse_held_out`` the free run's on the
+    #: part held back, averaged over its records, ``rmse_mean`` what always predicting the mean achieves there.
+    rows: tuple[OrderRow, ...]
+    recommended: tuple[int, int] | None  #: Poles and zeros; None when no order beats always predicting the mean.
+    reason: str  #: Why, in a sentence.
+    held_out: tuple[str, ...]  #: What was held back.
+    findings: tuple[Finding, ...] = field(default=())
 
+    def summary(self) -> Mapping[str, str]:
+        """Return the few facts by which a reader knows this result."""
+        return {
+            "recommended": "none" if self.recommended is None else "{} poles, {} zeros".format(*self.recommended),
+            "why": self.reason,
+            "held out": listed(self.held_out),
+        }
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OrdersReport:
-    """A scan of orders, the one recommended, and why."""
-
-    table: tuple[OrderRow, ...]
-    recommended: ModelOrder | None
-    reason: str
-    held_out: tuple[str, ...]
+    @property
+    def table(self) -> pd.DataFrame:
+        """The rows as a table."""
+        return pd.DataFrame(self.rows)

@@ -7,7 +7,6 @@ import pytest
 
 from sysid import (
     ClosedLoopModel,
-    OrderScan,
     SixDofModel,
     TransferFunction,
     TransferFunctionModel,
@@ -19,7 +18,7 @@ from sysid.transfer_functions.model_record import (
     FunctionRecord,
     TransferFunctionsRecord,
 )
-from sysid.validation.report import OrdersReport, ValidationReport
+from sysid.validation.report import ValidationReport
 
 
 @pytest.mark.parametrize(
@@ -31,7 +30,6 @@ from sysid.validation.report import OrdersReport, ValidationReport
         (TransferFunction, FunctionRecord, {}, set()),
         # Free runs are arrays of the flight's length; `inside` is in `drift`.
         (Validation, ValidationReport, {}, {"predictions", "inside", "findings"}),
-        (OrderScan, OrdersReport, {"rows": "table"}, {"findings"}),
         (
             SixDofModel,
             SixDofReport,

@@ -7,7 +7,7 @@ import pytest
 from core.serialization import as_json, from_json
 from sysid import Experiment, ExperimentError, scan_orders
 from sysid.validation.order import recommend
-from sysid.validation.report import OrdersReport
+from sysid.validation.report import OrderScan
 from tests.sysid.simulated import motion, simulated_record
 
 #: Third order, one zero: simulated by SciPy.
@@ -41,7 +41,7 @@ def test_the_table_holds_criteria_in_closed_form(scan):
     # White residuals: here the criteria know the order, too.
     assert scan.table["bic"].idxmin() == 3
     assert row["rmse_held_out"] == pytest.approx(0.05, rel=0.15)
-    assert from_json(as_json(scan.report()), OrdersReport).reason == scan.reason
+    assert from_json(as_json(scan), OrderScan) == scan
 
 
 def test_no_order_is_recommended_for_noise():
