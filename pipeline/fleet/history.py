@@ -43,36 +43,34 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[FlightPoin
         between=together.tau,
         heterogeneity=Heterogeneity(q=together.q, p=together.q_p, i2=together.i2),
         trend=_trend(points, values, sigmas),
-        step=_step(points, values, sigmas, together),
+        step=_step(points, values, together),
         others={name: tuple(others) for name, others in methods.items() if name != method},
     )
 
 
-def design_of(points: Sequence[FlightPoint], change: Trend | Step) -> Floats:
-    """Return the design in which a change of this kind, and at this place, is the second coefficient; (n, 2)."""
+def fit_change(points: Sequence[FlightPoint], step: int | None) -> MetaRegression:
+    """Fit a slope per flight, or a step before the flight of this number; it is the second coefficient."""
     numbers = np.array([float(point.number) for point in points])
-    x = numbers - numbers.mean() if isinstance(change, Trend) else (numbers >= change.number).astype(np.float64)
-    return np.column_stack([np.ones(len(points)), x])
+    x = numbers - numbers.mean() if step is None else (numbers >= step).astype(np.float64)
+    values, sigmas = ([getattr(point, name) for point in points] for name in ("value", "sigma"))
+    return meta_regression(values, sigmas, np.column_stack([np.ones(len(points)), x]))
 
 
 def _trend(points: Sequence[FlightPoint], values: Floats, sigmas: Floats) -> Trend | None:
     if len(points) < FEWEST:
         return None
-
-    def slope(x: Floats) -> tuple[float, float, float]:
-        design = np.column_stack([np.ones(len(x)), x - x.mean()])
-        return meta_regression(values, sigmas, design).test([0.0, 1.0])
-
-    per_flight, sigma, p = slope(np.array([float(point.number) for point in points]))
+    per_flight, sigma, p = fit_change(points, None).test([0.0, 1.0])
     starts = [datetime.fromisoformat(point.start_utc) for point in points if point.start_utc is not None]
     per_day = None
     if len(starts) == len(points):
         days = np.array([(start - starts[0]).total_seconds() / 86400.0 for start in starts])
-        per_day = slope(days)[0] if np.ptp(days) > 1.0 else None
+        if np.ptp(days) > 1.0:
+            design = np.column_stack([np.ones(len(days)), days - days.mean()])
+            per_day = float(meta_regression(values, sigmas, design).beta[1])
     return Trend(per_flight=per_flight, per_flight_sigma=sigma, per_day=per_day, p=p)
 
 
-def _step(points: Sequence[FlightPoint], values: Floats, sigmas: Floats, together: MetaRegression) -> Step | None:
+def _step(points: Sequence[FlightPoint], values: Floats, together: MetaRegression) -> Step | None:
     """Find the likeliest place of a step and judge it there."""
     places = range(FEWEST_ASIDE, len(points) - FEWEST_ASIDE + 1)
     if len(points) < FEWEST:
@@ -87,8 +85,7 @@ def _step(points: Sequence[FlightPoint], values: Floats, sigmas: Floats, togethe
         for k in places
     }
     at = max(gains, key=lambda k: gains[k])
-    design = np.column_stack([np.ones(len(points)), np.arange(len(points)) >= at])
-    change, sigma, p = meta_regression(values, sigmas, design).test([0.0, 1.0])
+    change, sigma, p = fit_change(points, points[at].number).test([0.0, 1.0])
     return Step(
         before=points[at - 1].flight,
         after=points[at].flight,

@@ -19,8 +19,7 @@ from scipy.special import ndtr as normal_cdf
 from scipy.special import ndtri as normal_quantile
 
 from logparse import Finding, Severity
-from pipeline.fleet.history import FEWEST_ASIDE, design_of
-from pipeline.fleet.meta_analysis import meta_regression
+from pipeline.fleet.history import FEWEST_ASIDE, fit_change
 from pipeline.results.drift import FlightPoint, History, MotorDrift, MotorWork, Step, Trend
 from pipeline.results.entry import FlightParameter
 
@@ -74,7 +73,8 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
     at = _place(points)
     asked: list[Together] = []
     for kind, tried in (("trend", 1), ("step", len(points[0]) - 2 * FEWEST_ASIDE + 1)):
-        fits = [_fit(each, at if kind == "step" else None) for each in points]
+        step = points[0][at].number if kind == "step" else None
+        fits = [fit_change(each, step).test([0.0, 1.0]) for each in points]
         estimates, sigmas, two_sided = np.array(fits).T
         clear = -normal_quantile(np.maximum(0.5 * two_sided, np.finfo(float).tiny)) * np.sign(estimates)
         score = float(np.max(rows @ clear / np.linalg.norm(rows, axis=1)))
@@ -107,14 +107,6 @@ def _place(points: Sequence[Sequence[FlightPoint]]) -> int:
     # As the log-likelihood ratio of each trim, whose scatter about the step is not known.
     whole = np.maximum((values**2).sum(axis=1, keepdims=True), np.finfo(float).tiny)
     return int(places[np.argmin(np.log(np.maximum(1.0 - between / whole, 1e-12)).sum(axis=0))])
-
-
-def _fit(points: Sequence[FlightPoint], at: int | None) -> tuple[float, float, float]:
-    """Return slope per flight, or step before the point `at`: estimate, standard error, two-sided p."""
-    numbers = np.array([float(point.number) for point in points])
-    x = numbers - numbers.mean() if at is None else (np.arange(len(points)) >= at).astype(np.float64)
-    values, errors = ([getattr(point, name) for point in points] for name in ("value", "sigma"))
-    return meta_regression(values, errors, np.column_stack([np.ones(len(points)), x])).test([0.0, 1.0])
 
 
 def motor_drift(
@@ -168,22 +160,16 @@ def _explained(
 ) -> MotorDrift:
     """Find what explains the change of all trims: one motor, the centre of gravity, a twist, or none alone."""
     steady = isinstance(change, Trend)
-    estimates, sigmas, freedom = [], [], []
-    for each in followed:
-        values, errors = ([getattr(point, name) for point in each.flights] for name in ("value", "sigma"))
-        fitted = meta_regression(values, errors, design_of(each.flights, change))
-        estimate, sigma, _ = fitted.test([0.0, 1.0])
-        estimates.append(estimate)
-        sigmas.append(sigma)
-        freedom.append(fitted.df)
+    fits = [fit_change(each.flights, None if isinstance(change, Trend) else change.number) for each in followed]
+    estimates, sigmas, _ = np.array([fitted.test([0.0, 1.0]) for fitted in fits]).T
     found = _rows(flights, followed)
     assert found is not None
     motors, rows = found
-    b, weights = np.array(estimates), 1.0 / np.array(sigmas) ** 2
+    b, weights = estimates, 1.0 / sigmas**2
 
     def chance(squares: float, count: int) -> float:
         """Return the chance of more than this sum of `count` squares, whose standard errors are estimates too."""
-        return float(f_sf(max(count, 1), max(min(freedom), 1), squares / max(count, 1)))
+        return float(f_sf(max(count, 1), max(min(fitted.df for fitted in fits), 1), squares / max(count, 1)))
 
     standing: list[tuple[float, str, float, float]] = []
     for motor, row in zip(motors, rows, strict=True):

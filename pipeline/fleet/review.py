@@ -23,8 +23,8 @@ from core.summary import listed
 from logparse import Severity
 from pipeline.fleet.change import corrected, difference
 from pipeline.fleet.drift import follow
-from pipeline.fleet.history import FEWEST
-from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.fleet.history import FEWEST, fit_change
+from pipeline.fleet.meta_analysis import holm
 from pipeline.fleet.motor_drift import STEADY
 from pipeline.flight.craft import by_craft, in_order, once, took_off
 from pipeline.results.drift import Alert, CraftNote, CraftReview, Drift, FlightPoint, History, ParameterChange
@@ -197,9 +197,7 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
     for each in drift.parameters:
         if each.method == STEADY or each.flights[-1].flight != newest or len(each.flights) < FEWEST:
             continue
-        values, sigmas = _numbers(each.flights)
-        design = np.column_stack([np.ones(len(values)), np.arange(len(values)) == len(values) - 1])
-        difference, _, p = meta_regression(values, sigmas, design).test([0.0, 1.0])
+        difference, _, p = fit_change(each.flights, each.flights[-1].number).test([0.0, 1.0])
         asked.append((each, difference, p))
     adjusted = holm([p for *_, p in asked])
     return [
@@ -215,10 +213,6 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
         for (each, difference, _), p in zip(asked, adjusted, strict=True)
         if p < allowed
     ]
-
-
-def _numbers(points: Sequence[FlightPoint]) -> tuple[list[float], list[float]]:
-    return [point.value for point in points], [point.sigma for point in points]
 
 
 def _spread(each: History) -> float:
