@@ -13,6 +13,11 @@ class Severity(StrEnum):
     WARNING = "warning"
     ERROR = "error"
 
+    @property
+    def word(self) -> str:
+        """What readers are shown."""
+        return "note" if self is Severity.INFO else self.value
+
 
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 

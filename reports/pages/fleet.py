@@ -31,8 +31,7 @@ from reports.views.craft import (
 from reports.views.details import settings
 from reports.views.drift import drift_sentences, drift_table
 from reports.views.fleet_answer import Insight, called, fleet_answer, insight
-from reports.views.models import MOST_ADVICE, holding, thrust_coefficients
-from reports.views.parameters import coherence, parameters
+from reports.views.models import MOST_ADVICE, holding
 
 #: What the products of a craft hold: its report, and the plots that only its models could give.
 Shown = tuple[CraftReport, CraftFigures]
@@ -65,13 +64,9 @@ def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_fil
         script_file,
         id=f"craft-{place}",
         report=report,
-        verdicts=[each for each in report.models if each.model is not None],
         sentences=[*summary.joint_sentences(report), *drift_sentences(report.drift)[:1]],
-        missing=views.missing_stages(report),
         average=average_table(report),
         ahead=ahead,
-        horizons=views.horizons(report.models),
-        coherence=coherence(report.models),
         validation=validation_table(report, pages),
         prediction=_choice(flown, report, pages),
         coverage=coverage_table(report.coverage),
@@ -79,15 +74,13 @@ def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_fil
         outside=outside(report.coverage),
         covered=covered,
         vehicle=vehicle_facts(report.vehicle),
-        thrust=thrust_coefficients(report.thrust, report.missing),
-        parameters=parameters(report.parameters),
         drift=drift_table(report.drift),
         drift_findings=drift_findings,
         drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
         courses=courses,
         courses_folded=folded,
-        models=report.models,
         board=board,
+        **views.of_models(report),
         findings=[finding for finding in report.findings if finding not in (*coverage_findings, *drift_findings)],
     )
 

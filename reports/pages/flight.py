@@ -13,8 +13,7 @@ from reports.views import tables as views
 from reports.views.account import happened, reported
 from reports.views.coverage import excitation, flight_coverage
 from reports.views.details import estimate_details, log_details
-from reports.views.models import MOST_ADVICE, failing, holding, thrust_coefficients
-from reports.views.parameters import coherence, parameters
+from reports.views.models import MOST_ADVICE, failing, holding
 from reports.views.rotation import loop_table, loop_warnings, rotation_view
 
 #: The page on models, beside report.html.
@@ -71,22 +70,16 @@ def models_page(numbers: FlightReport, drawn: FlightFigures, script_file: str = 
         script_file,
         name=numbers.name,
         facts=summary.facts(numbers),
-        missing=views.missing_stages(numbers),
-        verdicts=[each for each in numbers.models if each.model is not None],
         predicted=drawn.predicted,
         ahead=ahead,
         rmse=views.flight_rmse(numbers.models),
-        horizons=views.horizons(numbers.models),
         board=drawn.board,
-        coherence=coherence(numbers.models),
-        thrust=thrust_coefficients(numbers.thrust, numbers.missing),
-        parameters=parameters(numbers.parameters),
-        models=numbers.models,
         turning=turning,
         covered=flight_coverage(numbers.coverage),
         excitation=excitation(numbers.coverage),
         findings=numbers.findings,
         details=estimate_details(numbers),
+        **views.of_models(numbers),
     )
 
 

@@ -14,7 +14,6 @@ from pipeline.results.account import Account
 from reports.views import log_words
 
 _TONES = {"error": "bad", "warning": "care", "info": "unknown"}
-_WORDS = {"error": "error", "warning": "warning", "info": "note"}
 
 
 def overview(log: Inspection, accounts: Sequence[Account] = ()) -> RenderableType:
@@ -55,7 +54,7 @@ def _findings(findings: Sequence[Finding]) -> RenderableType:
         return Text("nothing to complain about")
     rows = [
         Row(
-            Cell(_WORDS[each.severity], _TONES[each.severity]),
+            Cell(each.severity.word, _TONES[each.severity]),
             [" ".join(log_words.sentence(text) for text in (each.reason, each.advice) if text)],
         )
         for each in findings

@@ -42,7 +42,7 @@ def _row(account: Account, happening: Finding, advice: str) -> Row:
         [
             f"{t:.1f}",
             f"{number(end - t, 2)} s" if end - t > 0.05 else "",
-            Cell(happening.id.replace("-", " "), severity, badge={"info": "note"}.get(severity, severity)),
+            Cell(happening.id.replace("-", " "), severity, badge=severity.word),
             Cell(happening.reason, under=advice),
         ],
     )

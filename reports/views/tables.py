@@ -9,7 +9,8 @@ from core.table import Row, Table
 from pipeline.results.model_report import ByOutput, ModelReport, RmseRow
 from pipeline.results.report import CraftReport, FlightReport
 from reports.views import log_words
-from reports.views.models import PLACES
+from reports.views.models import PLACES, thrust_coefficients
+from reports.views.parameters import coherence, parameters
 
 
 def missing_stages(numbers: FlightReport | CraftReport) -> list[tuple[str, str]]:
@@ -71,6 +72,19 @@ def flight_rmse(own: Sequence[ModelReport], others: Sequence[ModelReport] = ()) 
 
 def _by(row: RmseRow, errors: ByOutput) -> list[float | None]:
     return [errors.get(output) for output in row.rmse_m]
+
+
+def of_models(numbers: FlightReport | CraftReport) -> dict[str, object]:
+    """Return what the pages on the models of a flight and of a craft have in common."""
+    return {
+        "missing": missing_stages(numbers),
+        "verdicts": [each for each in numbers.models if each.model is not None],
+        "horizons": horizons(numbers.models),
+        "coherence": coherence(numbers.models),
+        "thrust": thrust_coefficients(numbers.thrust, numbers.missing),
+        "parameters": parameters(numbers.parameters),
+        "models": numbers.models,
+    }
 
 
 def rmse_heads(outputs: Iterable[str]) -> list[str]:
