@@ -1,23 +1,12 @@
-"""Mutations of what counts and lengths in a file say: PX4 logs, tables, archives and descriptions of columns.
-
-`python -m tests.fuzz.structures 10000 ulg yaml` reads so many of each kind, each in a process of its own, and prints
-what ends in an exception that is not for people, takes above 10 s, or above 20 times the file and 200 MB of memory.
-"""
+"""Mutations of what counts and lengths in a file say: PX4 logs, tables, archives and descriptions of columns."""
 
 from __future__ import annotations
 
 import gzip
 import io
-import os
 import re
-import resource
 import struct
-import sys
-import tempfile
-import traceback
-import warnings
 import zipfile
-from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -31,9 +20,6 @@ from logparse.foreign.motion import read_motion
 from tests.fuzz.px4_seed import px4_log
 from tests.fuzz.reading import read_whole
 from tests.fuzz.spans import messages
-
-#: Processor seconds and bytes of memory that a reading may take; the latter beside 20 times the file.
-MOST_SECONDS, MOST_BYTES = 10, 200_000_000
 
 _COUNTS = tuple(b"0, 1, -1, 2, 255, 256, 9999, 65535, 65536, 99999999, 1e999, x, ".split(b", "))
 _NUMBERS = (0, 1, 2, 0x7F, 0xFF, 0x100, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0xFFFFFFFF, 1 << 40, (1 << 63) - 1)
@@ -77,7 +63,7 @@ def seed(kind: str) -> bytes:
     """Return an undamaged file of a kind."""
     file = io.BytesIO()
     match kind:
-        case "ulg":
+        case "px4":
             return px4_log(20)
         case "yaml":
             return _COLUMNS.encode()
@@ -275,7 +261,7 @@ def _yaml_line(data: bytearray, rng: np.random.Generator) -> None:
 
 _Change = Callable[[bytearray, np.random.Generator], None]
 _CHANGES: Mapping[str, tuple[_Change, ...]] = {
-    "ulg": (
+    "px4": (
         _ulog_length, _ulog_kind, _ulog_count, _ulog_count, _ulog_nest, _ulog_type, _ulog_again, _ulog_row, _ulog_row,
         _ulog_subscription, _somewhere, _cut,
     ),
@@ -295,7 +281,7 @@ def read(kind: str, data: bytes, folder: Path) -> None:
     """Read a file as a user would have it read; any exception but those for people passes."""
     path = folder / f"mutated.{'ulg.' * (kind in ('gz', 'zip'))}{kind}"
     path.write_bytes(data)
-    if kind in ("ulg", "zip", "gz"):
+    if kind in ("px4", "zip", "gz"):
         read_whole(path)
         return
     columns, table = folder / "columns.yaml", folder / "table.csv"
@@ -305,61 +291,3 @@ def read(kind: str, data: bytes, folder: Path) -> None:
         read_motion(*((table, path) if kind == "yaml" else (path, columns)))
     except RotoridError:
         return
-
-
-def main(number: int, kinds: list[str], first: int = 0) -> int:
-    """Read mutations, each in a process of its own; print what broke and return how many did."""
-    warnings.simplefilter("error")
-    broken: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for kind in kinds:  # what is imported and compiled at a first use is not the cost of a mutation
-            read(kind, seed(kind), folder)
-        for k in range(first, first + number):
-            for kind in kinds:
-                data = mutate(kind, np.random.default_rng((k, len(kind))))
-                why = _judged(kind, data, folder)
-                if why:
-                    broken[f"{kind}: {why}"] += 1
-                    if broken[f"{kind}: {why}"] == 1:
-                        print(f"{kind} {k}: {why}", flush=True)
-            if k % 1000 == 999:
-                print(f"{k + 1} of each read, {broken.total()} broke", flush=True)
-    for why, often in broken.most_common():
-        print(f"{often:6} {why}")
-    return broken.total()
-
-
-def _judged(kind: str, data: bytes, folder: Path) -> str:
-    """Read in a process of its own; return what is wrong with how it ended, or nothing."""
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    receiver, sender = os.pipe()
-    child = os.fork()
-    if child == 0:
-        resource.setrlimit(resource.RLIMIT_CPU, (2 * MOST_SECONDS, 3 * MOST_SECONDS))
-        try:
-            read(kind, data, folder)
-        except BaseException as error:  # what is not for people
-            frames = [each for each in traceback.extract_tb(error.__traceback__) if "/tests/" not in each.filename]
-            place = f"{'/'.join(Path(frames[-1].filename).parts[-2:])}:{frames[-1].lineno}" if frames else "?"
-            ours = next(
-                (f"{Path(f.filename).name}:{f.lineno}" for f in reversed(frames) if "site-" not in f.filename), ""
-            )
-            os.write(sender, f"{ours} {place} {type(error).__name__}: {error}"[:150].encode())
-        os._exit(0)
-    os.close(sender)
-    with os.fdopen(receiver, "rb") as said:
-        why = said.read().decode()
-    _, status, used = os.wait4(child, 0)
-    if status:
-        return f"ended by {status}"
-    if used.ru_utime + used.ru_stime > MOST_SECONDS:
-        return "too slow"
-    grown = 1024 * (used.ru_maxrss - before)
-    return why or ("too much memory" if grown > 20 * len(data) + MOST_BYTES else "")
-
-
-if __name__ == "__main__":
-    chosen = [word for word in sys.argv[1:] if word in KINDS] or list(KINDS)
-    counts = [int(word) for word in sys.argv[1:] if word.isdigit()] + [1000, 0]
-    sys.exit(min(1, main(counts[0], chosen, counts[1] if len(counts) > 3 else 0)))

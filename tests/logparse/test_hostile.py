@@ -17,7 +17,7 @@ from logparse.signals import SignalError
 from tests.fuzz import structures
 from tests.fuzz.px4_seed import px4_log
 
-#: Mutations of each kind here; `python -m tests.fuzz.structures 10000` does more.
+#: Mutations of each kind here; `python -m tests.fuzz 10000` does more.
 COUNT = 12
 
 
