@@ -27,7 +27,7 @@ from core.lazy import lazy
 from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
-from pipeline.execution.stages import overall
+from pipeline.execution.stages import Overall
 from pipeline.fleet.result import FleetResult, Run
 from pipeline.flight.craft import took_off
 from pipeline.results.entry import FlightEntry
@@ -147,7 +147,7 @@ def analyze_logs(task: Task, progress: Progress) -> None:
 
 def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     ((_, name),) = task.logs
-    advance = overall(progress)
+    advance = Overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
     told = partial(_tell_account, progress)
     (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=told)

@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
-from pipeline.execution.stages import Progress, overall
+from pipeline.execution.stages import Overall, Progress
 from pipeline.names import file_name
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Watch:
         """Return a log's own progress its part."""
         done, part = self._fraction, self._weights[url] / self._whole
         what = f"{self._counted}; {file_name(url)}"
-        return overall(lambda stage, fraction: self._progress(f"{what}: {stage}", done + part * fraction))
+        return Overall(lambda stage, fraction: self._progress(f"{what}: {stage}", done + part * fraction))
 
     @property
     def _fraction(self) -> float:

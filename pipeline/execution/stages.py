@@ -56,12 +56,8 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 )
 
 
-#: Seconds that a log takes of which nothing is known yet, seconds that loading the packages takes, and seconds after
-#: which the pace of a computer counts for as much as that of the one on which stages were timed.
-_USUAL, _LOADING, _TRUST = 4.0, 0.7, 0.3
-
-#: Seconds of each stage of such a log.
-_GUESS = {name: _USUAL * stage.share for name, stage in STAGES.items()}
+#: Seconds of each stage of a log of which nothing is known yet.
+_GUESS = {name: 4.0 * stage.share for name, stage in STAGES.items()}
 
 #: Reported before the stages of each flight of a log, with the part of the whole that the flight takes.
 NEXT_FLIGHT = "next flight"
@@ -70,18 +66,14 @@ NEXT_FLIGHT = "next flight"
 class Overall:
     """Turns a stage's name and the fraction of it that is done into its title and the fraction of the whole.
 
-    The fraction is the time gone over the time gone and to go, which no wrong guess of what is past can spoil; how fast
-    the computer is shows in how long the stages took that are done. Until somebody says how long the stages of a log
-    will take, their usual shares count.
+    The fraction is that of the seconds expected. Until somebody says how long the stages of a log will take, their
+    usual shares count. `loaded` are seconds that were spent before, on loading packages.
     """
 
-    def __init__(self, progress: Progress, now: Callable[[], float] = perf_counter, began: float | None = None) -> None:
-        self._progress, self._now = progress, now
-        self._began = now() if began is None else began
-        self._loading = 0.0 if began is None else _LOADING
-        self._begun = self._part = self._furthest = 0.0
+    def __init__(self, progress: Progress, loaded: float = 0.0) -> None:
+        self._progress, self._loaded = progress, loaded
+        self._begun = self._part = self._furthest = self._done = 0.0
         self._expected: Mapping[str, float] = _GUESS
-        self._done = 0.0
 
     def expect(self, seconds: Mapping[str, float]) -> None:
         """Set the seconds expected of each stage of this flight; only their ratios count."""
@@ -89,31 +81,18 @@ class Overall:
 
     def __call__(self, name: str, fraction: float) -> None:
         """Note progress within a stage."""
+        expected = self._expected
         if name == NEXT_FLIGHT:
-            if self._part:
-                self._began, self._loading = self._now(), 0.0
+            self._loaded = 0.0 if self._part else self._loaded
             self._begun, self._part = self._begun + self._part, fraction
             self._expected, self._done = _GUESS, 0.0
             return
-        within = self._within(name, fraction)
+        before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
+        self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
+        within = (self._loaded + self._done) / (self._loaded + max(sum(expected.values()), self._done))
         # Some stages come once for every kind of model; the bar must not go back for them.
         self._furthest = max(self._furthest, self._begun + (self._part or 1.0) * within)
         self._progress(STAGES[name].title, self._furthest)
-
-    def _within(self, name: str, fraction: float) -> float:
-        """Return the part of this flight's time that is gone."""
-        expected = self._expected
-        before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
-        self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
-        gone = max(self._now() - self._began, 0.0)
-        pace = (gone + _TRUST) / (self._loading + self._done + _TRUST)
-        left = pace * max(sum(expected.values()) - self._done, 0.0)
-        return gone / (gone + left) if gone + left > 0.0 else 1.0
-
-
-def overall(progress: Progress, began: float | None = None) -> Overall:
-    """Return what a stage's progress is reported to, as `Overall` describes."""
-    return Overall(progress, began=began)
 
 
 class OutOfTimeError(RotoridError):

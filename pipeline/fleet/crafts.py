@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from pipeline.config import AnalysisConfig
-from pipeline.execution.stages import Progress, overall
+from pipeline.execution.stages import Overall, Progress
 from pipeline.fleet import joint
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
 from pipeline.fleet.result import ANOTHER_RECORDING, IdentifiedCrafts, Run
@@ -58,7 +58,7 @@ def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress
         def report(stage: str, fraction: float, number: int = number, what: str = what) -> None:
             progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
-        progressing = overall(report)
+        progressing = Overall(report)
         result = joint.identify_craft(entry.name, craft, split, store.url, config, progressing, run.executor, findings)
         try:
             with store.scratch() as scratch:

@@ -1,7 +1,7 @@
 """How long each stage of an analysis will take, from what a log holds, so that a progress bar can tell.
 
-Seconds are those of one core of 2024 on 45 logs of all kinds; only their ratios matter, since the bar learns the speed
-of its computer as it goes (`pipeline.execution.stages.Overall`).
+Seconds are those of one core of 2024 on 45 logs of all kinds; only their ratios matter, since the time to go is told
+from the time gone (`pipeline.execution.progress.Clock`).
 """
 
 from __future__ import annotations

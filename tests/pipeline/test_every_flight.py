@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from logparse import LogError, read_flights, read_log
-from pipeline.execution.stages import NEXT_FLIGHT, overall
+from pipeline.execution.stages import NEXT_FLIGHT, Overall
 from pipeline.flight.account import tell
 from pipeline.results.span import Span, around
 
@@ -62,7 +62,7 @@ def test_the_ground_between_flights_belongs_to_the_nearer():
 
 def test_the_bar_goes_on_over_flights():
     seen = []
-    report = overall(lambda title, fraction: seen.append(fraction))
+    report = Overall(lambda title, fraction: seen.append(fraction))
     for _ in range(2):
         report(NEXT_FLIGHT, 0.5)
         report("tables", 0.0)

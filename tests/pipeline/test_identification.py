@@ -6,7 +6,7 @@ import pytest
 
 import sysid
 from pipeline import AnalysisConfig
-from pipeline.execution.stages import STAGES, Stages, overall, silent
+from pipeline.execution.stages import STAGES, Overall, Stages, silent
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS
 from pipeline.results.failure import Failure
@@ -61,7 +61,7 @@ def test_every_kind_has_a_stage_and_progress_never_goes_back():
     assert all(kind.key in STAGES for kind in KINDS)
     assert sum(stage.share for stage in STAGES.values()) == pytest.approx(1.0, abs=0.05)
     heard = []
-    report = overall(lambda title, fraction: heard.append(fraction))
+    report = Overall(lambda title, fraction: heard.append(fraction))
     for stage in ("experiment", "motors", "validation", "experiment", "mixer", "validation"):
         report(stage, 0.0)
         report(stage, 1.0)
