@@ -289,7 +289,7 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
             name = ("gain", "delay")[k]
             own, other = (float(np.std(np.array(each)[:, k], ddof=1) / size[k]) for each in (known, default))
             scatter[f"{name} random"].append(own / error.random)
-            scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.total).tolist()
+            scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.sigma).tolist()
             scatter[f"{name} default"].append(within * other / error.random)
             scatter[f"{name} plain"].append(np.inf if np.max(leaned, axis=0)[0] > 30.0 else other / error.random)
 

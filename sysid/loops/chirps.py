@@ -14,6 +14,9 @@ from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, gain_between_flights
 
+#: Unit of an expected error that is a share of the quantity itself.
+RELATIVE = "1 (relative)"
+
 #: SID_AXIS of a chirp at the mixer.
 SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
 
@@ -57,14 +60,21 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class PredictedError:
-    """Standard deviations that an experiment will leave of one parameter."""
+class Expected:
+    """A standard deviation that a flight will leave of one parameter."""
 
-    name: str  #: As `sysid.frequency.fit` names it.
-    random: float  #: By which repeated flights of the same design will scatter.
+    name: str
     #: The error to count with: `random`, what the structure cannot follow, and by what flights of one craft differ.
-    total: float
-    unit: str  #: 1 (of its value) for a gain.
+    sigma: float
+    unit: str
+    random: float = 0.0  #: By which repeated flights of the same design will scatter; 0 where nothing tells.
+
+    def __str__(self) -> str:
+        def shown(sigma: float) -> str:
+            return f"{100 * sigma:.2g} %" if self.unit == RELATIVE else f"{sigma:.2g} {self.unit}"
+
+        scatter = f" (repeated flights scatter by {shown(self.random)})" if self.random else ""
+        return f"{self.name}: {shown(self.sigma)}{scatter}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +88,13 @@ class ChirpDesign:
     magnitude: float
     seconds: float
     fade_in: float
-    errors: tuple[PredictedError, ...]  #: Of the craft's parameters; empty before the first chirp.
+    errors: tuple[Expected, ...]  #: Of the craft's parameters; empty before the first chirp.
     #: Largest that are expected.
     lean_deg: float
     rate_deg: float
     mixer: float
 
-    def error_of(self, name: str) -> PredictedError | None:
+    def error_of(self, name: str) -> Expected | None:
         """Return the predicted error of one parameter; None where it is not predicted."""
         return next((error for error in self.errors if error.name == name), None)
 
@@ -133,7 +143,7 @@ def flown_energy(loop: RateLoop) -> Floats:
     return total
 
 
-def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tuple[PredictedError, ...]:
+def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tuple[Expected, ...]:
     """Predict what the fit to another experiment on a craft will leave undetermined.
 
     The errors of the flown response are those of its noise, its windows and its estimator; at each frequency they fall
@@ -168,12 +178,12 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     for name, row in rows.items():
         size = abs(float(found.values[0])) if name == "gain" else 1.0
         random, whole = (float(np.sqrt(max(row @ matrix @ row, 0.0))) / size for matrix in (scatter, stated))
-        unit = "1" if name == "gain" else structure.specs[names.index(name)].unit if name in names else "s"
-        errors.append(PredictedError(name, random, float(np.hypot(whole, between.get(name, 0.0))), unit))
+        unit = RELATIVE if name == "gain" else structure.specs[names.index(name)].unit if name in names else "s"
+        errors.append(Expected(name, float(np.hypot(whole, between.get(name, 0.0))), unit, random))
     return tuple(errors)
 
 
-def _delay_error(errors: tuple[PredictedError, ...]) -> float:
+def _delay_error(errors: tuple[Expected, ...]) -> float:
     """Return the random error of the effective delay; infinite where nothing is determined."""
     return next((error.random for error in errors if error.name == "effective_delay"), np.inf)
 

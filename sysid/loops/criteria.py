@@ -19,7 +19,7 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.known_margins import MARGINS
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
-from sysid.loops.responses import attitude_loop, rate_transfer
+from sysid.loops.responses import attitude_loop, beyond_band, lagging, rate_transfer
 
 #: Rejection of disturbances at the attitude that is asked for, rad/s.
 _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
@@ -83,10 +83,13 @@ def _at_attitude(loop: RateLoop, size: float | None) -> Iterator[Criterion]:
     yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, least, True, _HOLD + scaled)
     yield _criterion("disturbance rejection peak at the attitude", _known(found.peak_db, "dB"), 5.0, False, _HOLD)
     closed = broken / (1.0 + broken)
-    at_135, at_180 = (_passing(loop.hz, closed, level) for level in (-135.0, -180.0))
+    at_135, at_180 = (lagging(loop.hz, closed, level) for level in (-135.0, -180.0))
     yield _criterion("attitude bandwidth", _known(turn * at_135, "rad/s"), scale * 2.0, True, _ADS + scaled)
     twice = np.array(
-        [np.interp(2.0 * f, loop.hz, row, right=np.nan) for f, row in zip(at_180, _phase(closed), strict=True)]
+        [
+            np.interp(2.0 * f, loop.hz, row, right=np.nan)
+            for f, row in zip(at_180, np.unwrap(np.angle(closed), axis=1), strict=True)
+        ]
     )
     late = -(twice + np.pi) / (2.0 * turn * at_180)
     yield _criterion("bandwidth of the attitude, 3 dB", _known(turn * _falling(loop.hz, closed), "rad/s"))
@@ -150,35 +153,13 @@ def _falling(hz: Floats, closed: Complexes) -> Floats:
     return np.where(above.any(axis=1) & ~above[:, -1], hz[last], np.nan)
 
 
-def _phase(closed: Complexes) -> Floats:
-    return np.unwrap(np.angle(closed), axis=1)
-
-
-def _passing(hz: Floats, closed: Complexes, level: float) -> Floats:
-    """Return the frequency at which each response first lags by a level [deg], shape (K,); NaN where none does."""
-    phase = _phase(closed)
-    late = phase <= np.radians(level)
-    first = np.argmax(late, axis=1)
-    rows = np.arange(len(phase))
-    before = np.maximum(first - 1, 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (np.radians(level) - phase[rows, before]) / (phase[rows, first] - phase[rows, before])
-    return np.where(first > 0, hz[before] * (hz[first] / hz[before]) ** share, np.nan)
-
-
 def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Floats]:
     """Return rise from 10 to 90 % [s], overshoot [%] and settling within 5 % [s] of unit steps, shape (K,) each.
 
     `transfer` (K, n) at `hz` (n,): one at rest, dying out beyond the band.
     """
     grid = np.arange(0.0, 120.0, 0.05)
-    spectrum = np.empty((len(transfer), len(grid)), np.complex128)
-    low, high = grid < hz[0], grid > hz[-1]
-    share = grid[low] / hz[0]
-    for row, known in zip(spectrum, transfer, strict=True):
-        row[:] = np.interp(grid, hz, known.real) + 1j * np.interp(grid, hz, known.imag)
-        row[low] = 1.0 + share * 1j * known[0].imag + share**2 * (known[0].real - 1.0)
-        row[high] = known[-1] * (hz[-1] / grid[high]) ** 2
+    spectrum = np.array([beyond_band(grid, hz, known) for known in transfer])
     steps = np.cumsum(np.fft.irfft(spectrum, axis=1), axis=1)[:, : len(grid)]
     dt = 0.5 / grid[-1]
     rise, settling = np.empty(len(steps)), np.empty(len(steps))

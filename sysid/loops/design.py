@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,11 @@ from sysid.frequency.fit import fit
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (
     FADE_OUT,
+    RELATIVE,
     SID_AXIS,
     ChirpDesign,
+    Expected,
     Limits,
-    PredictedError,
     design_chirp,
     first_chirp,
     predicted_errors,
@@ -39,9 +40,6 @@ from sysid.loops.settings import firmware_version, read_copter
 #: What a flight can be designed for.
 PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
 
-#: Unit of an expected error that is a share of the quantity itself.
-RELATIVE = "1 (relative)"
-
 #: Frequency [Hz] below which a chirp that ends leaves modes of frames unseen, and what to do for `tune`.
 _WIDE = 30.0
 _TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
@@ -58,23 +56,6 @@ _CHIRPS = (
         "no lean ends it: put the switch back at any time, and leave room for QLOITER",
     ),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """A predicted standard deviation; `random` is the part of it that repeated flights would average out."""
-
-    name: str
-    sigma: float
-    unit: str
-    random: float | None = None
-
-    def __str__(self) -> str:
-        def shown(sigma: float) -> str:
-            return f"{100 * sigma:.2g} %" if self.unit == RELATIVE else f"{sigma:.2g} {self.unit}"
-
-        scatter = "" if self.random is None else f" (repeated flights scatter by {shown(self.random)})"
-        return f"{self.name}: {shown(self.sigma)}{scatter}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,16 +136,8 @@ def _check_flown(log: FlightLog) -> None:
 
 
 def _of_chirp(chirp: ChirpDesign) -> list[Expected]:
-    """Return the predicted errors in words: of the parameters that the chirp will determine."""
-    return [
-        Expected(
-            f"{chirp.axis} {error.name.replace('_', ' ')}",
-            error.total,
-            RELATIVE if error.name == "gain" else error.unit,
-            error.random,
-        )
-        for error in chirp.errors
-    ]
+    """Return the predicted errors of the parameters that the chirp will determine, named with its axis."""
+    return [replace(error, name=f"{chirp.axis} {error.name.replace('_', ' ')}") for error in chirp.errors]
 
 
 def _predicted(chirp: ChirpDesign) -> list[str]:
@@ -216,7 +189,7 @@ def _inertia(log: FlightLog, limits: Limits) -> Design:
     expected = []
     for (axis, loop), sine, scale in zip(loops.items(), sines, scales, strict=False):
         error = _multisine_error(loop, sine, scale)
-        expected.append(Expected(f"{axis} gain (torque per inertia)", error.total, RELATIVE, error.random))
+        expected.append(replace(error, name=f"{axis} gain (torque per inertia)"))
     hover = log.parameters.get("MOT_THST_HOVER")
     if hover is None:
         raise LoopError(f"{log.path.name} has no MOT_THST_HOVER: the script cannot hold the height")
@@ -232,7 +205,7 @@ def _rate_scale(sine: Multisine, limits: Limits) -> float:
     return float(0.5 * min(np.radians(limits.lean_deg) / np.max(np.abs(lean)), np.radians(limits.rate_deg)))
 
 
-def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> PredictedError:
+def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> Expected:
     """Predict the error of the gain from one period, through the rate loop from its target."""
     hz = loop.frf.hz
     controller = loop.flown.controller

@@ -13,7 +13,7 @@ from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from sysid.loops.as_flown import contradiction
 from sysid.loops.controller import AXES, LoopError
-from sysid.loops.evidence import limited_chirp, oscillation, two_ways_apart, unfit_log
+from sysid.loops.evidence import limited_chirp, loop_parameters, oscillation, two_ways_apart, unfit_log
 from sysid.loops.known_margins import MARGINS
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.responses import attitude_bandwidth, flown_fit
@@ -215,15 +215,9 @@ def _verdict(table: pd.DataFrame, loops: dict[str, tuple[RateLoop, RateLoop]]) -
 
 def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
     """Return parameters that differ: those of the loops, and others."""
-    ours: Changes = {}
-    others: Changes = {}
     first, second = before.parameters_flown, after.parameters_flown
-    for name in sorted(set(first) & set(second)):
-        a, b = first[name], second[name]
-        if a == b:
-            continue
-        if name.startswith(("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT")):
-            ours[name] = (a, b)
-        elif not name.startswith(BY_THEMSELVES):
-            others[name] = (a, b)
-    return ours, others
+    differ = {name: (first[name], second[name]) for name in sorted(first.keys() & second.keys())}
+    differ = {name: pair for name, pair in differ.items() if pair[0] != pair[1]}
+    ours = {name: differ[name] for name in loop_parameters(first) if name in differ}
+    others = {n: pair for n, pair in differ.items() if n not in ours and not n.startswith(BY_THEMSELVES)}
+    return dict(sorted(ours.items())), others

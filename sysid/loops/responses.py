@@ -32,16 +32,20 @@ def attitude_loop(loop: RateLoop, craft: Complexes | None = None) -> Complexes:
     return np.asarray(turned * angle.P * angle.delay_response(loop.hz))
 
 
+def lagging(hz: Floats, closed: Complexes, level: float) -> Floats:
+    """Return the frequency at which each response, shape (K, n), first lags by a level [deg], (K,); NaN where none."""
+    phase = np.unwrap(np.angle(closed), axis=1)
+    first = np.argmax(phase <= np.radians(level), axis=1)
+    rows, before = np.arange(len(phase)), np.maximum(first - 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (np.radians(level) - phase[rows, before]) / (phase[rows, first] - phase[rows, before])
+    return np.where(first > 0, hz[before] * (hz[first] / hz[before]) ** share, np.nan)
+
+
 def attitude_bandwidth(loop: RateLoop) -> float:
     """Return the frequency, Hz, at which the attitude lags its target by 135 deg; NaN beyond the band."""
-    broken = attitude_loop(loop)
-    phase = np.unwrap(np.angle(broken / (1.0 + broken)))
-    late = np.flatnonzero(phase <= np.radians(-135.0))
-    if not len(late) or late[0] == 0:
-        return float("nan")
-    k = int(late[0])
-    share = (np.radians(-135.0) - phase[k - 1]) / (phase[k] - phase[k - 1])
-    return float(loop.hz[k - 1] * (loop.hz[k] / loop.hz[k - 1]) ** share)
+    broken = attitude_loop(loop)[None]
+    return float(lagging(loop.hz, broken / (1.0 + broken), -135.0)[0])
 
 
 def flown_fit(loop: RateLoop, log: FlightLog) -> float | None:
@@ -81,12 +85,17 @@ def flown_fit(loop: RateLoop, log: FlightLog) -> float | None:
 
 
 def _through(values: Floats, step: float, hz: Floats, transfer: Complexes) -> Floats:
-    """Pass samples through a transfer function known on a band; one at rest, dying out beyond."""
+    """Pass samples through a transfer function known on a band."""
     padded = np.concatenate([np.full(256, values[0]), values, np.full(256, values[-1])])
-    grid = np.fft.rfftfreq(len(padded), step)
-    inside = np.interp(grid, hz, transfer.real) + 1j * np.interp(grid, hz, transfer.imag)
+    whole = beyond_band(np.asarray(np.fft.rfftfreq(len(padded), step), np.float64), hz, transfer)
+    return np.asarray(np.fft.irfft(np.fft.rfft(padded) * whole, len(padded))[256 : 256 + len(values)])
+
+
+def beyond_band(grid: Floats, hz: Floats, transfer: Complexes) -> Complexes:
+    """Return a transfer function known on a band, (n,), at a grid from 0 Hz on: one at rest, dying out beyond."""
+    whole = np.interp(grid, hz, transfer.real) + 1j * np.interp(grid, hz, transfer.imag)
     low, high = grid < hz[0], grid > hz[-1]
     share = grid[low] / hz[0]
-    inside[low] = 1.0 + share * 1j * transfer[0].imag + share**2 * (transfer[0].real - 1.0)
-    inside[high] = transfer[-1] * (hz[-1] / grid[high]) ** 2
-    return np.asarray(np.fft.irfft(np.fft.rfft(padded) * inside, len(padded))[256 : 256 + len(values)])
+    whole[low] = 1.0 + share * 1j * transfer[0].imag + share**2 * (transfer[0].real - 1.0)
+    whole[high] = transfer[-1] * (hz[-1] / grid[high]) ** 2
+    return np.asarray(whole, np.complex128)

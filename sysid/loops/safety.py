@@ -57,6 +57,14 @@ class Aim:
             bounds["peak_db"] / self.peak_db - 1.0,
         )
 
+    def keeping(self, spare: Mapping[str, float]) -> Aim:
+        """Return the aim of a best estimate of which a worst case may take so much."""
+        return Aim(
+            gain_db=self.gain_db + spare["gain_db"],
+            phase_deg=self.phase_deg + spare["phase_deg"],
+            peak_db=self.peak_db - spare["peak_db"],
+        )
+
     @property
     def words(self) -> str:
         """Return the margins in words."""
@@ -104,23 +112,6 @@ def keeps(margins: MarginSet, aim: Aim) -> NDArray[np.bool_]:
     gain = np.where(np.isfinite(margins.gain_db), margins.gain_db, np.inf)
     return np.asarray(
         (gain >= aim.gain_db) & (margins.phase_deg >= aim.phase_deg) & (margins.peak_db <= aim.peak_db), np.bool_
-    )
-
-
-def bounds_keep(bounds: Mapping[str, float], aim: Aim) -> bool:
-    """Return whether bounds keep an aim."""
-    return (
-        bounds["gain_db"] >= aim.gain_db and bounds["phase_deg"] >= aim.phase_deg and bounds["peak_db"] <= aim.peak_db
-    )
-
-
-def in_hand(nominal: MarginSet, k: int, aim: Aim, spare: Mapping[str, float]) -> bool:
-    """Return whether a candidate's nominal margins leave what others lost in their worst case."""
-    gain = float(nominal.gain_db[k])
-    return (
-        (not np.isfinite(gain) or gain >= aim.gain_db + spare["gain_db"])
-        and float(nominal.phase_deg[k]) >= aim.phase_deg + spare["phase_deg"]
-        and float(nominal.peak_db[k]) <= aim.peak_db - spare["peak_db"]
     )
 
 

@@ -17,7 +17,7 @@ from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.responses import attitude_loop
-from sysid.loops.safety import LEAST, ActuatorNoise, Aim, bounds_keep, in_hand, keeps, other_gyro_filter, worst_case
+from sysid.loops.safety import LEAST, ActuatorNoise, Aim, keeps, other_gyro_filter, worst_case
 from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Largest factors by which P and D are changed, and by which ordinary flights may raise them; what typing them may add,
@@ -196,7 +196,7 @@ def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTunin
     for k in np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0])):
         tuned = loop.with_settings(candidates.bare.changed(**candidates.values[k]))
         bounds = worst_case(tuned)
-        if bounds is None or not bounds_keep(bounds, least) or actuators.factor(tuned) > aim.noise:
+        if bounds is None or least.missed_by(bounds) > 0.0 or actuators.factor(tuned) > aim.noise:
             continue
         if best.tuned is None or aim.missed_by(bounds) < aim.missed_by(best.worst):
             best = _tuning(loop, aim, candidates, int(k), tuned, bounds)
@@ -296,9 +296,9 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     actuators = ActuatorNoise(loop)
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
     spare = {"gain_db": 0.0, "phase_deg": 0.0, "peak_db": 0.0}
-    checked = 0
+    checked, enough = 0, good
     for k in order:
-        if not in_hand(nominal, int(k), aim, spare):
+        if not enough[k]:
             continue
         tuned = loop.with_settings(field.bare.changed(**field.values[k]))
         noise = actuators.factor(tuned)
@@ -310,12 +310,13 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
         bounds = worst_case(tuned)
         if bounds is None:
             continue
-        if bounds_keep(bounds, aim):
+        if aim.missed_by(bounds) <= 0.0:
             return _tuning(loop, aim, field, int(k), tuned, bounds)
         for name in spare:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):
                 spare[name] = max(spare[name], 0.8 * short)
+        enough = keeps(nominal, aim.keeping(spare))
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within reach keep {aim.words} for everything that the data leave possible; "
@@ -352,7 +353,7 @@ def _tuning(
         score=float(field.score[k]),
         unseen=float(field.unseen[k]),
         wider=bool(field.gained[k] > _ROUNDED),
-        short=not bounds_keep(bounds, aim),
+        short=aim.missed_by(bounds) > 0.0,
     )
 
 

@@ -77,7 +77,7 @@ def test_errors_are_those_predicted():
     for errors, name in ((gains, "gain"), (delays, "effective_delay")):
         predicted = chirp.error_of(name)
         assert 0.5 < np.std(errors, ddof=1) / predicted.random < 1.8
-        assert np.sqrt(np.mean(np.square(errors))) < 1.3 * predicted.total
+        assert np.sqrt(np.mean(np.square(errors))) < 1.3 * predicted.sigma
 
 
 def test_a_first_chirp_needs_no_chirp_before_it():
