@@ -18,16 +18,13 @@ else:
 #: Where Linux tells of control groups, which containers and batch systems limit their processes by.
 _ROOT = Path("/")
 
-#: What libraries of linear algebra take the number of their threads from.
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
 
 def pin_threads() -> None:
     """Limit processes that start from now on to one thread each, unless the user has said otherwise.
 
     Our matrices are small: threads of BLAS only hurt them, and each other where logs are analysed side by side.
     """
-    for name in _THREADS:
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.parameter import Parameter
-from core.quantity import joined, number, uncertain
+from core.quantity import joined, number, per_degree, uncertain
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.signals import Panel, Peak, Spectrum
@@ -27,8 +27,6 @@ from reports.figures.figure import (
     time_axis,
 )
 
-#: Unit shown and factor, by the unit kept.
-_SHOWN = {"rad": ("°", 180.0 / np.pi), "rad/s": ("°/s", 180.0 / np.pi)}
 _OWN = {"asked": "@own", "flown": "@ink"}
 
 _CAPTIONS = {
@@ -97,7 +95,7 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequenc
     """Draw panels below each other over one axis of time."""
     axes: list[Drawn] = []
     for panel in panels:
-        unit, _ = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        _, unit = per_degree(panel.unit)
         title = plotly_text(f"{panel.title} ({unit})" if unit else panel.title)
         positive = all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals)
         begins = {"rangemode": "nonnegative"} if positive else {}
@@ -106,7 +104,7 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequenc
     plot.shapes += happened
     named: set[str] = set()
     for level, panel in enumerate(panels):
-        _, factor = _SHOWN.get(panel.unit, (panel.unit, 1.0))
+        factor, _ = per_degree(panel.unit)
         several = len(panel.signals) > 1
         for place, signal in enumerate(panel.signals):
             color = _OWN.get(signal.name, COLORS[place % len(COLORS)] if several else "@ink")
@@ -136,7 +134,7 @@ def _marks(result: FlightResult) -> list[Drawn]:
 
 
 def _spectrum(spectrum: Spectrum) -> Figure:
-    unit, factor = _SHOWN.get(spectrum.unit, (spectrum.unit, 1.0))
+    factor, unit = per_degree(spectrum.unit)
     last = float(spectrum.hz[-1])
     # Highest frequency of a spectrum that is shown at first, Hz: rotors and a few multiples of them.
     axis = {"title": {"text": "frequency (Hz)"}, "range": [0.0, min(last, 600.0)]}
