@@ -122,7 +122,7 @@ def tune(
             typer.echo(f"{name:<20} {before:>12.6g} -> {value:.6g}{during}")
         for axis in result.axes:
             if axis.tuned is None:
-                typer.echo(f"{axis.axis}: unchanged: {axis.refused}")
+                typer.echo(f"{axis.axis}: unchanged: {axis.reason}")
                 continue
             missed = [f"{one.name} {one.value}" for one in axis.promises if one.kept is False]
             missed += ["the aim, of which this is a first step"] if axis.short else []

@@ -31,7 +31,7 @@ def chirp_record(
     With the outputs of the axes `beside`, what each command does is told apart; into those that the chirp is not of
     nothing was injected. FrequencyError when the log lacks the signals within the chirp.
     """
-    chirp = below_folding(log, chirp, signals.step)
+    chirp = below_folding(log, chirp, signals.t)
     rows = signals.within(chirp.start, chirp.stop)
     t = signals.t[rows]
     if len(t) < 16:
@@ -108,8 +108,13 @@ def chirp_spline(log: FlightLog, chirp: Chirp, column: str = "target") -> tuple[
     return times[inside], scipy.interpolate.make_interp_spline(times[inside], values[inside], k=_ORDER)
 
 
-def below_folding(log: FlightLog, chirp: Chirp, step: float) -> Chirp:
-    """Cut a chirp to the time in which it sweeps what rows `step` [s] apart can show; above, it folds onto the rest."""
+def below_folding(log: FlightLog, chirp: Chirp, t: Floats) -> Chirp:
+    """Cut a chirp to the time in which it sweeps what rows at `t` [s] can show; above, it folds onto the rest.
+
+    Rows may come slower outside chirps, as those of RATE do.
+    """
+    inside = t[(t >= chirp.start) & (t <= chirp.stop)]
+    step = float(np.median(np.diff(inside))) if len(inside) > 1 else np.inf
     table = log.tables.systemid
     assert table is not None
     times = table.index.to_numpy(np.float64)

@@ -279,7 +279,7 @@ def _pid_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Signa
     t = frame.index.to_numpy(np.float64)
     if len(t) < 16:
         return None
-    shown = below_folding(log, chirp, float(np.median(np.diff(t))))
+    shown = below_folding(log, chirp, t)
     rows = (t >= shown.start) & (t <= shown.stop)
     columns = {name: frame[name].to_numpy(np.float64)[rows] for name in names}
     limits = np.asarray(frame["Flags"].to_numpy(np.int64)[rows] & 1, np.float64) if "Flags" in frame else np.zeros(1)
@@ -307,7 +307,7 @@ def _gyro_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Sign
         return None
     if not np.any(before(times)) or which.output not in rates.columns:
         return None
-    shown = below_folding(log, chirp, max(rates.step, float(np.median(np.diff(times)))))
+    shown = below_folding(log, below_folding(log, chirp, rates.t), times)
     rows = rates.within(max(shown.start, times[0]), min(shown.stop, times[-1]))
     t = rates.t[rows]
     behind = np.asarray(rates.columns[which.output][rows], np.float64)

@@ -82,6 +82,11 @@ class AxisTuning:
         return self.wider and self.score > _ROUNDED
 
     @property
+    def reason(self) -> str:
+        """Why it stays as flown."""
+        return (self.refused or "the flown gains are the best that were found").removeprefix(f"{self.axis}: ")
+
+    @property
     def promise(self) -> str:
         """What the proposal keeps of each margin at the worst of the 95 % set."""
         bounds = self.worst

@@ -79,7 +79,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     except FrequencyError:
         return None
     first, last = times[0], times[-1]
-    chirp = below_folding(log, chirp, signals.step)
+    chirp = below_folding(log, chirp, signals.t)
     rows = signals.within(chirp.start, chirp.stop)
     t, total = signals.t[rows], signals.columns[which.input][rows]
     pid = _pid_sum(log, f"PID{which.letter}")

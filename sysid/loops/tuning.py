@@ -98,7 +98,7 @@ class Tuning(Summarised):
 
     def proposed_file(self) -> str:
         """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
-        unchanged = (f"{each.axis}: unchanged: {each.refused}" for each in self.axes if each.tuned is None)
+        unchanged = (f"{each.axis}: unchanged: {each.reason}" for each in self.axes if each.tuned is None)
         first = "first flight: hover low, be ready to load rollback.param; then `rotorid prove`"
         reasons = {name: f"was {self.rollback[name]:g}; {reason}" for name, reason in self.reasons().items()}
         return self._file("proposed", self.proposed, reasons, *unchanged, *self.remarks, first)
@@ -290,12 +290,7 @@ def _said_once(told: Iterable[tuple[str, str]]) -> list[str]:
 
 def _reasons(axes: Sequence[AxisTuning]) -> str:
     """Return why nothing is proposed."""
-    return "; ".join(
-        _said_once(
-            (item.axis, (item.refused or "the flown gains are the best that were found").removeprefix(f"{item.axis}: "))
-            for item in axes
-        )
-    )
+    return "; ".join(_said_once((item.axis, item.reason) for item in axes))
 
 
 def _unfit(log: FlightLog) -> str | None:

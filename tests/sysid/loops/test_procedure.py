@@ -51,6 +51,13 @@ def test_part_of_i_as_asked(flights):
         tune(flights["octa8"][0], i_term=-1.0)
 
 
+def test_rows_within_a_chirp_tell_how_far_it_is_seen(unpacked):
+    """RATE came at 100 Hz during chirps and at 50 Hz otherwise: of a chirp to 40 Hz all but 25 Hz was thrown away."""
+    loop = rate_loop(read_log(unpacked("autopilot/autotune_quad15_after")), "roll")
+    assert loop.plant.seen > 35.0
+    assert loop.margins.gain_db.value == pytest.approx(5.5, abs=0.3)
+
+
 def test_chirps_to_10_hz_foretell_what_chirps_to_40_measure(flights, unpacked):
     """The same craft with its chirp to 40 Hz: margins of the flown gains and of half of them; the edge is at 1.337."""
     low = rate_loop(flights["quad15"][0], "roll")
