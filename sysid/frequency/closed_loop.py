@@ -21,6 +21,9 @@ from sysid.frequency.rate_signals import GivenSignals, sources_of
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import Floats, FrequencyResponse
 
+#: Phase whose frequency is the bandwidth, rad.
+_BANDWIDTH_PHASE = -0.75 * np.pi
+
 #: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
 #: double them; with the choice of structure among them, halves of eleven real flights differ by 1.4 of them.
 _REAL_FLIGHT = 1.5
@@ -80,8 +83,10 @@ def attitude_response(
         raise FrequencyError(log_by_log(reasons) or "no logs given")
     frf = response_of_records(records, _following(which))
     found = fit(frf)
-    bandwidth = possible_bandwidth(_known(found, _bandwidth, "rad/s", lambda value, sigma: sigma < 0.3 * value), axis)
-    delay = _known(found, _phase_delay, "s", lambda _, sigma: sigma < 0.065)
+    bandwidth = possible_bandwidth(
+        _of_level(found, _BANDWIDTH_PHASE, _bandwidth, "rad/s", lambda v, s: s < 0.3 * v), axis
+    )
+    delay = _of_level(found, -np.pi, _phase_delay, "s", lambda _, sigma: sigma < 0.065)
     return AttitudeResponse(
         axis=axis,
         bandwidth=bandwidth,
@@ -160,7 +165,7 @@ def crossing_of(found: FrequencyFit, phase: float) -> float:
 
 
 def _bandwidth(found: FrequencyFit) -> float:
-    return crossing_of(found, -0.75 * np.pi)
+    return crossing_of(found, _BANDWIDTH_PHASE)
 
 
 def _phase_delay(found: FrequencyFit) -> float:
@@ -195,7 +200,19 @@ def _known(
         return Parameter(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
     if not (np.isfinite(sigma) and good(value, sigma)):
         return Parameter(None, None, unit, f"{uncertain(value, sigma, unit)}: too uncertain to be of use")
-    beyond = value > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1])
-    if unit == "rad/s" and beyond:
-        return Parameter(None, None, unit, f"{value:.3g} {unit} lies beyond the frequencies that were excited")
     return Parameter(value, sigma, unit)
+
+
+def _of_level(
+    found: FrequencyFit,
+    phase: float,
+    quantity_of: Callable[[FrequencyFit], float],
+    unit: str,
+    good: Callable[[float, float], bool],
+) -> Parameter:
+    """Return what a fit says of where its phase passes a level, or why that is not determined."""
+    known, at = _known(found, quantity_of, unit, good), crossing_of(found, phase)
+    if known.value is None or at <= 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1]):
+        return known
+    level = f"the phase passes {np.degrees(phase):.0f} deg at {at:.3g} rad/s"
+    return Parameter(None, None, unit, f"{level}, beyond the frequencies that were excited")

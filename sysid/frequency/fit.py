@@ -261,7 +261,7 @@ def _search(
     slope = np.asarray(result.jac, dtype=np.float64)
     information = slope.T @ slope
     turn = np.where(positive, np.abs(values), scale)
-    covariance = np.linalg.pinv(information, hermitian=True) * np.outer(turn, turn) * excess
+    covariance = _inverse(information) * np.outer(turn, turn) * excess
     covariance += of_flights(responses, columns, names, values)
     with np.errstate(divide="ignore"):
         alone_sigma = turn * np.sqrt(excess / np.maximum(np.diag(information), 1e-300))
@@ -286,6 +286,13 @@ def _search(
         responses=responses,
         columns=tuple(columns),
     )
+
+
+def _inverse(information: Floats) -> Floats:
+    """Invert an information matrix; a direction that it knows nothing of gets a large variance, never none."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-12 * max(float(np.max(np.diag(information))), 1e-300)))
+    known, directions = np.linalg.eigh(information / np.outer(size, size))
+    return np.asarray((directions / np.maximum(known, 1e-12)) @ directions.T / np.outer(size, size))
 
 
 def _usable(response: FrequencyResponse) -> tuple[Floats, Complex, Floats, Complex]:

@@ -6,7 +6,7 @@ linear one (Tischler and Remple 2012, section 7.3), of the record thinned out to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +46,9 @@ class DrivingSums:
     noise_gain: Complex  #: shape (F, m, m): ``Z^H C Z`` with the correlation C that overlapping windows give to noise.
     windows: float
     independent: float  #: Number of independent windows that the overlapping ones are worth.
+    #: Number of those in which the first instrument moved: all that is known of its axis may come from one kick, which
+    #: no rest before and after it confirms.
+    moved: float
 
     def __add__(self, other: DrivingSums) -> DrivingSums:
         return DrivingSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
@@ -212,7 +215,8 @@ def _windows_of(
     own = _products(columns, columns, starts)
     outside = sorted(set(instruments))
     among = [outside.index(column) for column in instruments]
-    between, squares = _overlapped(np.take(columns, outside, axis=1), taper, starts // hop, hop, dt * hz)
+    shares = np.einsum("kpf,kpf->k", *[columns[:, instruments[0]]] * 2, dtype=np.float64)
+    between, worth = _overlapped(np.take(columns, outside, axis=1), taper, starts // hop, hop, dt * hz)
     gain = own[:, outside][:, :, outside] + between
     sums = DrivingSums(
         zz=own[:, instruments][:, :, instruments],
@@ -220,7 +224,8 @@ def _windows_of(
         xx=own[:, :m, :m],
         noise_gain=gain[:, among][:, :, among],
         windows=count,
-        independent=count**2 / squares,
+        independent=worth(np.ones(len(starts))),
+        moved=worth(shares),
     )
     difference = record.difference_response(hz) if record.differenced else np.ones(len(hz), dtype=np.complex128)
     return RecordWindows(columns, instruments, both, difference, starts, halvings, sums)
@@ -270,12 +275,12 @@ def _detrended(transform: Complex) -> Complex:
 
 def _overlapped(
     columns: Singles, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
-) -> tuple[Complex, float]:
+) -> tuple[Complex, Callable[[Floats], float]]:
     """Weigh products between different windows by the correlation that noise has in them, where they overlap.
 
     `columns` (K, q, 2, F); `taper` (size,); `places` (K,): of the windows, in hops; `cycles` (F,): of each frequency in
     a sample. Returns `between` (F, q, q): sum over all pairs of windows; those farther apart than their length have no
-    correlation; `squares`, the sum of the squared correlations.
+    correlation; and what tells of weights of the windows how many independent ones they are worth.
     """
     size = len(taper)
     spectrum = np.fft.rfft(taper, 2 * size)
@@ -284,15 +289,20 @@ def _overlapped(
     weights = product[lags] / product[0]
     # Each transform has the clock of its own window.
     turns = weights[:, None] * np.exp(2j * np.pi * np.outer(lags, cycles))
-    squares = float(len(places))
-    for apart in range(1, len(places)):
-        far = places[apart:] - places[:-apart]
-        near = far[far <= len(lags)]
-        if not len(near):
-            break
-        squares += 2.0 * float(np.sum(weights[near - 1] ** 2))
+
+    def worth(shares: Floats) -> float:
+        squares = float(shares @ shares)
+        for apart in range(1, len(places)):
+            far = places[apart:] - places[:-apart]
+            near = far <= len(lags)
+            if not near.any():
+                break
+            both = (shares[apart:] * shares[:-apart])[near]
+            squares += 2.0 * float(both @ weights[far[near] - 1] ** 2)
+        return float(shares.sum()) ** 2 / max(squares, 1e-300)
+
     between = _products(columns, columns, places, turns)
-    return between + np.swapaxes(between, 1, 2).conj(), squares
+    return between + np.swapaxes(between, 1, 2).conj(), worth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -312,12 +322,14 @@ class Regression:
     noise_gain: Floats
     own: Floats
     windows: float
-    independent: float
+    #: Factor by which the remainder is smaller than noise, as responses were fitted to it.
+    freedom: float
 
     @classmethod
     def of(cls, sums: DrivingSums) -> Regression | None:
         """Invert the sums; None where there are too few windows to know the error of a response."""
-        if sums.independent - sums.zx.shape[1] < 0.5:
+        others = sums.zx.shape[1] - 1
+        if min(sums.independent - others, sums.moved) < 1.5:
             return None
         inverse = np.asarray(np.linalg.pinv(sums.zx), dtype=np.complex128)
 
@@ -331,7 +343,7 @@ class Regression:
             noise_gain=through(sums.noise_gain),
             own=through(sums.zz),
             windows=sums.windows,
-            independent=sums.independent,
+            freedom=(1.0 - others / sums.independent) * (1.0 - 1.0 / sums.moved),
         )
 
     def responses(self, sums: AnswerSums, length: float, known: Complex | None = None) -> WindowEstimate:
@@ -347,7 +359,7 @@ class Regression:
 
         rest = sums.yy - 2.0 * np.einsum("fi,fi->f", response.conj(), sums.xy).real + explained()
         rest = np.maximum(rest, 1e-14 * sums.yy)
-        noise = _smooth(rest / self.windows) * self.independent / (self.independent - self.xx.shape[1])
+        noise = _smooth(rest / self.windows) / self.freedom
         if known is not None:
             response[:, 0] += known
             direct[:, 0] += known

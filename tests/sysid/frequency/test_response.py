@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import response_of_records
+from sysid.frequency.fit import fit
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 
 DT = 0.01
@@ -76,3 +77,31 @@ def test_signals_in_single_precision_have_the_same_response() -> None:
     one, other = (response_of_records([each], AXES["roll"]) for each in (record, single))
     good = one.usable
     assert np.max(np.abs(np.log(other.response / one.response))[good] / one.sigma[good]) < 0.01
+
+
+def kicked(at: list[float], seed: int = 3) -> AxisRecord:
+    """Make a record in which only short kicks, at these times [s], moved the axis, in wind all the while."""
+    record = noise_driven(seed, noise=0.05)
+    t = record.dt * np.arange(len(record.output))
+    x = np.sum([np.exp(-0.5 * ((t - each) / 0.15) ** 2) for each in at], axis=0)
+    y = record.output - noise_driven(seed).output + lfilter([0.0, record.dt], [1.0, -1.0], x)
+    return replace(record, inputs=x[:, None], instruments=x[:, None], output=y)
+
+
+def test_one_kick_tells_no_response() -> None:
+    """A real flight whose throttle moved once said a gain of 12.5 ± 0.9 m/s^2, its other half 24.9 ± 0.8."""
+    often = response_of_records([kicked([4.0 + 7.0 * k for k in range(8)])], AXES["roll"])
+    assert np.count_nonzero(often.counts) > 5
+    assert not response_of_records([kicked([31.0])], AXES["roll"]).counts.any()
+
+
+def test_a_parameter_that_no_frequency_shows_is_not_determined() -> None:
+    """A pure delay by a closed loop of first order: a corner of 1e17 rad/s stood as determined, without an error."""
+    record = noise_driven(5, noise=0.02)
+    late = replace(
+        record, output=np.roll(record.inputs[:, 0], 5) + 0.02 * np.random.default_rng(1).normal(size=len(record.output))
+    )
+    axis = replace(AXES["roll"], unit="rad/rad", attitude="")
+    found = fit(response_of_records([late], axis), "closed loop, first order")
+    assert found.parameters["corner"].value is None
+    assert found.parameters["gain"].value == pytest.approx(1.0, rel=0.05)
