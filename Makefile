@@ -72,7 +72,7 @@ bench: tools  ## compare speed and accuracy with the peers, print one table and 
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
 	@$(BIN)/python -m benchmarks --minutes 20 --write
 
-fuzz: tools  ## read 100,000 damaged logs of every format (COUNT=n for another number)
+fuzz: tools  ## read 100,000 damaged logs and tables of every format (COUNT=n for another number)
 	@$(BIN)/python -m tests.fuzz $(or $(COUNT),100000)
 
 docs: tools  ## build the documentation into out/docs

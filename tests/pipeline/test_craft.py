@@ -27,11 +27,6 @@ def test_the_same_flight_is_known_by_its_content_or_by_place_and_time(other, sam
     assert same_flight(flown("a"), other) is same
 
 
-def test_of_two_recordings_the_on_board_log_counts():
-    kept = by_craft([flown("b", form="tlog", start=NOON + timedelta(seconds=1)), flown("a")])
-    assert [[flight.name for flight in craft] for craft in kept] == [["a"]], "it has more samples"
-
-
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
     bare = dataclasses.replace(flown("d", lat=0.3), experiments=())
     crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare])

@@ -58,17 +58,6 @@ def test_a_stage_that_takes_too_long_is_given_up():
     assert "--time-limit" in stages.run("model", work).reason
 
 
-def test_overall_progress_only_grows():
-    seen = []
-    report = Overall(lambda _, fraction: seen.append(fraction))
-    for stage in STAGES:
-        for fraction in (0.0, 0.5, 1.0):
-            report(stage, fraction)
-    assert seen == sorted(seen)
-    assert seen[0] == 0.0
-    assert abs(seen[-1] - 1.0) < 1e-9
-
-
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])
 @pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0])
 def test_the_share_of_time_is_right_on_slow_and_fast_computers_and_with_a_stage_guessed_wrong(pace, wrong):
