@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,7 @@ def export(
     frames = _frames(log, tables, raw, start, stop)
     if messages is None and log.parameters:
         values = pd.DataFrame({"name": list(log.parameters), "value": list(log.parameters.values())})
-        frames = _chain(frames, ("parameters", "parameters", values))
+        frames = chain(frames, [("parameters", "parameters", values)])
     if format == "mat":
         return (_write_mat(frames, folder / f"{_file_name(log.path.stem)}.mat"),)
     return tuple(_write(frame, folder / group / f"{_file_name(name)}.{format}") for group, name, frame in frames)
@@ -92,13 +93,6 @@ def unit(table: str, column: str) -> str:
     described = columns.get(column) or columns.get(re.sub(r"\d+$", "{k}", column), "")
     first = described.partition(";")[0]
     return "" if " " in first or first == "1" else first
-
-
-def _chain(
-    frames: Iterator[tuple[str, str, pd.DataFrame]], last: tuple[str, str, pd.DataFrame]
-) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    yield from frames
-    yield last
 
 
 def _file_name(name: str) -> str:
@@ -163,11 +157,10 @@ def _matrix(column: "pd.Series[Any]") -> np.ndarray:
 
 def _unique(names: Iterable[str]) -> list[str]:
     """Names with a number after those that come again; a message can have a field called t."""
-    seen: dict[str, int] = {}
-    result = []
+    result: list[str] = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        result.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
+        again = (f"{name}_{k}" for k in count(2))
+        result.append(next(each for each in chain([name], again) if each not in result))
     return result
 
 

@@ -149,6 +149,18 @@ def replay(
     )
 
 
+#: What numbers end in that somebody has changed in a file, so that they do not fit together.
+_UNFIT = (ValueError, IndexError, KeyError, AssertionError)
+
+
+def _failed(stored: StoredModel, error: Exception) -> ModelResult:
+    """Return what cannot be run, and why."""
+    reason = str(error)
+    if not isinstance(error, RotoridError):
+        reason = f"the numbers of its file do not fit together ({_what(error)}); analyze the logs again"
+    return ModelResult(key=stored.key, title=_title(stored), model=Failure(stored.key, reason))
+
+
 def _from_log(
     chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
 ) -> tuple[list[ModelResult], bool, list[str]]:
@@ -179,8 +191,8 @@ def _from_log(
             if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
                 notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
             results.append(_judged(stored, model, record))
-        except RotoridError as error:
-            results.append(ModelResult(key=stored.key, title=title, model=Failure(stored.key, str(error))))
+        except (RotoridError, *_UNFIT) as error:
+            results.append(_failed(stored, error))
     return results, True, notes
 
 
@@ -211,8 +223,8 @@ def _from_table(
                 part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
                 results.append(ModelResult(key=stored.key, title=_title(stored), model=model, predictions=(part,)))
             measured.append(known)
-        except RotoridError as error:
-            results.append(ModelResult(key=stored.key, title=_title(stored), model=Failure(stored.key, str(error))))
+        except (RotoridError, *_UNFIT) as error:
+            results.append(_failed(stored, error))
     if not any(measured):
         notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
     return results, any(measured), notes

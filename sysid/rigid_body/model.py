@@ -280,7 +280,7 @@ class RigidBodyModel(Summarised):
         assert record.covariance is not None  # left out in report.json only
         held = {each.name: getattr(record, each.name) for each in fields(cls) if hasattr(record, each.name)}
         finite = {
-            "covariance": np.asarray(record.covariance, dtype=np.float64),
+            "covariance": np.array(record.covariance, np.float64).reshape(len(record.estimated), -1),
             "condition": np.inf if record.condition is None else record.condition,
             "rotation_fit": restored(plain(record.rotation_fit), Mapping[str, float]),  # type: ignore[type-abstract]
             "rmse": np.nan if record.rmse is None else record.rmse,

@@ -56,6 +56,13 @@ def test_parquet_with_units(log, tmp_path):
     assert attitude.schema.field("Roll").metadata == {b"unit": b"deg"}
 
 
+def test_fields_called_like_the_second_of_a_name_stand_beside_it(log, tmp_path):
+    t = np.arange(3.0)
+    log.messages["ATT"] = pd.DataFrame([[1.0, 2.0, 3.0]] * 3, columns=["t_2", "t", "t"], index=pd.Index(t, name="t"))
+    (attitude,) = export(log, tmp_path, messages=["ATT"])
+    assert pq.read_table(attitude).column_names == ["t", "t_2", "t_3", "t_4"]
+
+
 def test_csv_of_a_part(log, tmp_path):
     (motors, attitude) = export(log, tmp_path, format="csv", messages=["motors", "ATT"], start=1.0, stop=3.0)
     assert pd.read_csv(motors)["t"].tolist() == [1.0, 2.0, 3.0]

@@ -154,6 +154,16 @@ def test_a_damaged_model_is_a_sentence(models, table, tmp_path):
         replay(tmp_path / "models.json", table)
 
 
+@pytest.mark.parametrize("covariance", [[[1.0], [1.0, 2.0]], [[1.0]]])
+def test_a_model_whose_numbers_do_not_fit_together_is_a_sentence(models, table, tmp_path, covariance):
+    content = json.loads(models.read_text())
+    for row in content["flights"][0]["models"]["motors"]["transfer_functions"].values():
+        row["m1"]["covariance"] = covariance
+    (tmp_path / "models.json").write_text(json.dumps(content))
+    with pytest.raises(RotoridError, match="do not fit together"):
+        replay(tmp_path / "models.json", table)
+
+
 def test_models_are_chosen_by_kind_or_owner(models):
     stored = load_models(models)
     assert [model.key for model in choose(stored, "flight01/motors")] == ["motors"]
