@@ -25,7 +25,6 @@ Int32s = Annotated[NDArray[np.int32], np.empty(0, np.int32)]
 Int32Rows = Annotated[NDArray[np.int32], np.empty((0, 0), np.int32)]
 Int64s = Annotated[NDArray[np.int64], np.empty(0, np.int64)]
 Int64Rows = Annotated[NDArray[np.int64], np.empty((0, 0), np.int64)]
-Float32s = Annotated[NDArray[np.float32], np.empty(0, np.float32)]
 
 #: A file's, which nothing writes to.
 FileBytes = Annotated[NDArray[np.uint8], np.frombuffer(b"", np.uint8)]

@@ -327,7 +327,7 @@ def _describe_px4(messages: Mapping[str, pd.DataFrame], parameters: Mapping[str,
         facts = dict(zip(info["key"], info["value"], strict=True))
         git_hash, board = facts.get("ver_sw"), facts.get("ver_hw")
         release = str(facts.get("ver_sw_release", ""))
-        packed = int(release) if release.isdigit() else 0
+        packed = int(release) if re.fullmatch("[0-9]{1,10}", release) else 0
         vehicle = replace(
             vehicle,
             version=f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}" if packed else None,

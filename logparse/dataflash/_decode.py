@@ -15,7 +15,6 @@ from core.kernel_types import (
     Bytes,
     FileBytes,
     Flags,
-    Float32s,
     Int32Rows,
     Int32s,
     Int64Rows,
@@ -23,7 +22,6 @@ from core.kernel_types import (
     Uint16s,
     Uint32s,
     Uint64s,
-    Vector,
 )
 
 #: Number of each message's definition. Files with more than 256 of them are seldom.
@@ -66,23 +64,6 @@ AHEAD_US = 4_000_000
 PAUSE_US = 3_600_000_000
 #: So many rows in a row must agree on another clock before it is believed.
 AGREEING = 5
-
-# How a field becomes a column.
-COPY_1 = 0
-COPY_2 = 1
-COPY_4 = 2
-COPY_8 = 3
-COPY_N = 4
-SCALE_I8 = 5
-SCALE_U8 = 6
-SCALE_I16 = 7
-SCALE_U16 = 8
-SCALE_I32 = 9
-SCALE_U32 = 10
-SCALE_I64 = 11
-SCALE_U64 = 12
-SCALE_F32 = 13
-SCALE_F64 = 14
 
 _BLOCK_MESSAGES = 8192
 _BLOCK_BYTES = 256 * 1024
@@ -373,10 +354,8 @@ def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s,
 @njit(cache=True, nogil=True)
 def gather(
     data: FileBytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
-    table_of_slot: Int32s, first_field: Int64s, offset: Int64s, operation: Int64s, size: Int64s, target: Int64s,
-    factor: Vector, divisor: Vector, row: Int64s, bytes_out: Bytes, out_2: Uint16s,
-    out_4: Uint32s, out_8: Uint64s, out_f4: Float32s, out_f8: Vector,
-    state: Int64s,
+    table_of_slot: Int32s, first_field: Int64s, offset: Int64s, size: Int64s, target: Int64s, row: Int64s,
+    bytes_out: Bytes, out_2: Uint16s, out_4: Uint32s, out_8: Uint64s, state: Int64s,
 ) -> None:  # fmt: skip
     """Copy the fields of the wanted messages into columns, block by block so that a block stays in the cache.
 
@@ -452,65 +431,28 @@ def gather(
             for f in range(first_field[table], first_field[table + 1]):
                 o = np.uint64(block + offset[f])
                 begin = np.uint64(target[f])
-                what = operation[f]
-                up = factor[f]
-                down = divisor[f]
-                if what in (COPY_4, SCALE_F32):
+                width = np.uint64(size[f])
+                if width == 4:
                     to = begin // np.uint64(4) + first_row
                     for k in range(m):
                         out_4[to + k] = _u32(data, np.uint64(place[a + k]) + o)
-                    if what == SCALE_F32:
-                        for k in range(m):
-                            out_f4[to + k] = np.float64(out_f4[to + k]) * up / down
-                elif what in (COPY_8, SCALE_F64):
+                elif width == 8:
                     to = begin // np.uint64(8) + first_row
                     for k in range(m):
                         out_8[to + k] = _u64(data, np.uint64(place[a + k]) + o)
-                    if what == SCALE_F64:
-                        for k in range(m):
-                            out_f8[to + k] = out_f8[to + k] * up / down
-                elif what == COPY_2:
+                elif width == 2:
                     to = begin // np.uint64(2) + first_row
                     for k in range(m):
                         out_2[to + k] = _u16(data, np.uint64(place[a + k]) + o)
-                elif what == COPY_1:
+                elif width == 1:
                     to = begin + first_row
                     for k in range(m):
                         bytes_out[to + k] = data[np.uint64(place[a + k]) + o]
-                elif what == COPY_N:
-                    width = np.uint64(size[f])
+                else:
                     to = begin + first_row * width
                     for k in range(m):
                         for b in range(width):
                             bytes_out[to + k * width + b] = data[np.uint64(place[a + k]) + o + b]
-                elif what <= SCALE_U16:
-                    to = begin // np.uint64(4) + first_row
-                    if what == SCALE_I16:
-                        for k in range(m):
-                            out_f4[to + k] = np.float64(np.int16(_u16(data, np.uint64(place[a + k]) + o))) * up / down
-                    elif what == SCALE_U16:
-                        for k in range(m):
-                            out_f4[to + k] = np.float64(_u16(data, np.uint64(place[a + k]) + o)) * up / down
-                    elif what == SCALE_I8:
-                        for k in range(m):
-                            out_f4[to + k] = np.float64(np.int8(data[np.uint64(place[a + k]) + o])) * up / down
-                    else:
-                        for k in range(m):
-                            out_f4[to + k] = np.float64(data[np.uint64(place[a + k]) + o]) * up / down
-                else:
-                    to = begin // np.uint64(8) + first_row
-                    if what == SCALE_I32:
-                        for k in range(m):
-                            out_f8[to + k] = np.float64(np.int32(_u32(data, np.uint64(place[a + k]) + o))) * up / down
-                    elif what == SCALE_U32:
-                        for k in range(m):
-                            out_f8[to + k] = np.float64(_u32(data, np.uint64(place[a + k]) + o)) * up / down
-                    elif what == SCALE_I64:
-                        for k in range(m):
-                            out_f8[to + k] = np.float64(np.int64(_u64(data, np.uint64(place[a + k]) + o))) * up / down
-                    else:
-                        for k in range(m):
-                            out_f8[to + k] = np.float64(_u64(data, np.uint64(place[a + k]) + o)) * up / down
             row[table] += np.int64(m)
     state[0] = index
     state[1] = position

@@ -25,20 +25,6 @@ from logparse.dataflash.format import FMT_ID, HEADER, UnitTable
 from logparse.source import Boot, MessageSource, clean_text, mended_times
 from logparse.timebase import mend_times
 
-_COPY = {1: _decode.COPY_1, 2: _decode.COPY_2, 4: _decode.COPY_4, 8: _decode.COPY_8}
-_SCALE = {
-    "i1": _decode.SCALE_I8,
-    "u1": _decode.SCALE_U8,
-    "i2": _decode.SCALE_I16,
-    "u2": _decode.SCALE_U16,
-    "i4": _decode.SCALE_I32,
-    "u4": _decode.SCALE_U32,
-    "i8": _decode.SCALE_I64,
-    "u8": _decode.SCALE_U64,
-    "f4": _decode.SCALE_F32,
-    "f8": _decode.SCALE_F64,
-}
-
 
 class Layout:
     """Where the columns of some tables lie in one block of memory."""
@@ -48,42 +34,23 @@ class Layout:
         chosen = [[wanted is None or item.name in wanted for item in slot.fields] for slot in slots]
         self._fields = [list(compress(slot.fields, kept)) for slot, kept in zip(slots, chosen, strict=True)]
         self._scales = [list(compress(slot.scales(units), kept)) for slot, kept in zip(slots, chosen, strict=True)]
-        first, offset, operation, size, target, factor, divisor = [0], [], [], [], [], [], []
+        first, offset, size, target = [0], [], [], []
         self._places: list[list[tuple[int, np.dtype]]] = []
         end = 0
-        for slot, fields, n, scales in zip(slots, self._fields, rows, self._scales, strict=True):
+        for slot, fields, n in zip(slots, self._fields, rows, strict=True):
             places = []
-            plan = [(item, *scale) for item, scale in zip(fields, scales, strict=True)]
-            if slot.time is not None:
-                # The index: the boot clock in seconds.
-                plan.append((slot.time, 1.0, float(slot.time_scale)))
-            for k, (item, up, down) in enumerate(plan):
-                code = item.type.dtype.str.lstrip("<|")
-                is_index = k == len(fields)
-                if (up == 1.0 and down == 1.0) or code == "f2":
-                    what = _COPY.get(item.type.size, _decode.COPY_N)
-                    dtype = item.type.dtype if item.type.items == 1 else np.dtype((np.void, item.type.size))
-                else:
-                    # A clock beyond 2**63 is damaged; read as signed it stands out, and converts in one step.
-                    what = _SCALE["i8" if is_index and code == "u8" else code]
-                    dtype = np.dtype(np.float32 if item.type.size <= 2 or code == "f4" else np.float64)
-                    if is_index and item.type.size == 4:
-                        dtype = np.dtype(np.float64)
+            for item in fields if slot.time is None or slot.time in fields else [*fields, slot.time]:
+                dtype = item.type.dtype if item.type.items == 1 else np.dtype((np.void, item.type.size))
                 offset.append(item.offset)
-                operation.append(what)
                 size.append(item.type.size)
                 target.append(end)
-                factor.append(up)
-                divisor.append(down)
                 places.append((end, dtype))
                 end += -(-n * dtype.itemsize // 8) * 8
             self._places.append(places)
             first.append(len(offset))
         self.memory = np.empty(end, np.uint8)
-        self.first_field = np.array(first, np.int64)
-        self.offset, self.operation = np.array(offset, np.int64), np.array(operation, np.int64)
+        self.first_field, self.offset = np.array(first, np.int64), np.array(offset, np.int64)
         self.size, self.target = np.array(size, np.int64), np.array(target, np.int64)
-        self.factor, self.divisor = np.array(factor, np.float64), np.array(divisor, np.float64)
 
     def _raw(self, table: int, k: int) -> npt.NDArray[Any]:
         start, dtype = self._places[table][k]
@@ -92,7 +59,11 @@ class Layout:
 
     def time(self, table: int) -> npt.NDArray[np.float64]:
         """Boot clock of each row, s."""
-        return self._raw(table, len(self._fields[table]))
+        slot, fields = self.slots[table], self._fields[table]
+        assert slot.time is not None
+        counts = self._raw(table, fields.index(slot.time) if slot.time in fields else len(fields))
+        # A clock beyond 2**63 is damaged; read as signed it stands out.
+        return (counts.view(np.int64) if counts.itemsize == 8 else counts) / float(slot.time_scale)
 
     def multipliers(self, table: int) -> dict[str, float]:
         """Scale that was applied to each scaled column."""
@@ -110,13 +81,18 @@ class Layout:
                 columns[item.name] = pd.arrays.ArrowExtensionArray(pa.FixedSizeListArray.from_arrays(values, 32))
             elif item.type.is_text:
                 columns[item.name] = _text_column(raw, is_bytes=slot.name == "FILE" and item.name == "Data")
-            elif item.char == "g":
-                up, down = self._scales[table][k]
-                with np.errstate(invalid="ignore"):  # signalling NaNs of damaged rows
-                    columns[item.name] = raw.astype(np.float32) * np.float32(up / down)
+            elif (scale := self._scales[table][k]) != (1.0, 1.0) or item.char == "g":
+                columns[item.name] = _scaled(raw, *scale)
             else:
                 columns[item.name] = raw
         return columns
+
+
+def _scaled(raw: npt.NDArray[Any], up: float, down: float) -> npt.NDArray[Any]:
+    """Return numbers in their unit; of those of two bytes and of floats in single precision."""
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs of damaged rows
+        numbers = raw.astype(np.float64) * up / down
+        return numbers.astype(np.float32) if raw.itemsize <= 2 or raw.dtype == np.float32 else numbers
 
 
 def _text_column(raw: npt.NDArray[np.bytes_], is_bytes: bool) -> Any:
@@ -253,9 +229,8 @@ class DataflashSource(MessageSource):
         for stop in chain.pages.pieces(len(sequence)):
             _decode.gather(
                 chain.data, sequence, min(stop, len(sequence)), chain.length, run_index, run_position, table_of_slot,
-                layout.first_field, layout.offset, layout.operation, layout.size, layout.target, layout.factor,
-                layout.divisor, row, memory, memory.view(np.uint16), memory.view(np.uint32), memory.view(np.uint64),
-                memory.view(np.float32), memory.view(np.float64), state,
+                layout.first_field, layout.offset, layout.size, layout.target, row, memory, memory.view(np.uint16),
+                memory.view(np.uint32), memory.view(np.uint64), state,
             )  # fmt: skip
             chain.pages.release_up_to(int(state[1]))
         chain.pages.release()
@@ -268,8 +243,7 @@ class DataflashSource(MessageSource):
             t, mended = mend_times(layout.time(table), boot.t_start, boot.t_end)
             if mended:
                 self._mended[slot.name] = mended
-        # Tables share the times of their message, which must not hold the memory of all its columns.
-        index = pd.Index(t, name="t", copy=True)
+        index = pd.Index(t, name="t", copy=False)
         frame = pd.DataFrame(layout.columns(table), index=index, copy=False)
         frame.attrs["units"] = slot.unit_labels(self._units)
         frame.attrs["multipliers"] = layout.multipliers(table)

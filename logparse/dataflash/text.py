@@ -286,10 +286,14 @@ class DataflashTextSource(MessageSource):
             )
 
 
+#: A number of a few digits: `isdigit` takes powers for some, and Python converts none of thousands.
+_WHOLE = re.compile("[0-9]{1,4}")
+
+
 def _definition(text: str) -> Definition | None:
     """FMT line without its name; None when it is damaged."""
     cells = [cell.strip() for cell in text.split(",")]
-    if len(cells) < 4 or not (cells[0].isdigit() and cells[1].isdigit()) or not cells[2].isidentifier():
+    if len(cells) < 4 or not all(map(_WHOLE.fullmatch, cells[:2])) or not cells[2].isidentifier():
         return None
     labels = tuple(cell for cell in cells[4:] if cell)
     if cells[2] == FMT.name:
@@ -310,7 +314,7 @@ def _may_be_text(field: Field) -> bool:
 
 
 def _character(cell: str) -> int:
-    return int(cell) if cell.lstrip("-").isdigit() else ord(cell[:1] or "-")
+    return int(cell) if _WHOLE.fullmatch(cell.removeprefix("-")) else ord(cell[:1] or "-")
 
 
 def _are_numbers(cells: Iterable[str]) -> bool:

@@ -191,7 +191,8 @@ class UlogSource(MessageSource):
             # Topics that were subscribed to again, perhaps in another layout.
             shared = [column for column in parts[0] if all(column in part for part in parts)]
             joined = {column: np.concatenate([part[column] for part in parts]) for column in shared}
-        return _frame(joined, self._times(name, np.asarray(joined["timestamp"])))
+        stamps = np.concatenate([topic.data["timestamp"] for topic in self._topics[name]])
+        return _frame(joined, self._times(name, stamps))
 
     def _times(self, name: str, stamps: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Boot clock, s."""

@@ -180,7 +180,9 @@ class TransferFunction(Summarised):
         return cls(
             num=np.asarray(record.num, dtype=np.float64),
             den=np.asarray(record.den, dtype=np.float64),
-            covariance=None if record.covariance is None else np.array(record.covariance, np.float64).reshape(size, size),
+            covariance=None
+            if record.covariance is None
+            else np.array(record.covariance, np.float64).reshape(size, size),
             delay=record.delay,
             delay_std=np.inf if record.delay_std is None else record.delay_std,
         )

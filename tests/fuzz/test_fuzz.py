@@ -54,6 +54,8 @@ def test_a_clock_at_the_end_of_its_type_and_a_pressure_below_zero_are_read(seed)
         "FMT, 3, 50, PARM, Qff, TimeUS,Name,Value\nPARM, 1000000, 17, 3\nPARM, 2000000, 18, nan\n",
         "FMT, 3, 50, VIBE, QfffI, TimeUS,VibeX,VibeY,VibeZ,Clip0\nVIBE, 1, 2, x, 4, abc\nVIBE, 2000000, 2, 3, 4, 7\n",
         "FMT, 3, 50, EV, QB, TimeUS,Id\nEV, 99999999999999999999, 10\nEV, 99999999999999999999, 11\nEV, 1, inf\n",
+        "FMT, ²6, 50, ATT, Qf, TimeUS,Roll\nFMT, 4, " + "5" * 5000 + ", MAG, Qf, TimeUS,MagX\nATT, 1, 2\nATT, 2, 3\n",
+        "FMT, 3, 50, UNIT, QbZ, TimeUS,Id,Label\nUNIT, 1, --5, m\nUNIT, 2, ², m\nUNIT, 3, , s\n",
         "FMT, 3, 50, SYSTEM_TIME, QQ, TimeUS,time_unix_usec\nSYSTEM_TIME, 1, 9e30\nSYSTEM_TIME, 2000000, inf\n",
     ],
 )

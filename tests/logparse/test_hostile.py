@@ -38,6 +38,15 @@ def test_mutations_that_once_broke(kind: str, number: int, tmp_path: Path) -> No
     structures.read(kind, structures.mutate(kind, np.random.default_rng((number, len(kind)))), tmp_path)
 
 
+def test_a_text_called_as_the_time_is_does_not_become_it(tmp_path: Path) -> None:
+    whole, path = px4_log(5), tmp_path / "flight.ulg"
+    old = b"vehicle_attitude:uint64_t timestamp;float[4] q;"
+    new = old.replace(b"float[4] q", b"char[16] timestamp")
+    at = whole.index(old) - 3
+    path.write_bytes(whole[:at] + struct.pack("<HB", len(new), ord("F")) + new + whole[at + 3 + len(old) :])
+    assert len(read_log(path).messages["vehicle_attitude"]) == 5
+
+
 @pytest.mark.parametrize("kind", [b"double", b"int64_t"])
 def test_a_topic_whose_time_is_no_whole_number_of_us_is_left_out(kind: bytes, tmp_path: Path) -> None:
     whole, path = px4_log(5), tmp_path / "flight.ulg"
