@@ -5,7 +5,7 @@ from functools import wraps
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from api.machine.tools import Tools, UnknownError
+from api.machine.tools import QUESTIONS, Tools, UnknownError
 from core.lazy import lazy
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ def server_of(tools: Tools) -> "mcpserver.MCPServer[None]":
     server: mcpserver.MCPServer[None] = mcpserver.MCPServer(
         "rotorid", version=version("rotorid"), instructions=_INSTRUCTIONS
     )
-    for question in tools.all():
+    for question in QUESTIONS:
         server.add_tool(
-            _told(question),
+            _told(getattr(tools, question.__name__)),
             name=question.__name__,
             description=question.__doc__,
             annotations=mcp_types.ToolAnnotations(read_only_hint=True, open_world_hint=False, idempotent_hint=True),

@@ -161,21 +161,6 @@ class Tools:
         """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
         return NextFlights(sorted(self._report(flight).advice, key=lambda each: each.rank))
 
-    def all(self) -> Sequence[Callable[..., object]]:
-        """List the questions."""
-        return (
-            self.list_flights,
-            self.list_craft,
-            self.get_answers,
-            self.get_parameters,
-            self.get_margins,
-            self.get_health,
-            self.get_predictions,
-            self.get_changes,
-            self.compare,
-            self.what_to_fly,
-        )
-
     def _crafts(self) -> Sequence[CraftRef]:
         columns = (CraftRecord.id, CraftRecord.name, CraftRecord.kind)  # the reviews of large craft are megabytes
         with self.database.read() as session:
@@ -245,3 +230,18 @@ class Tools:
             return self.objects.read(f"analyses/{analysis.id}/{analysis.results}/{name}")
         except FileNotFoundError:  # deleted at this moment
             return None
+
+
+#: The questions, with the address and the summary of each over HTTP.
+QUESTIONS: dict[Callable[..., object], tuple[str, str]] = {
+    Tools.list_flights: ("/flights", "List flights"),
+    Tools.list_craft: ("/craft", "List craft"),
+    Tools.get_answers: ("/answers", "The first screen of a flight"),
+    Tools.get_parameters: ("/parameters", "Physical parameters"),
+    Tools.get_margins: ("/margins", "Margins of the loops"),
+    Tools.get_health: ("/health", "What happened in a flight"),
+    Tools.get_predictions: ("/predictions", "How far ahead models predict"),
+    Tools.get_changes: ("/changes", "What changes over the flights of a craft"),
+    Tools.compare: ("/comparison", "Compare two flights"),
+    Tools.what_to_fly: ("/advice", "What to fly next"),
+}

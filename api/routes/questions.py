@@ -7,25 +7,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends
 
 from api import problems
-from api.machine.tools import Tools, UnclearError, UnknownError
+from api.machine.tools import QUESTIONS, Tools, UnclearError, UnknownError
 from api.problems import ProblemError
 from api.web.dependencies import Owner, PartsOf
 
 router = APIRouter(prefix="/questions", tags=["questions"], responses=problems.RESPONSES)
-
-#: Address and summary of each question.
-_QUESTIONS: dict[Callable[..., object], tuple[str, str]] = {
-    Tools.list_flights: ("/flights", "List flights"),
-    Tools.list_craft: ("/craft", "List craft"),
-    Tools.get_answers: ("/answers", "The first screen of a flight"),
-    Tools.get_parameters: ("/parameters", "Physical parameters"),
-    Tools.get_margins: ("/margins", "Margins of the loops"),
-    Tools.get_health: ("/health", "What happened in a flight"),
-    Tools.get_predictions: ("/predictions", "How far ahead models predict"),
-    Tools.get_changes: ("/changes", "What changes over the flights of a craft"),
-    Tools.compare: ("/comparison", "Compare two flights"),
-    Tools.what_to_fly: ("/advice", "What to fly next"),
-}
 
 
 def _tools(parts: PartsOf, owner: Owner) -> Tools:
@@ -52,5 +38,5 @@ def _endpoint(question: Callable[..., object]) -> Callable[..., object]:
     return answer
 
 
-for _question, (_path, _summary) in _QUESTIONS.items():
+for _question, (_path, _summary) in QUESTIONS.items():
     router.get(_path, summary=_summary)(_endpoint(_question))

@@ -176,13 +176,11 @@ class TransferFunction(Summarised):
     @classmethod
     def from_record(cls, record: FunctionRecord) -> TransferFunction:
         """Make it again from its record."""
-        size = len(record.num) + len(record.den) - 1
+        size, covariance = len(record.num) + len(record.den) - 1, record.covariance
         return cls(
             num=np.asarray(record.num, dtype=np.float64),
             den=np.asarray(record.den, dtype=np.float64),
-            covariance=None
-            if record.covariance is None
-            else np.array(record.covariance, np.float64).reshape(size, size),
+            covariance=None if covariance is None else np.array(covariance, np.float64).reshape(size, size),
             delay=record.delay,
             delay_std=np.inf if record.delay_std is None else record.delay_std,
         )
