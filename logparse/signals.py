@@ -50,7 +50,8 @@ def logged_signal(log: "FlightLog", name: str) -> LoggedSignal:
         raise SignalError(f"{message} of {log.path.name} has no {field}; it has {', '.join(map(str, frame.columns))}")
     if not canonical:
         frame = _instance(log, frame, name, message, match["instance"])
-    values = pd.to_numeric(frame[field], errors="coerce").to_numpy(np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaNs of damaged rows
+        values = pd.to_numeric(frame[field], errors="coerce").to_numpy(np.float64)
     if not np.isfinite(values).any():
         raise SignalError(f"{name} of {log.path.name} holds no numbers")
     unit = COLUMNS[message].get(field, "").partition(";")[0] if canonical else frame.attrs.get("units", {}).get(field)

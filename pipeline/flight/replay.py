@@ -60,7 +60,7 @@ def load_models(path: str | Path) -> list[StoredModel]:
     path = Path(path)
     try:
         file = from_json(path.read_bytes(), ModelsFile)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # the latter: nested too deep
         raise ConfigError(
             f"{path} is not a models.json of this version of rotorid ({error}); analyze the logs again"
         ) from error

@@ -38,7 +38,7 @@ def parse_report(content: bytes, name: str = "report.json") -> FlightReport | Fl
     """Read the text of a report.json; ConfigError where it is none of this version, calling it by its name."""
     try:
         return report_of(json.loads(content), name)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # the latter: nested too deep
         raise ConfigError(f"{name} is damaged ({error}); analyze the logs again") from error
 
 

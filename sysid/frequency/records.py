@@ -159,6 +159,7 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
     """
     values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
+    known[1:] &= t[1:] > np.maximum.accumulate(t[:-1])  # damage repeats times
     if not known.all():
         t, values = t[known], values[known]
     if len(t) < 8:

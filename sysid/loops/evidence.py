@@ -158,6 +158,7 @@ def _changed_in_flight(log: FlightLog) -> list[str]:
     rows = log.messages["PARM"]
     if not {"Name", "Value"} <= set(rows.columns):
         return []
+    rows = rows[rows["Name"].notna()]  # damage leaves numbers where names are, and these have holes
     chirps = [chirp for chirp in find_chirps(log) if chirp.at_mixer]
     start = min([log.flight.start, *(chirp.start for chirp in chirps)])
     stop = max([log.flight.stop, *(chirp.stop for chirp in chirps)])

@@ -138,7 +138,9 @@ def test_tables_that_cannot_be_used_are_told_why(models, tmp_path, content, says
         replay(models, path)
 
 
-@pytest.mark.parametrize("content", ["", "[]", '{"flights": [{"name": "a"}]}', '{"joint": [], "flights": []}', "\x00"])
+@pytest.mark.parametrize(
+    "content", ["", "[]", '{"flights": [{"name": "a"}]}', '{"joint": [], "flights": []}', "\x00", "[" * 99999]
+)
 def test_files_that_hold_no_models_are_told_apart(tmp_path, content):
     path = tmp_path / "models.json"
     path.write_text(content)

@@ -17,6 +17,7 @@ from scipy.io import loadmat
 import reports
 from core.quantity import column
 from logparse import Finding, Severity
+from pipeline.config import ConfigError
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import LogFailure
@@ -282,3 +283,9 @@ def test_a_flight_without_models_still_has_its_files(flight, tmp_path):
     reports.write(bare, tmp_path)
     assert rows_of(tmp_path / "coefficients.csv") == []
     assert [name for name in loadmat(tmp_path / "models.mat") if not name.startswith("__")] == []
+
+
+def test_a_report_that_is_nested_too_deep_is_damaged(tmp_path):
+    (tmp_path / "report.json").write_text("[" * 99_999)
+    with pytest.raises(ConfigError, match=r"report\.json is damaged"):
+        read_report(tmp_path)

@@ -14,6 +14,7 @@ import logparse
 from rotorid.cli.main import app
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
 from sysid import frequency
+from sysid.frequency.records import on_uniform_clock
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
 from tests.sysid.rate_logs import CHIRP, GAINS, PLANT, flown, logged
@@ -182,3 +183,12 @@ def test_a_held_out_piece_of_two_samples_has_a_correlation() -> None:
     error, command = np.array([1.0, -1.0]), np.array([0.5, 1.0])
     found = largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
     assert 0.0 < found < 2.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_samples_of_one_time_are_one_sample() -> None:
+    t = np.arange(50) * 0.01
+    repeated = np.repeat(t, 2)
+    clock, values, usable = on_uniform_clock(repeated, [np.sin(repeated)])
+    assert usable.all()
+    assert values[:, 0] == pytest.approx(np.sin(clock), abs=1e-6)
