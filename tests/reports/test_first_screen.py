@@ -223,7 +223,10 @@ def test_only_models_that_hold_have_a_number(flight):
 
 
 def test_words_follow_a_load_that_was_dropped(flight):
-    """After a fifth of the mass was dropped the first screen said "predict yes 3.4 s" and a thrust of one part."""
+    """After a fifth of the mass was dropped the first screen said "predict yes 3.4 s" and a thrust of one part.
+
+    A thrust that wanders as far as that is not determined, and no line states it.
+    """
     t = np.arange(0.0, 60.0, 0.1)
     walk = np.random.default_rng(0).normal(0.0, 20.0, (len(t), 1)).cumsum(axis=0).clip(-80.0, 80.0)
     pwm = 1500.0 + walk + np.zeros(4)
@@ -231,11 +234,10 @@ def test_words_follow_a_load_that_was_dropped(flight):
     context = pd.DataFrame({"f_z": -pull * np.where(t < 30.0, 1.0, 1.25), "voltage": 16.0, "density": 1.2}, index=t)
     record = Experiment.from_arrays(t, pwm, np.zeros((len(t), 3)), context=context)
     dropped = answered(flight, thrust=fit_thrust([record], 1.5))
-    ahead, parameters = (line_of(dropped, each) for each in ("Predict ahead", "Parameters"))
+    ahead = line_of(dropped, "Predict ahead")
     assert (ahead.word, ahead.tone) == ("with care", Tone.CARE)
-    assert parameters.word != "known"
-    told = re.compile(r"thrust/mass changed by \+\d+ % at (29|30|31) s")
-    assert all(told.search(line.text) for line in (ahead, parameters))
+    assert re.search(r"thrust/mass changed by \+\d+ % at (29|30|31) s", ahead.text)
+    assert line_of(dropped, "Parameters") is None
 
 
 def test_next_is_what_to_inspect_else_how_to_fly(flight):
