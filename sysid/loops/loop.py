@@ -18,7 +18,7 @@ from sysid.loops.filters import Complexes, Floats, low_pass_alpha
 from sysid.loops.known_margins import MARGINS, Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.plant import Plant, plant_of
-from sysid.loops.settings import read_settings
+from sysid.loops.settings import shared_settings
 from sysid.loops.signals import LoopRecord, loop_records, loop_response, mixer_chirps, plant_response
 
 #: Slope of ln |L| over ln f below which a crossover is said to be in a level part, and the factor of frequency to both
@@ -161,13 +161,9 @@ def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLo
     if not logs:
         raise LoopError("no log was given")
     logs = [one for one in logs if mixer_chirps(one, axis)] or logs
-    settings = [read_settings(one, axis) for one in logs]
-    if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
-        raise LoopError(
-            "the flights differ in their settings: identify each on its own, or compare them with `rotorid prove`"
-        )
+    settings = shared_settings(logs, axis)
     records = tuple(record for one in logs for record in loop_records(one, axis, within))
-    return loop_of_records(", ".join(one.path.name for one in logs), records, settings[0])
+    return loop_of_records(", ".join(one.path.name for one in logs), records, settings)
 
 
 def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSettings) -> RateLoop:

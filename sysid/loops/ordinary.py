@@ -16,7 +16,7 @@ from sysid.loops.beyond import OF_STICKS, drawn_models
 from sysid.loops.controller import LoopError, LoopSettings
 from sysid.loops.loop import RateLoop
 from sysid.loops.plant import DENSITY, Plant
-from sysid.loops.settings import read_settings
+from sysid.loops.settings import shared_settings
 
 #: Factor of the highest coherent frequency up to which the model is followed.
 _FARTHEST = 2.5
@@ -90,11 +90,9 @@ def loop_of_flights(logs: Sequence[FlightLog], axis: str) -> RateLoop:
 
     LoopError, FrequencyError where that is too little, or the flights differ in their settings.
     """
-    settings = [read_settings(log, axis) for log in logs]
-    if any(one.parameters() != settings[0].parameters() for one in settings[1:]):
-        raise LoopError(f"{axis}: the flights differ in their settings: give those of one setting")
+    settings = shared_settings(logs, axis)
     frf = response(logs, axis)
-    return ordinary_loop(", ".join(log.path.name for log in logs), frf, fit(frf), settings[0])
+    return ordinary_loop(", ".join(log.path.name for log in logs), frf, fit(frf), settings)
 
 
 def _useful(loop: RateLoop, top: float) -> None:

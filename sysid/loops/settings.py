@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -42,6 +42,17 @@ def read_settings(log: FlightLog, axis: str) -> LoopSettings:
     if axis not in AXES:
         raise LoopError(f"there is no rate loop {axis!r}; the axes are {', '.join(AXES)}")
     return px4.read_px4(log, axis) if log.vehicle.firmware == "PX4" else read_copter(log, axis)
+
+
+def shared_settings(logs: Sequence[FlightLog], axis: str) -> LoopSettings:
+    """Read an axis' loop from logs that share it; LoopError where they differ."""
+    first, *others = [read_settings(log, axis) for log in logs]
+    if any(other.parameters() != first.parameters() for other in others):
+        raise LoopError(
+            f"{axis}: the flights differ in their settings: identify each on its own, or compare them with "
+            "`rotorid prove`"
+        )
+    return first
 
 
 def check_firmware(log: FlightLog) -> None:
