@@ -4,7 +4,8 @@ Flights with the firmware in the loop are read from ../shared/logs/sitl and ../s
 the truth beside them. A row has the root mean square and the largest of z = (value - truth) / sigma.
 
 `python -m benchmarks honesty --halves DIR` holds the halves of every flight in a folder of real logs against each other
-instead: a row has chi-square over degrees of freedom of what they differ by, and the flight where that is largest.
+instead: a row has chi-square over degrees of freedom of what they differ by, and the flight where that is largest. What
+both halves share (air, motors, the curve in the parameters) does not count.
 """
 
 import itertools
@@ -164,10 +165,11 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
             body = None
         for name, each in () if body is None else body.parameters.items():
             if each.value is not None and each.sigma:
-                found["body", name] = each.value, float(np.hypot(each.sigma, each.transfer))
+                found["body", name] = each.value, each.sigma
         for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():
             if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
-                found[method, name] = row["value"], float(np.hypot(row["sigma"], row["transfer"]))
+                # Halves share the curve in the parameters, and the air.
+                found[method, name] = row["value"], float(np.sqrt(max(row["sigma"] ** 2 - row["curve"] ** 2, 1e-30)))
         volts = reference_voltage([seen]) or 1.0
         for key in [key for key in found if key[1] in AT_VOLTAGE]:
             found[key] = found[key][0] / volts**2, found[key][1] / volts**2

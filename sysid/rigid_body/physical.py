@@ -98,8 +98,9 @@ class PhysicalParameters(Summarised):
     """What every method found."""
 
     #: Index (parameter, method); ``value`` and ``sigma`` on these flights (NaN where not determined), ``transfer``
-    #: (what another day adds to sigma), ``unit``, ``si_value``, ``si_sigma``, ``si_unit`` (with mass, and arm where it
-    #: enters), ``note`` (why not, or what kind of number).
+    #: (what another day adds to sigma), ``curve`` (part of sigma by the thrust curve in the parameters, which halves of
+    #: a flight share), ``unit``, ``si_value``, ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note``
+    #: (why not, or what kind of number).
     table: pd.DataFrame
     #: The models; None where a method could not be applied.
     thrust: ThrustModel | None
@@ -203,6 +204,7 @@ class _Sheet:
             "value": number,
             "sigma": spread,
             "transfer": 0.0,
+            "curve": 0.0,
             "unit": UNITS[parameter],
             "si_value": number * factor,
             "si_sigma": spread * factor,
@@ -364,6 +366,8 @@ def _conclude(sheet: _Sheet, air: float) -> Finding | None:
                     else (f"; {', '.join(best.against)} disagree")
                 )
             sheet.put(parameter, HEADLINE, best.value, best.sigma, note)
-    for (parameter, _), row in sheet.rows.items():
+            sheet.curved[parameter, HEADLINE] = sheet.curved.get((parameter, best.method), 0.0)
+    for (parameter, method), row in sheet.rows.items():
         row["transfer"] = air * float(row["value"]) if parameter in IN_AIR else 0.0
+        row["curve"] = abs(sheet.curved.get((parameter, method), 0.0) * float(row["value"]))
     return disagreement(stated)
