@@ -283,9 +283,8 @@ def parameters_over_flights(parameters: Sequence[History], drift: Drift, name: s
             plot.shapes.append(box | {"fillcolor": "@joint", "opacity": 0.1, "line": {"width": 0}})
     plot.shapes += lines
     caption = (
-        "Each parameter as every flight by itself gives it, with one standard error; the line is its mean, or its "
-        "trend or step where one is seen, and tinted is where 95 % of flights lie. Scatter beyond the "
-        "error bars is what differs between flights: wind, battery, temperature."
+        "Each parameter by flight, with one standard error. Line: mean, trend or step; tinted: where 95 % of "
+        "flights lie. Scatter beyond the error bars is of wind, battery, temperature."
     )
     return plot.figure(name, caption, 90 + 135 * len(parameters), margin={"t": 24})
 

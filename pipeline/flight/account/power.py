@@ -15,8 +15,9 @@ from pipeline.flight.account.readings import HOLDING, Readings, at, stretches
 #: seconds before its throttle was full); lean [rad] that costs no lift.
 FULL, _RESERVE, _UPRIGHT = 0.9, 0.25, np.radians(25.0)
 #: Sink and climb [m/s] that are more than the noise of a barometer's slope over a second, for how long [s] a throttle
-#: that runs away and a lift that is lost last, and the interruption [s] that ends neither.
-_SINKING, _LASTING, _LOST, _PAUSE = 1.0, 1.0, 1.5, 0.7
+#: that runs away (1.3 in 31-3-2015_83, 0.4 in calm 6-3-2014_7) and a lift that is lost last, and the interruption [s]
+#: that ends neither.
+_SINKING, _LASTING, _LOST, _PAUSE = 1.0, 0.75, 1.5, 0.7
 #: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
 #: 1.BIN at 771 s.
 _CAUGHT = 0.75

@@ -136,7 +136,7 @@ def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
         else "Use a faster card and raise LOG_FILE_BUFSIZE, or log fewer messages",
         why=f"the log of {names_of(gaps, len(flights))} has gaps in flight"
         + (f", the longest of {longest:.1f} s" if longest > 0.0 else ""),
-        gain="the whole flight in one piece: models are fitted to the longest piece without a gap only",
+        gain="models of the whole flight: they are fitted to the longest piece without a gap",
         flights=tuple(flight.name for flight in gaps),
     )
 
