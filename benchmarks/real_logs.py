@@ -30,7 +30,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     ),
     r"full by itself|gave full throttle": ("throttle-runaway",),
     r"swung|swings|against the request|pitched to": ("control-lost",),
-    r"failsafe|low battery": ("failsafe", "battery-low"),
+    r"failsafe|low battery": ("failsafe",),
     r"GPS lost|lost its fix": ("gps-lost",),
     r"accelerometer noise|vibration": ("vibration",),
     r"no lift|sank": ("lift-lost",),

@@ -15,7 +15,6 @@ GRAVITY = (
     "crash",
     "motor-fault",
     "disarmed-in-air",
-    "fall",
     "throttle-runaway",
     "lift-lost",
     "control-lost",
@@ -25,12 +24,10 @@ GRAVITY = (
     "oscillation",
     "hard-landing",
     "vibration",
-    "battery-low",
     "height-estimate-wrong",
     "shock-in-flight",
     "gps-glitch",
     "autopilot-error",
-    "estimator-doubt",
 )
 
 

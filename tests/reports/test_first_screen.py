@@ -70,7 +70,7 @@ def kinds(flight, other) -> dict[str, FlightResult]:
     return {
         "good": answered(flight, rotation=RotationResult(axes=(loop("roll", 52.0),))),
         "lost motor": answered(flight, LOST, CRASH),
-        "without models": answered(other, happening("battery-low", 50.0, Severity.WARNING)),
+        "without models": answered(other, happening("gps-lost", 50.0, Severity.WARNING)),
         "no position": answered(flight, **nothing, trajectory=unknown),
         "no flight": answered(
             flight,

@@ -21,12 +21,12 @@ from pipeline.results.account import Account, Phase, PhaseKind
 from pipeline.results.span import Span, around
 
 #: What breaks the craft: nothing after it serves models.
-_ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air", "fall"))
+_ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air"))
 #: Time before such a happening that is left out with it [s], and before the end of a flight in which it may still be
 #: what ended it.
 _MARGIN, _END = 0.3, 3.0
 #: What makes the speed over the ground doubtful while it lasts.
-_GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "fall"))
+_GPS_WRONG = frozenset(("gps-lost", "gps-glitch"))
 #: What ends the time in which motors are compared: blows, and a throttle that runs away, at whose limit no motor has
 #: the output that it needs (26-11-2014_181, cut at 97 s).
 _UNTRIMMED = frozenset(("crash", "hard-landing", "disarmed-in-air", "throttle-runaway"))
@@ -154,7 +154,7 @@ def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...
 
 def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
     flight, belongs = readings.flight, readings.belongs
-    fall = next((each.t for each in story if each.id in ("fall", "control-lost", "lift-lost")), None)
+    fall = next((each.t for each in story if each.id in ("control-lost", "lift-lost")), None)
     crashed = any(each.id == "crash" for each in story)
     down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
     phases = [Phase(PhaseKind.GROUND, _end(belongs.start), flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]

@@ -1,4 +1,4 @@
-"""How a flight met the ground: hard landings, crashes, falls, and motors that were switched off in the air."""
+"""How a flight met the ground: hard landings, crashes, and motors that were switched off in the air."""
 
 from __future__ import annotations
 
@@ -18,10 +18,7 @@ SHOCK = 4.0 * STANDARD_GRAVITY
 #: Lean [rad] that no craft under control has on the ground, and rate of sink [m/s] at contact that breaks legs.
 _OVER, _FAST = np.radians(45.0), 6.0
 #: Time [s] around touch-down in which the craft hits the ground, bounces and comes to rest.
-_BEFORE, _AFTER = 3.0, 5.0
-#: Specific force [m/s^2] and time [s] of a fall: motors at idle still leave a third of the weight in a descent,
-#: and a throttle chopped for a moment (31-3-2015_83) lets a craft drop for less.
-_FREE, _FALLING = 0.3 * STANDARD_GRAVITY, 0.7
+_AROUND = 5.0
 #: Height [m] that a craft which was switched off in the air loses; time [s] beside a flight whose log was cut, and
 #: without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
 _DROP, _CUT, _HOLE = 1.5, 1.0, 5.0
@@ -42,7 +39,11 @@ def contact(readings: Readings) -> Contact | None:
     if ends_in_the_air(readings):
         return None
     stop = _down(readings)
-    around = None if readings.force is None else readings.force.loc[stop - _BEFORE : readings.flight.stop + _AFTER]
+    around = (
+        None
+        if readings.force is None
+        else readings.force.loc[max(stop - _AROUND, readings.flight.start) : readings.flight.stop + _AROUND]
+    )
     t, force = readings.flight.stop, np.nan
     if around is not None and len(around) > 2:
         t, force = float(around.index[int(np.argmax(around.to_numpy()))]), float(around.max())
@@ -54,20 +55,20 @@ def contact(readings: Readings) -> Contact | None:
         t=t,
         force=force,
         sink=float(np.max(before)) if len(before) else np.nan,
-        lean=_rest(readings, Span(max(t, readings.flight.stop), t + _AFTER)),
+        lean=_rest(readings, Span(max(t, readings.flight.stop), t + _AROUND)),
     )
 
 
 def begins_in_the_air(readings: Readings) -> bool:
     """Return whether the log has nothing of the ground that the craft left."""
     start = readings.flight.start
-    return _cut_in_the_air(readings, Span(start, start + _CUT), Span(start - _AFTER, start - _CUT))
+    return _cut_in_the_air(readings, Span(start, start + _CUT), Span(start - _AROUND, start - _CUT))
 
 
 def ends_in_the_air(readings: Readings) -> bool:
     """Return whether the log has nothing of the ground on which the craft came down."""
     stop = readings.flight.stop
-    return _cut_in_the_air(readings, Span(_down(readings), stop + _CUT), Span(stop + _CUT, stop + _AFTER))
+    return _cut_in_the_air(readings, Span(_down(readings), stop + _CUT), Span(stop + _CUT, stop + _AROUND))
 
 
 def unseen(readings: Readings) -> Iterator[str]:
@@ -117,14 +118,13 @@ def _down(readings: Readings) -> float:
 def ground_happenings(
     readings: Readings, touch: Contact | None, *, out_of_control: bool, sank: bool
 ) -> Iterator[Finding]:
-    """Yield crash or hard landing, shocks in flight, falls, and disarming in the air.
+    """Yield crash or hard landing, shocks in flight, and disarming in the air.
 
     `out_of_control` and `sank` say whether control or lift was lost as the craft met the ground.
     """
     off = _disarmed_in_air(readings)
     if off is not None:
         yield off
-    yield from _falls(readings)
     if touch is None:
         return
     over = touch.lean > _OVER
@@ -158,30 +158,12 @@ def _touches(readings: Readings, until: float) -> Iterator[Finding]:
     if readings.force is None:
         return
     t, force = readings.force.index.to_numpy(np.float64), readings.force.to_numpy(np.float64)
-    on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _BEFORE)
+    on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _AROUND)
     for first, last, rows in stretches(t, on, join=2.0):
         worst = float(force[rows].max())
         yield finding(
             "shock-in-flight", f"The craft was hit ({worst:.0f} m/s²) and flew on.", t=first, end=last, force_m_s2=worst
         )
-
-
-def _falls(readings: Readings) -> Iterator[Finding]:
-    """Find times in which nothing carried the craft although nobody had closed the throttle."""
-    axes, throttle = readings.specific_force, readings.throttle
-    if axes is None or throttle is None:
-        return
-    t = axes.index.to_numpy(np.float64)
-    step = float(np.median(np.diff(t)))
-    if step > 0.2:
-        return
-    # Mean over a tenth of a second: vibration is no part of what carries.
-    size = max(round(0.1 / step), 1)
-    force = np.linalg.norm(axes.rolling(size, center=True, min_periods=1).mean().to_numpy(np.float64), axis=1)
-    usual = float(throttle.loc[readings.flight.start : readings.flight.stop].median())
-    for first, last, _ in stretches(t, readings.flying(t) & (force < _FREE), join=0.1, shortest=_FALLING):
-        if not float(throttle.loc[first - 0.3 : last].min()) < 0.75 * usual:
-            yield finding("fall", f"The craft fell for {last - first:.1f} s: nothing carried it.", t=first, end=last)
 
 
 def _disarmed_in_air(readings: Readings) -> Finding | None:
@@ -195,7 +177,7 @@ def _disarmed_in_air(readings: Readings) -> Finding | None:
         return None
     t = float(off[0])
     height = readings.height
-    if height is None or not len(after := height.loc[t : t + _AFTER]):
+    if height is None or not len(after := height.loc[t : t + _AROUND]):
         return None
     lost = float(at(t, height)) - float(after.min())
     if lost < _DROP:

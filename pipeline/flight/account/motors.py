@@ -10,9 +10,8 @@ from logparse import MissingDataError
 from pipeline.flight.account.readings import Readings
 from sysid.rotors.motor_faults import MotorFault, find_motor_faults
 
-#: Part of the thrust above which a motor that fails is said to have lost all of it, and gives way for a moment only
-#: where it is below.
-_ALL, _GRAVE = 0.95, 0.5
+#: Part of the thrust above which a motor that fails is said to have lost all of it.
+_ALL = 0.95
 
 
 def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
@@ -26,7 +25,7 @@ def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
         yield finding(
             "motor-fault",
             f"{_sentence(fault, again)}: {fault.evidence}.",
-            severity=Severity.WARNING if fault.kind == "pulse" and fault.loss < _GRAVE else Severity.ERROR,
+            severity=Severity.WARNING if fault.kind == "pulse" else Severity.ERROR,
             advice=f"Inspect motor {fault.motor}, its propeller, ESC and joints.",
             t=fault.t,
             end=fault.end,

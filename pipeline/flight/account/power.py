@@ -21,22 +21,15 @@ _SINKING, _LASTING, _LOST, _PAUSE = 1.0, 0.75, 1.5, 0.7
 #: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
 #: 1.BIN at 771 s.
 _CAUGHT = 0.75
-#: Part of the barometer's climb below which the autopilot took its own height for one that does not climb.
-_BEHIND = 0.5
-#: Voltage below which lithium cells are damaged [V], and time below it [s] that is more than a punch (BATT_LOW_TIMER).
-_EMPTY, _TIMER = 3.0, 10.0
 #: Share of its voltage that a battery sags at least when motors run; less is the supply of a board, or a constant.
 _SAGS = 0.01
 
 
 def power_happenings(readings: Readings) -> Iterator[Finding]:
-    """Yield lost lift, throttle that ran away, and a spent battery."""
+    """Yield lost lift, and throttle that ran away."""
     throttle, sink = readings.throttle, readings.sink
     if throttle is not None and sink is not None:
         yield from _full_throttle(readings, throttle, sink)
-    voltage = real_voltage(readings)
-    if voltage is not None:
-        yield from _battery(readings, voltage)
 
 
 def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Series[float]) -> Iterator[Finding]:
@@ -95,7 +88,7 @@ def _estimate_off(readings: Readings, first: float, last: float) -> float | None
         return None
     begin = max(readings.flight.start, first - 2.0)
     gains = [float(at(last, each) - at(begin, each)) for each in (height, barometer)]
-    return gains[1] - gains[0] if gains[0] < _BEHIND * gains[1] else None
+    return gains[1] - gains[0] if gains[0] < 0.0 else None
 
 
 def real_voltage(readings: Readings) -> pd.Series[float] | None:
@@ -117,22 +110,3 @@ def cells(voltage: float) -> int | None:
     """Return how many lithium cells a battery before its flight has; None where the voltage is that of no number."""
     count = round(voltage / 4.05)
     return count if count >= 2 and 3.4 <= voltage / count <= 4.4 else None
-
-
-def _battery(readings: Readings, voltage: pd.Series[float]) -> Iterator[Finding]:
-    """Find a battery that was spent; what its owner set as a limit the autopilot reports itself."""
-    inside = voltage.loc[readings.flight.start : readings.flight.stop]
-    count = cells(float(inside.max()))
-    if count is None:
-        return
-    t, volts = inside.index.to_numpy(np.float64), inside.to_numpy(np.float64)
-    for first, last, rows in stretches(t, volts < _EMPTY * count, join=2.0, shortest=_TIMER):
-        least = float(volts[rows].min())
-        yield finding(
-            "battery-low",
-            f"The battery was below {_EMPTY * count:.1f} V ({_EMPTY} V a cell) for {last - first:.0f} s, "
-            f"down to {least:.1f} V.",
-            t=first,
-            end=last,
-            least_v=least,
-        )

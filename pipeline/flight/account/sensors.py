@@ -20,8 +20,6 @@ _SILENT = 2.0
 #: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
 _RADIUS, _ACCELERATION = 5.0, 10.0
 _EARTH = 6.371e6
-#: Test ratio above which ArduPilot's EKF failsafe counts (FS_EKF_THRESH), and the time [s] that it waits.
-_RATIO, _DOUBTING = 0.8, 1.0
 #: Disagreement [m] of the autopilot's height with the barometer that no pressure and no prop wash explains.
 _HEIGHT_OFF = 5.0
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
@@ -36,8 +34,6 @@ def sensor_happenings(readings: Readings) -> Iterator[Finding]:
     gps = readings.tables.gps
     if gps is not None and len(gps) > 3 and (gps["fix"] >= 3.0).any():
         yield from _gps(readings, gps)
-    yield from _jamming(readings)
-    yield from _doubts(readings)
     yield from _height(readings)
     yield from _vibrations(readings)
 
@@ -111,51 +107,6 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
             t=begin,
             end=end,
         )
-
-
-def _jamming(readings: Readings) -> Iterator[Finding]:
-    """Report what a receiver itself says of jamming (PX4 sensor_gps.jamming_state: 2 warning, 3 critical)."""
-    name = next((each for each in ("vehicle_gps_position", "sensor_gps") if each in readings.messages), None)
-    if name is None or "jamming_state" not in readings.messages[name]:
-        return
-    frame = readings.messages[name]
-    t, state = frame.index.to_numpy(np.float64), frame["jamming_state"].to_numpy(np.float64)
-    for first, last, rows in stretches(t, readings.flying(t) & (state >= 2.0), join=_PAUSE):
-        worst = float(state[rows].max())
-        yield finding(
-            "gps-lost",
-            f"The GPS receiver reported jamming for {last - first:.1f} s.",
-            severity=Severity.ERROR if worst > 2.0 else Severity.WARNING,
-            t=first,
-            end=last,
-        )
-
-
-def _doubts(readings: Readings) -> Iterator[Finding]:
-    """Find test ratios of the estimator beyond the limit of its failsafe."""
-    name = next((each for each in ("XKF4", "NKF4") if each in readings.messages), None)
-    if name is None:
-        return
-    frame = readings.messages[name].sort_index(kind="stable")
-    lane = next((column for column in ("C", "Core") if column in frame), None)
-    if lane is not None:
-        # The lane that flies; where the message does not tell, the first.
-        frame = frame[frame[lane] == (frame["PI"].iloc[-1] if "PI" in frame else frame[lane].min())]
-    t = frame.index.to_numpy(np.float64)
-    for column, what in {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}.items():
-        if column not in frame or len(t) < 3:
-            continue
-        values = frame[column].to_numpy(np.float64)
-        for first, last, rows in stretches(t, readings.flying(t) & (values > _RATIO), join=5.0, shortest=_DOUBTING):
-            worst = float(np.nanmax(values[rows]))
-            yield finding(
-                "estimator-doubt",
-                f"The autopilot doubted its {what} for {last - first:.0f} s (test ratio up to {worst:.1f}).",
-                t=first,
-                end=last,
-                quantity=what,
-                ratio=worst,
-            )
 
 
 def _height(readings: Readings) -> Iterator[Finding]:

@@ -60,7 +60,6 @@ _SHOWS: Mapping[str, Picture] = {
     "oscillation": Picture.RATES,
     "yaw-lost": Picture.MOTORS,
     "vibration": Picture.VIBRATION,
-    "battery-low": Picture.BATTERY,
     "gps-lost": Picture.GPS,
     "gps-glitch": Picture.GPS,
     "crash": Picture.ATTITUDE,

@@ -29,9 +29,8 @@ def happened(account: Account) -> AnswerLine:
         tone = Tone.CARE
     remark = ""
     if others and not story:
-        # What was read off the battery and of vibration stands in lines of their own.
-        read = {"vibration": "vibration", "battery-low": "the battery"}.get(others[0].id)
-        remark = f" To know: {others[0].reason}" if read is None else f" Look at {read}."
+        # Vibration stands in a line of its own.
+        remark = " Look at vibration." if others[0].id == "vibration" else f" To know: {others[0].reason}"
     return AnswerLine(purpose="Happened", word=account.in_short, tone=tone, text=account.headline + remark)
 
 
