@@ -96,8 +96,10 @@ def rotor_speeds(record: Experiment, vehicle: Vehicle) -> Floats | None:
     if not np.isfinite(speeds).all() or not turning.any():
         return None
     ratio = speeds[turning] / commands[turning]
-    varied = np.std(commands[turning]) > VARYING * np.mean(commands[turning])
-    return None if varied and np.std(ratio) < 0.02 * np.mean(ratio) else speeds
+    varied = float(np.std(commands[turning]) / np.mean(commands[turning]))
+    # A speed goes with some 0.7th power of the command: its ratio to it varies by a third of what the command does.
+    apart = 1.4826 * float(np.median(np.abs(ratio / np.median(ratio) - 1.0)))
+    return None if varied > VARYING and apart < 0.1 * varied else speeds
 
 
 def law_of(records: Sequence[Experiment], vehicle: Vehicle) -> Law:
