@@ -111,5 +111,6 @@ def _with_nan(value: Any, kind: Any) -> Any:
         return [_with_nan(item, part) for item, part in zip(value, kinds, strict=True)]
     parts = [part for part in arguments if part is not type(None)]
     if len(parts) > 1 and isinstance(value, dict) and "kind" in value:  # several kinds of models
-        parts = [part for part in parts if part.__struct_config__.tag == value["kind"]]
+        tagged = (part for part in parts if hasattr(part, "__struct_config__"))
+        parts = [part for part in tagged if part.__struct_config__.tag == value["kind"]]
     return _with_nan(value, parts[0]) if len(parts) == 1 else value

@@ -78,7 +78,7 @@ def _instance(log: "FlightLog", frame: pd.DataFrame, name: str, message: str, wa
             raise SignalError(f"{message} of {log.path.name} has no instances; leave [{wanted}] out of {name}")
         return frame
     numbers = pd.to_numeric(frame[column], errors="coerce")
-    there = [int(value) for value in np.unique(numbers.dropna().to_numpy())]
+    there = [int(value) for value in np.unique(numbers[np.isfinite(numbers)].to_numpy())]
     number = int(wanted) if wanted is not None else there[0] if there else 0
     if number not in there:
         raise SignalError(f"{message} of {log.path.name} has no instance {number}; it has {', '.join(map(str, there))}")

@@ -78,3 +78,14 @@ def test_a_record_that_lacks_a_field_is_refused():
     assert recorded(Part("p", math.inf), PartRecord) == PartRecord("p", None)
     with pytest.raises(TypeError, match="Part has no model, name"):
         recorded(Result("a", 1.0, None, (1.0, "x"), {}), Part)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Told:
+    about: str | int
+    value: float = 0.0
+
+
+def test_an_object_where_a_text_or_a_number_stands_is_refused():
+    with pytest.raises(ValueError, match="about"):
+        restored({"about": {"kind": "x"}, "value": None}, _Told)

@@ -139,3 +139,9 @@ def test_numbers_without_end_are_no_part_of_an_expression(text: str, sample: Pat
 def sample() -> Path:
     """Return a log with ATT."""
     return Path(__file__).parents[2] / "sample_logs" / "octa02_alain_breeze.bin"
+
+
+def test_an_infinite_instance_is_none(tmp_path: Path) -> None:
+    head = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 3, 50, IMU, QBf, TimeUS,I,GyrX\n"
+    (path := tmp_path / "odd.log").write_text(head + "IMU, 1000000, 0, 1\nIMU, 2000000, inf, 2\nIMU, 3000000, 0, 3\n")
+    assert evaluate(read_log(path), "IMU[0].GyrX").y[0] == 1.0
