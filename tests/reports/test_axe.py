@@ -46,7 +46,7 @@ def _of_a_craft(file):
     table = pd.DataFrame.from_dict(rows, orient="index", columns=names)
     table.index = pd.MultiIndex.from_tuples(rows, names=["parameter", "method"])
     finding = Finding("methods-disagree", Severity.WARNING, "two methods disagree", "weigh the craft")
-    found = PhysicalParameters(table, None, None, None, None, None, (finding,))
+    found = PhysicalParameters(table, None, None, None, None, (finding,))
     file.write_text(parameters_page(found, OCTA, ["flight.bin"], 4.3), encoding="utf-8")
     return file
 
