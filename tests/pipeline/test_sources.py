@@ -9,7 +9,11 @@ from unittest import mock
 import fsspec
 import pytest
 
-from pipeline.storage import sources
+from pipeline import AnalysisConfig
+from pipeline.names import folder_names, printable
+from pipeline.storage import inventory, sources
+from pipeline.storage.inventory import flight_names, index_sources
+from pipeline.storage.manifest import Manifest
 from pipeline.storage.sources import digest, fetched, find
 
 
@@ -106,3 +110,98 @@ def test_storage_that_fails_in_its_own_way_is_a_failure_of_its_own():
 )
 def test_endings_promise_logs(file, log):
     assert sources.called_a_log(file) is log
+
+
+# Records of files: copies told by content, names unique and kept, nothing read twice without need.
+
+
+CONFIG = AnalysisConfig()
+
+
+def stock(folder, former=None, config=CONFIG):
+    return index_sources(find([folder]).sources, former or Manifest(), config)
+
+
+def analyzed(records):
+    """Make the manifest of a run that ended well."""
+    return Manifest(logs=tuple(inventory.replace(each, state="analysed") if each.key else each for each in records))
+
+
+def test_flights_are_named_after_files_uniquely():
+    urls = ["a/x.BIN", "a/x.json", "a/x.tlog", "b/y.bin", "b/z.json", "c/Y.bin", "z.bin"]
+    names = flight_names(urls)
+    assert [names[url] for url in urls] == ["x.BIN", "x.json", "x.tlog", "y.bin", "z (2)", "Y.bin (2)", "z"]
+
+
+def test_no_name_commands_a_terminal():
+    assert printable("a\x1b[2Jb\x9bc\r\x7f é\tå\n") == r"a\x1b[2Jb\x9bc\x0d\x7f" + " é\tå\n"
+
+
+def test_a_further_file_leaves_the_names_of_the_others(tmp_path):
+    (tmp_path / "x.bin").write_bytes(b"1")
+    before = stock(tmp_path)
+    (tmp_path / "x.ulg").write_bytes(b"2")
+    after = stock(tmp_path, analyzed(before))
+    assert [record.name for record in after] == ["x", "x.ulg"]
+    assert after[0].key == before[0].key
+
+
+def test_copies_are_told_by_content_whatever_they_are_called(tmp_path):
+    for name, content in {"a.bin": b"1", "b.tlog": b"1", "c.bin": b"2", "d.bin": b"", "e.bin": b""}.items():
+        (tmp_path / name).write_bytes(content)
+    records = stock(tmp_path)
+    assert [record.state for record in records] == ["interrupted", "duplicate", *["interrupted"] * 3]
+    assert records[1].original == str(tmp_path / "a.bin")
+    assert not records[1].key
+    # Of equal files the one that was analysed stays the one.
+    former = analyzed(records)
+    (tmp_path / "0.bin").write_bytes(b"1")
+    assert [record.state for record in stock(tmp_path, former)][:3] == ["duplicate", "interrupted", "duplicate"]
+
+
+def test_only_files_written_since_are_read_again(tmp_path, monkeypatch):
+    for name in ("a.bin", "b.bin", "c.bin"):
+        (tmp_path / name).write_bytes(name.encode())
+    former = analyzed(stock(tmp_path))
+    (tmp_path / "b.bin").write_bytes(b"longer")
+    status = (tmp_path / "c.bin").stat()
+    os.utime(tmp_path / "c.bin", ns=(status.st_atime_ns, status.st_mtime_ns + 1))
+    read = []
+    digest = inventory.digest
+    monkeypatch.setattr(inventory, "digest", lambda url: read.append(url) or digest(url))
+    after = stock(tmp_path, former)
+    assert sorted(read) == [str(tmp_path / "b.bin"), str(tmp_path / "c.bin")]
+    assert [new.key == old.key for new, old in zip(after, former.logs, strict=True)] == [True, False, True]
+
+
+def test_keys_follow_content_name_and_settings_but_not_the_choice_of_flights(tmp_path):
+    (tmp_path / "a.bin").write_bytes(b"1")
+    (plain,) = stock(tmp_path)
+    (chosen,) = stock(tmp_path, config=AnalysisConfig(training=("a",), validation=("b",)))
+    (other,) = stock(tmp_path, config=AnalysisConfig(poles=4))
+    assert plain.key == chosen.key != other.key
+    (tmp_path / "a.bin").rename(tmp_path / "b.bin")
+    assert stock(tmp_path)[0].key != plain.key
+
+
+@pytest.mark.parametrize(("name", "state"), [("a.bin", "failed"), ("a.txt", "no log")])
+def test_a_file_that_cannot_be_read_costs_only_itself(tmp_path, monkeypatch, name, state):
+    (tmp_path / name).write_bytes(b"1")
+    (tmp_path / "b.bin").write_bytes(b"2")
+
+    def refuse(url):
+        if url.endswith(name):
+            raise PermissionError(13, "Permission denied")
+        return "0" * 64
+
+    monkeypatch.setattr(inventory, "digest", refuse)
+    records = stock(tmp_path)
+    assert (records[0].state, records[0].reason) == (state, "cannot be read: Permission denied")
+    assert records[1].key
+
+
+def test_folders_of_long_names_suit_every_file_system():
+    names = ["飞" * 150, "飞" * 151, "😀" * 200]
+    folders = folder_names(names)
+    assert len(set(folders.values())) == 3
+    assert all(0 < len(folder.encode()) < 200 for folder in folders.values())

@@ -1,12 +1,18 @@
 """A stage may fail; the others go on, and the user learns why."""
 
 import logging
+import os
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
+import psutil
 import pytest
 
 import estimation
 from logparse import FlightLog, MissingDataError, read_log
+from pipeline.execution import machine, second
 from pipeline.execution.progress import Clock
 from pipeline.execution.stages import STAGES, Overall, Stages, silent
 from pipeline.flight.analysis import analyze
@@ -93,11 +99,169 @@ def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
     clock = Clock()
     clock.reach(0.0, 7.0)
     clock.reach(0.02, 10.0)  # from here on 1 % a second; loading packages took ten
-    for second in range(1, 98):
-        clock.reach(0.02 + 0.01 * second, 10.0 + second)
-        left = clock.left(10.0 + second)
-        assert left == pytest.approx(98.0 - second, abs=1e-6) if second >= 10 else left == 0.0
+    for k in range(1, 98):
+        clock.reach(0.02 + 0.01 * k, 10.0 + k)
+        left = clock.left(10.0 + k)
+        assert left == pytest.approx(98.0 - k, abs=1e-6) if k >= 10 else left == 0.0
     # It counts down while nothing new is heard, also where a stage is reported again.
     clock.reach(0.5, 108.5)
     assert clock.left(107.5) == pytest.approx(0.5, abs=1e-6)
     assert clock.left(200.0) == 0.0
+
+
+# Work on a second processor: the same result, whatever becomes of the process that does it.
+
+
+def test_what_a_copy_finds_comes_back() -> None:
+    result = second.begin(lambda: (os.getpid(), b"x" * 1_000_000))
+    pid, made = result()
+    assert len(made) == 1_000_000
+    assert (pid != os.getpid()) == (second.processors() > 1)
+
+
+def test_what_a_copy_does_not_bring_is_made_when_it_is_asked_for() -> None:
+    here = os.getpid()
+
+    def dies_in_the_copy() -> str:
+        if os.getpid() != here:
+            os._exit(9)
+        return "done"
+
+    assert second.begin(dies_in_the_copy)() == "done"
+
+
+def test_a_copy_that_waits_for_ever_is_given_up() -> None:
+    here, lock = os.getpid(), threading.Lock()
+    lock.acquire()
+
+    def waits_in_the_copy() -> str:
+        if os.getpid() != here:
+            lock.acquire()
+        return "done"
+
+    assert second.begin(waits_in_the_copy, longest=0.1)() == "done"
+
+
+def test_an_error_of_the_work_is_raised_here() -> None:
+    def fails() -> None:
+        raise ValueError("of the work")
+
+    result = second.begin(fails)
+    with pytest.raises(ValueError, match="of the work"):
+        result()
+
+
+# Processors and memory of a container are those of its control groups, of both versions, and not the computer's.
+
+
+V1 = "sys/fs/cgroup/memory/memory."
+#: Files of control groups, and the processors and bytes that they leave.
+GROUPS = {
+    "version 2 takes the tightest limit of all levels": (
+        {
+            "proc/self/cgroup": "0::/slice/job",
+            "sys/fs/cgroup/slice/cpu.max": "350000 100000",
+            "sys/fs/cgroup/slice/memory.max": "max",
+            "sys/fs/cgroup/slice/memory.current": "7000000000",
+            "sys/fs/cgroup/slice/job/cpu.max": "max 100000",
+            "sys/fs/cgroup/slice/job/memory.max": "8000000000",
+            "sys/fs/cgroup/slice/job/memory.current": "7000000000",
+            "sys/fs/cgroup/slice/job/memory.stat": "anon 1000000000\ninactive_file 5500000000",
+        },
+        (3, 6_500_000_000),
+    ),
+    "version 1 inside a container whose path is the host's": (
+        {
+            "proc/self/cgroup": "4:memory:/docker/5f0c\n2:cpu,cpuacct:/docker/5f0c",
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "200000",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000",
+            f"{V1}limit_in_bytes": "4000000000",
+            f"{V1}usage_in_bytes": "1000000000",
+            f"{V1}stat": "total_inactive_file 200000000",
+        },
+        (2, 3_200_000_000),
+    ),
+    "no limit": (
+        {
+            "proc/self/cgroup": "4:memory:/\n2:cpu,cpuacct:/",
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000",
+            f"{V1}limit_in_bytes": "9223372036854771712",
+            f"{V1}usage_in_bytes": "1000000000",
+        },
+        (64, 256_000_000_000),
+    ),
+    "less than one processor": (
+        {
+            "proc/self/cgroup": "2:cpu,cpuacct:/",
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "50000",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000",
+        },
+        (1, 256_000_000_000),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_limits_of_control_groups_count(case, monkeypatch, tmp_path):
+    """Of a computer with 64 processors and 256 GB."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(64)), raising=False)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: type("", (), {"available": 256_000_000_000}))
+    files, left = GROUPS[case]
+    for name, content in files.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{content}\n")
+    assert (machine.processors(tmp_path), machine.available_memory(tmp_path)) == left
+
+
+# Compiled loops that a machine lacks are compiled once, side by side; which those are: tests/rotorid/test_start.
+
+
+MODULE = """
+from core.compiled import njit
+from core.kernel_types import Vector
+
+@njit(cache=True)
+def total(values: Vector, start: float) -> float:
+    for value in values:
+        start += value
+    return start
+
+@njit(cache=True)
+def most(values: Vector) -> float:
+    return max(values)
+
+@njit(cache=True)
+def broken(values: Vector) -> float:
+    return values.no_such_thing
+"""
+
+COMPILE = """
+import resource, sys
+import numpy as np
+from loops import broken, most, total
+from core.compiled import is_kept
+from pipeline.execution.compiling import compile_missing
+
+heard = []
+compile_missing(lambda stage, fraction: heard.append(stage), (total, broken, most))
+print(len(heard), is_kept(total), is_kept(most), total(np.ones(3), 1.0), most(np.ones(3)))
+"""
+
+
+def _run(script: str, **environment: str) -> list[str]:
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, **environment})
+    return done.stdout.split()
+
+
+def test_loops_that_a_machine_has_not_compiled_are_compiled_once(tmp_path: Path) -> None:
+    """What cannot be compiled is passed over: its call will say why."""
+    (tmp_path / "loops.py").write_text(MODULE)
+    place = {"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert _run(COMPILE, **place) == ["1", "True", "True", "4.0", "1.0"]
+    files = sorted(tmp_path.rglob("*.nbc"))
+    assert len(files) == 2
+    assert _run(COMPILE.replace("broken, most)", "most)"), **place) == ["0", "True", "True", "4.0", "1.0"]
+    assert sorted(tmp_path.rglob("*.nbc")) == files
