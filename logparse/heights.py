@@ -1,7 +1,7 @@
 """Height above the ground that a flight left, by every source: readings that anyone can check in a viewer.
 
 The barometer is believed before the autopilot's estimate, which runs away with vibration or without GPS, and before
-the receiver, whose height wanders by metres.
+the receiver, whose height wanders by metres; but none that stays in the air when the craft is back where it took off.
 """
 
 from collections.abc import Iterator
@@ -25,6 +25,9 @@ class _Interval(Protocol):
 
 #: Sources of height in the order of belief, with the column and the sign of up.
 _SOURCES = {"baro": ("baro", "alt", 1.0), "autopilot": ("ekf", "p_d", -1.0), "gps": ("gps", "alt", 1.0)}
+#: A craft that lands so near [m] to where it took off is back at the same height; a height so far off it [m] is wrong.
+_SAME_PLACE, WRONG = 20.0, 5.0
+_EARTH = 6.371e6
 #: Window of the median of a height, and time before lift-off in which the ground is read [s].
 _MEDIAN, _GROUND = 0.5, 2.0
 
@@ -44,13 +47,45 @@ def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
             yield source, height
 
 
+def credible_heights(tables: Tables, flight: "_Interval") -> list[tuple[str, "pd.Series[float]"]]:
+    """Return the heights of a flight by source, the most credible first, those that did not come back last."""
+    stayed = not_returned(tables, flight)
+    return sorted(heights(tables), key=lambda each: each[0] in stayed)
+
+
+def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
+    """Return how far above the ground [m] sources of height stayed where others came back with a craft that did."""
+    gps = tables.gps
+    if gps is None:
+        return {}
+    fixes = gps.loc[gps["fix"] >= 3.0, ["lat", "lon"]]
+    ends = [fixes.loc[start:stop].median() for start, stop in _beside(flight)]
+    north, east = (ends[1] - ends[0]) * [_EARTH, _EARTH * np.cos(ends[0]["lat"])]
+    if not np.hypot(north, east) < _SAME_PLACE:
+        return {}
+    left = {}
+    for source, height in heights(tables):
+        before, after = (_level(height.loc[start:stop]) for start, stop in _beside(flight))
+        if before is not None and after is not None:
+            left[source] = after - before
+    stayed = {source: above for source, above in left.items() if abs(above) > WRONG}
+    return stayed if len(stayed) < len(left) else {}
+
+
+def _beside(flight: "_Interval") -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the seconds on the ground before a flight and after it."""
+    return (flight.start - _GROUND, flight.start), (flight.stop, flight.stop + _GROUND)
+
+
+def _level(near: "pd.Series[float]") -> float | None:
+    """Return the height of the ground; None where the log shows too little of it, as one that begins at lift-off."""
+    return float(near.median()) if len(near) > 1 and near.index[-1] - near.index[0] > 0.5 * _GROUND else None
+
+
 def ground_level(height: "pd.Series[float]", flight: "_Interval") -> float | None:
     """Return the height of the ground that a flight left, or of that where it ended; None where the log has neither."""
-    for start, stop in ((flight.start - _GROUND, flight.start), (flight.stop, flight.stop + _GROUND)):
-        near = height.loc[start:stop]
-        if len(near) > 1 and near.index[-1] - near.index[0] > 0.5 * _GROUND:  # a log may begin at lift-off
-            return float(near.median())
-    return None
+    levels = (_level(height.loc[start:stop]) for start, stop in _beside(flight))
+    return next((level for level in levels if level is not None), None)
 
 
 def above_ground(height: "pd.Series[float]", flight: "_Interval") -> "pd.Series[float]":

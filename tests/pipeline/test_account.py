@@ -284,7 +284,10 @@ def test_sinking_under_more_throttle_than_usual_is_lift_lost_unless_it_leans_or_
     lean = np.radians(40.0)
     assert told(baro=baro, setpoints=leaning(lean, throttle=more), attitude=leaning(lean)) == []
     caught = table(10.0, alt=lambda t: 20.0 - 8.0 * np.clip(t - 30.0, 0.0, None) * np.exp(-0.7 * (t - 30.0)))
-    assert told(baro=caught.assign(alt=np.where(caught.index < 14.0, height(caught.index), caught["alt"]))) == []
+    assert (
+        told(baro=caught.assign(alt=np.where(abs(caught.index - 34.0) < 20.0, caught["alt"], height(caught.index))))
+        == []
+    )
 
 
 def climbing(**asked):
@@ -431,3 +434,19 @@ def test_heights_and_speeds_are_of_sources_that_can_be_believed(changes, source)
     assert found.ground_speed.value == pytest.approx(8.0)
     assert (found.climb.value, found.sink.value) == pytest.approx((5.0, 4.0 / 3.0), abs=0.3)
     assert account(flown(gps=spiked.assign(hdop=5.0), **changes)).ground_speed is None
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda t: np.where(t > 40.0, 20.0, height(t)), lambda t: height(t) + 15.0 * np.clip((t - 20.0) / 50.0, 0.0, 1.0)],
+    ids=["frozen", "drifting"],
+)
+def test_a_barometer_that_stays_in_the_air_when_the_craft_is_back_is_wrong_and_not_the_autopilot(wrong):
+    """Where autopilot and receiver came back to the ground; elsewhere the ground may be as high."""
+    changes = {"baro": table(10.0, alt=wrong), "ekf": table(10.0, p_d=lambda t: -height(t))}
+    found = account(flown(**changes))
+    named = only("height-estimate-wrong", found.happenings)
+    assert named.reason.startswith(f"The barometer was {wrong(np.array([75.0]))[0]:.0f} m above the ground")
+    assert (found.height.source, found.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
+    elsewhere = flown().gps.assign(lat=lambda rows: 0.8 + 1e-5 * (rows.index > 50.0))
+    assert account(flown(gps=elsewhere, **changes)).height.source == "barometer"

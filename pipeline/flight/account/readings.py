@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from core.quantity import joined
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.heights import above_ground, ground_level, heights, slope_down
+from logparse.heights import above_ground, credible_heights, ground_level, slope_down
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
@@ -67,20 +67,24 @@ class Readings:
         return pwm_range(self.tables.parameters)
 
     @cached_property
+    def heights(self) -> list[tuple[str, pd.Series[float]]]:
+        """Heights by source, the most credible first."""
+        return credible_heights(self.tables, self.flight)
+
+    @cached_property
     def height(self) -> pd.Series[float] | None:
         """Credible height above the ground that the flight left, m up; above its lowest where no ground was logged."""
-        found = next((height for _, height in heights(self.tables)), None)
-        return None if found is None else above_ground(found, self.flight)
+        return above_ground(self.heights[0][1], self.flight) if self.heights else None
 
     @property
     def ground_logged(self) -> bool:
         """Whether the credible height is above the ground."""
-        return any(ground_level(height, self.flight) is not None for _, height in list(heights(self.tables))[:1])
+        return any(ground_level(height, self.flight) is not None for _, height in self.heights[:1])
 
     @property
     def own_height(self) -> bool:
         """Whether that is the autopilot's own, which runs away with vibration."""
-        return next((source for source, _ in heights(self.tables)), "") == "autopilot"
+        return any(source == "autopilot" for source, _ in self.heights[:1])
 
     @cached_property
     def sink(self) -> pd.Series[float] | None:

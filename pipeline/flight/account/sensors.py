@@ -10,7 +10,9 @@ import pandas as pd
 from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
+from logparse.heights import WRONG, not_returned
 from pipeline.flight.account.readings import Readings, Stretch, at, stretches, within
+from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import Floats
 
 #: Fewest satellites of a three-dimensional fix; losses closer together than this [s] are one.
@@ -20,8 +22,6 @@ _SILENT = 2.0
 #: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
 _RADIUS, _ACCELERATION = 5.0, 10.0
 _EARTH = 6.371e6
-#: Disagreement [m] of the autopilot's height with the barometer that no pressure and no prop wash explains.
-_HEIGHT_OFF = 5.0
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
 #: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
@@ -110,23 +110,33 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
 
 
 def _height(readings: Readings) -> Iterator[Finding]:
-    """Find an autopilot whose own height left the barometer's for more than a moment."""
-    tables = readings.tables
-    if tables.ekf is None or tables.baro is None:
-        return
+    """Find a barometer that stayed in the air when the craft came down, or an autopilot whose height ran away."""
     flight = readings.flight
-    height, barometer = -tables.ekf["p_d"].dropna().loc[flight.start : flight.stop], tables.baro["alt"].dropna()
-    if len(height) < 10 or len(barometer.loc[flight.start : flight.stop]) < 10:
+    if (above := not_returned(readings.tables, flight).get("baro")) is not None:
+        side = "above" if above > 0.0 else "below"
+        yield finding(
+            "height-estimate-wrong",
+            f"The barometer was {abs(above):.0f} m {side} the ground when the craft was back.",
+            t=flight.stop,
+            advice="Look at the barometer's foam and wiring: do not hold height before it is cured.",
+            height_error_m=above,
+        )
+    known = dict(readings.heights)
+    own, (source, credible) = known.get("autopilot"), readings.heights[0] if readings.heights else ("autopilot", None)
+    if own is None or credible is None or source == "autopilot":
+        return
+    height = own.loc[flight.start : flight.stop]
+    if len(height) < 10 or len(credible.loc[flight.start : flight.stop]) < 10:
         return
     t = height.index.to_numpy(np.float64)
-    off = height.to_numpy(np.float64) - at(t, barometer)
+    off = height.to_numpy(np.float64) - at(t, credible)
     off -= float(np.median(off[: max(len(off) // 20, 3)]))
-    for first, last, rows in stretches(t, np.abs(off) > _HEIGHT_OFF, join=5.0, shortest=2.0)[:1]:
+    for first, last, rows in stretches(t, np.abs(off) > WRONG, join=5.0, shortest=2.0)[:1]:
         worst = float(off[rows][int(np.argmax(np.abs(off[rows])))])
         side = "above" if worst > 0.0 else "below"
         yield finding(
             "height-estimate-wrong",
-            f"The autopilot's own height was up to {abs(worst):.0f} m {side} the barometer's.",
+            f"The autopilot's own height was up to {abs(worst):.0f} m {side} the {SOURCES[source]}'s.",
             t=first,
             end=last,
             height_error_m=worst,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from logparse.heights import ground_level, heights, smoothed
+from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import cells, real_voltage
 from pipeline.flight.account.readings import Readings, within
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
@@ -30,7 +30,7 @@ def height(readings: Readings) -> Reading | None:
     """Return the largest height above the ground that the flight left, with what every source says of it."""
     flight = readings.flight
     gains: dict[str, tuple[float, float]] = {}
-    for source, known in heights(readings.tables):
+    for source, known in readings.heights:
         inside = smoothed(known.loc[flight.start : flight.stop])
         ground = ground_level(known, flight)
         if len(inside) > 2 and ground is not None:
