@@ -251,6 +251,10 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
     event = only("gps-glitch", notable(flown(gps=gps)))
     assert event.t == pytest.approx(40.0, abs=0.01)
     assert event.evidence["jump_m"] == pytest.approx(30.0, abs=1.0)
+    # Where it leapt to, the craft has not been.
+    assert account(flown(gps=gps)).distance.value == pytest.approx(30.0, abs=1.0)
+    gps.loc[44.0:, "lat"] = 0.8
+    assert account(flown(gps=gps)).distance.value == pytest.approx(0.0, abs=1.0)
     # Flown at 15 m/s the same way is no jump.
     assert told(gps=gps.assign(v_n=15.0, lat=0.8 + 15.0 * gps.index.to_numpy() / 6.371e6)) == []
 

@@ -67,9 +67,9 @@ def account_of(readings: Readings) -> Account:
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
     lost = next((each.t for each in story if each.id in _ENDING or each.id == "control-lost"), None)
-    height, distance = state.height(readings), state.distance(readings)
+    height = state.height(readings)
     doubtful = [(each.t, each.end or each.t) for each in ordered if each.id in _GPS_WRONG and each.t is not None]
-    speed = state.ground_speed(readings, doubtful)
+    distance, speed = state.distance(readings, doubtful), state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
     if height is None and readings.height is not None:
         unknown = (*unknown, "the ground is not in the log: how high it flew")

@@ -44,43 +44,41 @@ def height(readings: Readings) -> Reading | None:
 
 
 def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
-    """Return the largest horizontal speed by GPS, a median of three fixes, jumps and doubtful stretches left out."""
+    """Return the largest horizontal speed by GPS, jumps and doubtful stretches left out."""
+    rows = _fixes(readings, doubtful)
+    rows = rows[~(rows["satellites"] < _SATELLITES) & rows["v_n"].notna() & rows["v_e"].notna()]
+    t = rows.index.to_numpy(np.float64)
+    change = np.hypot(np.diff(rows["v_n"]), np.diff(rows["v_e"])) / np.maximum(np.diff(t), 1e-3) <= _JUMP
+    rows = rows[np.concatenate(([True], change)) & np.concatenate((change, [True]))] if len(rows) else rows
+    return _largest(pd.Series(np.hypot(rows["v_n"], rows["v_e"]), index=rows.index), "m/s")
+
+
+def distance(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
+    """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out."""
+    rows = _fixes(readings, doubtful)
+    north, east = rows["lat"] - rows["lat"].head(1).mean(), rows["lon"] - rows["lon"].head(1).mean()
+    return _largest(_EARTH * np.hypot(north, east * np.cos(rows["lat"])), "m")
+
+
+def _fixes(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> pd.DataFrame:
+    """Return the rows of GPS in flight that tell a position; none without a receiver."""
     gps = readings.tables.gps
     if gps is None:
-        return None
+        return pd.DataFrame(columns=["lat", "lon", "v_n", "v_e", "satellites"], dtype=float)
     rows = gps.loc[readings.flight.start : readings.flight.stop]
-    good = (rows["fix"] >= 3.0) & ~(rows["hdop"] >= _DILUTION) & ~(rows["satellites"] < _SATELLITES)
-    good &= ~within(rows.index.to_numpy(np.float64), [(first - 1.0, last + 1.0) for first, last in doubtful])
-    rows = rows[good & rows["v_n"].notna() & rows["v_e"].notna()]
-    if len(rows) < 3:
-        return None
-    t = rows.index.to_numpy(np.float64)
-    speed = pd.Series(np.hypot(rows["v_n"].to_numpy(np.float64), rows["v_e"].to_numpy(np.float64)), index=rows.index)
-    change = np.hypot(np.diff(rows["v_n"]), np.diff(rows["v_e"])) / np.maximum(np.diff(t), 1e-3)
-    calm = np.concatenate(([True], change <= _JUMP)) & np.concatenate((change <= _JUMP, [True]))
-    smooth = speed[calm].rolling(3, center=True).median().dropna()
+    good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)
+    return rows[
+        good & ~within(rows.index.to_numpy(np.float64), [(first - 1.0, last + 1.0) for first, last in doubtful])
+    ]
+
+
+def _largest(values: pd.Series, unit: str) -> Reading | None:
+    """Return the largest value, of medians of three."""
+    smooth = values.rolling(3, center=True).median().dropna()
     if not len(smooth):
         return None
-    return Reading(
-        value=float(smooth.max()), unit="m/s", t=float(smooth.index[int(np.argmax(smooth.to_numpy()))]), source="GPS"
-    )
-
-
-def distance(readings: Readings) -> Reading | None:
-    """Return the largest horizontal distance from the take-off by GPS."""
-    gps = readings.tables.gps
-    if gps is None:
-        return None
-    rows = gps.loc[readings.flight.start : readings.flight.stop]
-    rows = rows[(rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)]
-    if len(rows) < 3:
-        return None
-    lat, lon = rows["lat"].to_numpy(np.float64), rows["lon"].to_numpy(np.float64)
-    away = pd.Series(_EARTH * np.hypot(lat - lat[0], (lon - lon[0]) * np.cos(lat[0])), index=rows.index)
-    smooth = away.rolling(3, center=True).median().dropna()
-    return Reading(
-        value=float(smooth.max()), unit="m", t=float(smooth.index[int(np.argmax(smooth.to_numpy()))]), source="GPS"
-    )
+    top = int(np.argmax(smooth.to_numpy()))
+    return Reading(value=float(smooth.iloc[top]), unit=unit, t=float(smooth.index[top]), source="GPS")
 
 
 def climb_and_sink(readings: Readings, until: float) -> tuple[Reading | None, Reading | None]:
