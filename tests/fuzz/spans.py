@@ -19,7 +19,7 @@ def messages(data: bytes, ending: str) -> Iterator[tuple[str, range]]:
 
 
 def wound(data: bytes, ending: str, rng: np.random.Generator) -> tuple[bytes, int]:
-    """Overwrite one to forty bytes in a row behind the formats; return how many messages they lay in beside it."""
+    """Overwrite, remove or insert one to forty bytes behind the formats; return how many messages were hit, too."""
     every = list(messages(data, ending))
     last = max((k for k, (name, _) in enumerate(every) if name in _EXPLAIN), default=0)
     # Nor within two messages of a seam of the log: one between two breaks would have nothing to be known by.
@@ -28,9 +28,12 @@ def wound(data: bytes, ending: str, rng: np.random.Generator) -> tuple[bytes, in
     if not victims:
         return data, 0
     at = int(rng.integers(victims[0][1].start, victims[-1][1].stop))
-    stop = min(at + int(rng.integers(1, 41)), victims[-1][1].stop)
+    size = int(rng.integers(1, 41))
+    # A message of PX4 has a length and no mark of its own: one that lost bytes may take the head of the next along.
+    gone, put = [(size, size), (size, 0), (0, size)][0 if ending == "ulg" else int(rng.integers(3))]
+    stop = min(at + gone, victims[-1][1].stop)
     damaged = bytearray(data)
-    damaged[at:stop] = rng.integers(0, 256, stop - at, np.uint8).tobytes()
+    damaged[at:stop] = rng.integers(0, 256, min(put, stop - at) if gone else put, np.uint8).tobytes()
     # A line begins behind the end of the one before it: where that is lost, they are one.
     before = ending == "log"
     return bytes(damaged), sum(span.start - before < stop and at < span.stop for _, span in every)

@@ -10,8 +10,6 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from core.findings import Severity
 from logparse import RotoridError
@@ -63,17 +61,6 @@ def read_or_refuse(data: bytes) -> DataflashSource | None:
         source.decode_many(source.counts(boot), boot)
     assert source.findings is not None
     return source
-
-
-@given(start=st.integers(BEGIN, len(BASE) - 1), size=st.integers(0, 200), filler=st.binary(max_size=200))
-@settings(max_examples=300, deadline=None, derandomize=True)
-def test_a_replaced_stretch_costs_only_what_it_touches(start: int, size: int, filler: bytes) -> None:
-    """Overwritten (same size), inserted (size 0 removed) and deleted bytes: all other rows are there."""
-    stop = min(start + size, len(BASE))
-    source = read_or_refuse(BASE[:start] + filler + BASE[stop:])
-    assert source is not None
-    untouched = {serial for a, b, serial in PLACES if b <= start or a >= stop}
-    assert untouched <= serials(source)
 
 
 @pytest.mark.parametrize("seed", range(4))
