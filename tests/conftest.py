@@ -19,13 +19,11 @@ from hypothesis import settings
 
 from logparse import containers
 from rotorid.cli import main as cli
+from tests.paths import ROOT, SHARED, SITL
 
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
-
-ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared" / "logs"
 
 # A slow computer, or the first example of a kernel, is no failure.
 settings.register_profile("rotorid", deadline=None)
@@ -104,7 +102,6 @@ _LENGTHY = {
         "sysid/frequency/test_bad_input",
         "sysid/loops/test_as_flown",
         "sysid/loops/test_design",
-        "sysid/loops/test_lua",
         "sysid/loops/test_procedure",
         "sysid/loops/test_tuning",
         "sysid/test_gusts",
@@ -231,7 +228,7 @@ def sitl(
 
     @cache
     def flown(name: str) -> "tuple[FlightLog, Trajectory]":
-        path = SHARED / "sitl" / f"{name}.BIN"
+        path = SITL / f"{name}.BIN"
         if not path.exists():
             pytest.skip(f"../shared/logs/sitl/{name}.BIN is not here")
         log = read_log(path)

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import httpx
 
-PROJECT = Path(__file__).parents[2]
-
+from tests.paths import ROOT
 
 #: Seconds after which something that should come to hold is taken not to: no test ends by it unless it fails.
 PATIENCE = 300.0
@@ -48,7 +47,7 @@ class Service:
     def start(self) -> None:
         """Start it and wait until it answers."""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=PROJECT, env=os.environ | self._settings
+            [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=ROOT, env=os.environ | self._settings
         )
         wait_until(self.answers)
 

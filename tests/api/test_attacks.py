@@ -8,7 +8,6 @@ import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -146,24 +145,6 @@ def database(tmp_path: Path) -> Iterator[Database]:
     with closing(Database(f"sqlite:///{tmp_path / 'rotorid.db'}")) as opened:
         opened.migrate()
         yield opened
-
-
-def test_an_analysis_whose_worker_lives_is_not_claimed_and_ends_by_its_own_claim_only(
-    database: Database, tmp_path: Path
-) -> None:
-    catalog, incoming = Catalog(database, open_store(str(tmp_path / "objects"))), Incoming(tmp_path)
-    with incoming.receive() as upload:
-        upload.write(b"log")
-        catalog.order([catalog.keep_logs([(upload, "a.bin")], "ann")[0].log.id], {}, "ann")
-    queue = Queue(database, lease=60.0, deaths=3)
-    claim = queue.claim()
-    assert claim is not None
-    assert queue.claim() is None
-    assert queue.prolong(claim)
-    assert queue.claim() is None
-    lost = replace(claim, lease="another's")
-    assert [queue.prolong(lost), queue.finish(lost, {}), queue.retry(lost)] == [False] * 3
-    assert queue.finish(claim, {})
 
 
 def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(

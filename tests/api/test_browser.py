@@ -16,6 +16,7 @@ from tests.api.browsing import PHONE, File, assert_accessible, assert_fits, watc
 from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 from tests.api.visits import ordered
+from tests.paths import SAMPLES
 
 expect.set_options(timeout=PATIENCE * 1000.0)  # only what never comes may meet it, on a busy computer too
 
@@ -335,7 +336,7 @@ def test_signals_are_explored_by_everybody(
     browser: Browser, tmp_path: Path, scheme: str, viewport: dict[str, int]
 ) -> None:
     """Pages of logs and of their signals: names, order, contrast and axe, at any width, with a plot drawn."""
-    sample = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
+    sample = SAMPLES / "quad01_davos_esc.bin"
     with served(Settings(data=tmp_path, workers=1), analyze_logs) as client:
         answer = client.post("/api/v1/logs", files={"file": (sample.name, sample.read_bytes())})
         log = answer.json()["id"]

@@ -20,8 +20,9 @@ from api.work.worker import analyze_logs
 from logparse import read_log
 from tests.api.conftest import served
 from tests.api.programs import wait_until
+from tests.paths import SAMPLES
 
-SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin"
+SAMPLE = SAMPLES / "quad01_davos_esc.bin"
 
 pytestmark = pytest.mark.slow
 

@@ -1,7 +1,11 @@
 """Whatever is killed, and whenever: what was accepted is there, and every analysis ends once with its right result."""
 
+import os
+import signal
 import socket
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -9,11 +13,15 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import service as load
 from benchmarks import service_faults
+from benchmarks._measure import memory
 from tests.api import postgresql
 from tests.api.conftest import unfinished
-from tests.api.programs import Service, wait_until
+from tests.api.programs import Service, descendants, is_analysis, wait_until
 from tests.api.visits import ordered, told
+from tests.paths import ROOT
+from tests.s3_server import s3_server
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.whole)])
@@ -107,3 +115,62 @@ def test_what_died_in_the_middle_of_an_upload_leaves_nothing(tmp_path: Path) -> 
     assert not unfinished(service.data)
     assert service.client.get("/api/v1/logs").json() == {"items": [], "next": None}
     service.close()
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[dict[str, str]]:
+    """Run PostgreSQL and S3; gives the settings that lead there."""
+    s3fs = pytest.importorskip("s3fs")
+    with s3_server(), postgresql.running() as server:
+        s3fs.S3FileSystem().mkdir("bucket")
+        yield {"ROTORID_DATABASE": server.url, "ROTORID_STORAGE": "s3://bucket/rotorid", "ROTORID_LEASE": "3"}
+
+
+def start_worker(folder: Path, settings: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start a worker that shares nothing with the server but the database and the storage."""
+    own = {"ROTORID_DATA": str(folder), "ROTORID_WORKERS": "1", **settings}
+    return subprocess.Popen([sys.executable, "-m", "tests.api.serving"], cwd=ROOT, env=os.environ | own)
+
+
+@pytest.mark.whole
+def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        service = stack.enter_context(closing(Service(tmp_path / "server", **elsewhere | {"ROTORID_WORKERS": "0"})))
+        analyses = [ordered(service.client, b"slow %d" % number)[1] for number in range(3)]
+
+        def states() -> list[str]:
+            return [told(service.client, address, "state") for address in analyses]
+
+        assert set(states()) == {"queued"}  # the server itself does nothing
+        first = start_worker(tmp_path / "first", elsewhere)
+        wait_until(lambda: any(is_analysis(pid) for pid in descendants(first.pid)))
+        for pid in [first.pid, *descendants(first.pid)]:
+            os.kill(pid, signal.SIGKILL)
+        first.wait()
+        second = start_worker(tmp_path / "second", elsewhere)
+        wait_until(lambda: set(states()) == {"done"}, pause=0.3)
+        for address in analyses:
+            found = service.client.get(address, params={"include": "report"}).json()
+            assert found["report"]["bytes"] == 6
+            assert service.client.get(found["links"]["rmse.csv"]).text.startswith("flight,x,y,z")
+        # Told to stop, a worker gives back what it works on, and it counts as not begun.
+        _, address = ordered(service.client, b"hang")
+        wait_until(lambda: told(service.client, address, "state") == "running")
+        second.terminate()
+        assert second.wait() == 0
+        given_back = service.client.get(address).json()
+        assert (given_back["state"], given_back["attempts"]) == ("queued", 0)
+
+
+@pytest.fixture
+def loaded(tmp_path: Path) -> Iterator[Service]:
+    with closing(Service(tmp_path / "data", ROTORID_UPLOAD_RATE="")) as started:
+        yield started
+
+
+@pytest.mark.slow
+def test_many_uploads_at_once_are_all_kept_and_a_large_one_passes_through(loaded: Service) -> None:
+    address, pid = str(loaded.client.base_url), loaded.process.pid
+    assert load.upload_many(address, clients=50, size=1 * load.MB) == 0
+    assert memory("VmHWM", pid) < 300 * load.MB
+    assert load.upload_large(address, pid, size=150 * load.MB) < 50

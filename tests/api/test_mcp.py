@@ -24,13 +24,11 @@ from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import FlightReport
 from tests.api import flights
 from tests.api.conftest import served
-from tests.api.programs import PROJECT
+from tests.paths import ROOT, SAMPLES
 from tests.pipeline.builders import flown
 from tests.reports.made import made
 
 mcp = pytest.importorskip("mcp")
-
-SAMPLES = PROJECT / "sample_logs"
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +49,7 @@ def ask(folder: Path, *questions: tuple[str, dict[str, Any]]) -> list[Any]:
 
     async def talk() -> list[Any]:
         program = mcp.StdioServerParameters(
-            command=sys.executable, args=["-m", "rotorid", "mcp", str(folder)], cwd=PROJECT
+            command=sys.executable, args=["-m", "rotorid", "mcp", str(folder)], cwd=ROOT
         )
         answers = []
         async with mcp.Client(program) as client:

@@ -21,9 +21,10 @@ from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
 from api.store.database import Database
 from tests.api.conftest import Upload, served, unfinished
-from tests.api.programs import PATIENCE, PROJECT, wait_until
+from tests.api.programs import PATIENCE, wait_until
+from tests.paths import ROOT
 
-MANUAL = PROJECT / "docs" / "service.md"
+MANUAL = ROOT / "docs" / "service.md"
 
 
 def test_every_setting_is_documented_and_nothing_else() -> None:
@@ -195,7 +196,7 @@ def test_a_service_writes_json_lines_when_asked(tmp_path: Path) -> None:
         result = subprocess.run(
             [sys.executable, "-c", f"import api; api.serve(port={taken.getsockname()[1]})"],
             env=os.environ | {"ROTORID_DATA": str(tmp_path), "ROTORID_LOG_FORMAT": "json"},
-            cwd=PROJECT,
+            cwd=ROOT,
             capture_output=True,
             text=True,
             timeout=PATIENCE,

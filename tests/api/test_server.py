@@ -17,8 +17,8 @@ import pytest
 
 from pipeline.execution.stages import STAGES
 from tests.api.programs import PATIENCE, free_port, wait_until
+from tests.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_logs" / "octa01_zurich_calm.bin"
 ROTORID = Path(sys.executable).with_name("rotorid")
 

@@ -10,6 +10,8 @@ from subprocess import PIPE
 
 import pytest
 
+from tests.paths import ROOT
+
 SOURCE = """
 import sys
 import numpy as np
@@ -62,7 +64,7 @@ Run = Callable[..., tuple[str, bool]]
 def run() -> Iterator[Run]:
     """Return a function that calls the kernel in a new process: its result, and whether numba got ready to compile."""
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-    environment["PYTHONPATH"] = str(Path(__file__).parents[2])
+    environment["PYTHONPATH"] = str(ROOT)
     command = [sys.executable, "-c", STARTER]
     with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, text=True, bufsize=1, env=environment) as starter:
         assert starter.stdin

@@ -4,11 +4,10 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 from core.catalogue import read_catalogue
+from tests.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = ("core", "logparse", "estimation", "sysid", "pipeline", "reports", "api")
 #: What makes a finding: the class, the catalogue, and what names its severity; the name comes first.
 SEVERITIES = ("info", "warning")

@@ -1,12 +1,13 @@
-"""The tutorial's commands run as printed, one after the other, and its Python too."""
+"""The tutorial's commands and the notebook page do what they show."""
 
 import re
 import shlex
-from pathlib import Path
+from runpy import run_path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.paths import ROOT
+
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
 
@@ -47,3 +48,29 @@ def test_the_python_runs(folder, monkeypatch, capsys):
     for block in blocks("python"):
         exec(compile(block, "tutorial.md", "exec"), {})
         assert "x: " in capsys.readouterr().out
+
+
+DOCS = ROOT / "docs"
+
+
+def labels(answer):
+    """First line, and what stands before the values of the others."""
+    first, *rows = answer.strip().splitlines()
+    return [first, *(re.split(r"\s{2,}", row.strip())[0] for row in rows)]
+
+
+@pytest.mark.slow
+def test_every_cell_answers_as_shown(monkeypatch):
+    monkeypatch.chdir(DOCS.parent)
+    shown = 0
+    for value, answer, picture in run_path(str(DOCS / "notebook.py"))["cells"](
+        (DOCS / "notebook.md").read_text("utf-8")
+    ):
+        assert (answer is None) != (picture is None), "each cell has an answer or a picture"
+        if answer is not None:
+            assert labels(repr(value)) == labels(answer), "python docs/notebook.py writes the page anew"
+        else:
+            assert value.data
+            assert (DOCS / picture).is_file()
+        shown += 1
+    assert shown == 10

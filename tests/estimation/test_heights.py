@@ -1,18 +1,18 @@
-"""Height: what a receiver's swinging heights, its lasting vertical velocity and a barometer in wash may do to it."""
+"""Heights that swing, sink or wash, and errors where GPS stays away."""
 
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from estimation import compare, estimate
+from estimation import compare, estimate, nees
+from estimation.timing import ACCEL
 from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
+from tests.paths import REAL
 
-REAL = Path(__file__).parents[3] / "shared" / "logs" / "real"
 #: Logs whose barometer is spoilt by the craft itself for longer than the rest of the sensors can bridge, and why.
 BEYOND = {
     # Peaks of 2 m for a second or two in every turn; the autopilot's own height is 1.1 m below the barometer's.
@@ -81,3 +81,16 @@ def test_heights_of_real_flights_are_those_that_were_read():
         found[file, number] = abs(off) < max(1.1, 0.1 * read)
     assert len(found) > 18
     assert {case for case, right in found.items() if not right} <= BEYOND
+
+
+def test_a_craft_whose_accelerometer_errs_as_it_flies_is_as_unknown_as_it_is_without_gps():
+    """What vibration rectifies goes with the throttle: no bias that walks foretells it."""
+    flight = fly(42, duration=150.0)
+    t = flight.tables.imu.index.to_numpy()[:, None]
+    shaken, gps = flight.tables.imu.copy(), flight.tables.gps
+    shaken[ACCEL] += 0.5 * np.sin(2.0 * np.pi * t / 25.0 + 6.0 * np.random.default_rng(42).random(3)) * (t > 8.0)
+    lost = estimate(replace(flight.tables, imu=shaken, gps=gps[gps.index < 90.0]), rate=10.0)
+    assert nees(lost, flight.truth.loc[91.0:])["velocity"] < 3.0  # 10 before
+    (finding,) = [f for f in lost.findings if f.id == "position-unknown"]
+    assert (finding.severity, "to the end" in finding.reason) == ("error", True)
+    assert finding.evidence["position_sigma_m"] > 50.0

@@ -4,8 +4,6 @@ Position truth there is relative to where the simulator started, the estimates t
 the two is not judged. Only airborne time counts.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,17 +14,16 @@ from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat
 from logparse import read_log
+from tests.paths import SITL
 
-LOGS = Path(__file__).parents[3] / "shared" / "logs" / "sitl"
-
-needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
+needs_logs = pytest.mark.skipif(not SITL.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 
 
 @pytest.fixture(scope="module", params=[4, pytest.param(2, marks=pytest.mark.whole)], ids=["quarter", "half"])
 def judged(sitl, request):
     """RMS errors pooled over one log in so many, by measure: of the smoother, of the plain filter and of EKF3."""
     squares = {"smoother": [], "filter": [], "EKF3": []}
-    for path in sorted(LOGS.glob("*.BIN"))[:: request.param]:
+    for path in sorted(SITL.glob("*.BIN"))[:: request.param]:
         log, trajectory = sitl(path.stem)
         truth = airborne_truth(log)
         results = {
@@ -60,8 +57,8 @@ def test_plain_filter_is_no_worse_than_the_autopilots(judged):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["octa03_auto_wind5", "octa15_two_flights_logdisarmed", "quad06_auto"])
 def test_telemetry_is_near_the_truth_of_the_matching_log(name):
-    truth = airborne_truth(read_log(LOGS / f"{name}.BIN"))
-    trajectory = estimate(read_log(LOGS / f"{name}.tlog").tables)
+    truth = airborne_truth(read_log(SITL / f"{name}.BIN"))
+    trajectory = estimate(read_log(SITL / f"{name}.tlog").tables)
     assert trajectory.method == "low-rate"
     assert np.sqrt(squares_of(errors_from(trajectory, truth), {"place": ("p_n", "p_e", "p_d")})["place"]) < 0.12
     states = trajectory.states

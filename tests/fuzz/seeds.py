@@ -11,8 +11,7 @@ import pandas as pd
 from logparse import read_log
 from tests.fuzz.px4_seed import px4_log
 from tests.fuzz.spans import messages
-
-ROOT = Path(__file__).parents[2]
+from tests.paths import ROOT
 
 #: Rows kept of each message: enough for every table, few enough for thousands of mutations.
 _ROWS = 25

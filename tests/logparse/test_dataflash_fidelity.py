@@ -15,9 +15,9 @@ from pymavlink import DFReader
 
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.format import FIELD_TYPES
+from tests.paths import SHARED
 
-LOGS = Path(__file__).parents[3] / "shared" / "logs"
-BINARY = sorted(path for path in LOGS.glob("*/*") if path.suffix.lower() == ".bin")
+BINARY = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() == ".bin")
 #: Enough for a quick look; the others are compared in the slow tests.
 QUICK = [path for path in BINARY if path.stat().st_size < 3_000_000]
 SLOW = [path for path in BINARY if path not in QUICK]
@@ -146,7 +146,7 @@ def test_counts_and_values_are_those_of_pymavlink(path: Path) -> None:
 )
 def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> None:
     """GPS rows whose TimeMS is the receiver's, long pauses, rows that step back: one boot, GPS on the boot clock."""
-    source = DataflashSource((LOGS / "real" / name).read_bytes())
+    source = DataflashSource((SHARED / "real" / name).read_bytes())
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == pytest.approx(boot_clock, abs=0.1)
     gps = source.decode("GPS", boot)
@@ -162,6 +162,6 @@ def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> N
     [("erlerobot-logs__26-11-2014_181.BIN", 692208), ("erlerobot-logs__27-9-2014_70.BIN", 16361)],
 )
 def test_truncated_tail_is_told(name: str, byte: int) -> None:
-    source = DataflashSource((LOGS / "real" / name).read_bytes())
+    source = DataflashSource((SHARED / "real" / name).read_bytes())
     (finding,) = source.findings
     assert (finding.id, finding.evidence["first_byte"]) == ("file-end", byte)

@@ -1,15 +1,13 @@
 """DataFlash text logs: real ones against pymavlink, and what is odd in them."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pymavlink import DFReader
 
 from logparse import read_log
 from logparse.dataflash.text import DataflashTextSource
+from tests.paths import REAL
 
-LOGS = Path(__file__).parents[3] / "shared" / "logs" / "real"
 TEXT = ["DigitalSarcasm-Quadcopter__nan.log", "Javiercerna-pixhawk-flight-time__2016-11-09_16-33-24.log"]
 
 HEAD = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format
@@ -22,13 +20,13 @@ FMT, 10, 3, STRT, ,
 """
 
 
-@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+@pytest.mark.skipif(not REAL.exists(), reason="the shared logs are not beside the project")
 @pytest.mark.parametrize("name", TEXT)
 def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
     """Every row of every type, each field of the first rows and of the last."""
-    source = DataflashTextSource((LOGS / name).read_bytes())
+    source = DataflashTextSource((REAL / name).read_bytes())
     (boot,) = source.boots
-    reader = DFReader.DFReader_text(str(LOGS / name))
+    reader = DFReader.DFReader_text(str(REAL / name))
     theirs: dict[str, list[DFReader.DFMessage]] = {}
     while (message := reader.recv_msg()) is not None:
         theirs.setdefault(message.get_type(), []).append(message)
@@ -49,10 +47,10 @@ def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
                 assert ours == value or (np.isnan(ours) and np.isnan(value)), (kind, field)
 
 
-@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+@pytest.mark.skipif(not REAL.exists(), reason="the shared logs are not beside the project")
 @pytest.mark.parametrize("name", TEXT)
 def test_real_logs_lie_on_the_boot_clock(name: str) -> None:
-    source = DataflashTextSource((LOGS / name).read_bytes())
+    source = DataflashTextSource((REAL / name).read_bytes())
     (boot,) = source.boots
     for kind in source.counts(boot):
         t = source.decode(kind, boot).index

@@ -15,8 +15,7 @@ from logparse import read_log
 from logparse.export import export
 from logparse.tables import Tables
 from tests.logparse.builders import message as frame
-
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
+from tests.paths import SHARED
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Signals by name and arithmetic with them: values by closed form, units by dimension, and what cannot be is said."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +11,7 @@ from logparse.expressions import evaluate
 from logparse.signals import SignalError, logged_signal
 from logparse.tables import Tables
 from tests.logparse.builders import Decoded, message
+from tests.paths import SAMPLES
 
 
 def frame(rate, seconds, units, **columns):
@@ -47,7 +47,7 @@ def test_a_name_alone_is_its_signal(log):
 
 
 def test_one_field_is_decoded_and_nothing_is_kept():
-    sample = read_log(Path(__file__).resolve().parents[2] / "sample_logs" / "quad01_davos_esc.bin")
+    sample = read_log(SAMPLES / "quad01_davos_esc.bin")
     signal = evaluate(sample, "IMU.AccZ")
     assert "IMU" not in sample.messages.decoded
     np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])

@@ -1,15 +1,22 @@
-"""Motor numbering: one wrong sign here and every model of that frame is nonsense."""
+"""Motor numbering, where one wrong sign makes every model nonsense; and quadplanes, in hover a multirotor."""
 
 import json
 import math
-from pathlib import Path
+import re
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from estimation import estimate
+from logparse import read_log
 from logparse.craft import frames
 from logparse.craft.frames import motor_table, servo_function_motor
-
-SITL = Path(__file__).resolve().parents[3] / "shared" / "logs" / "sitl"
+from logparse.craft.quadplane import copter_name, own_names
+from sysid import Experiment, fit_thrust
+from sysid.loops import design, tune
+from tests.logparse.quadplanes import quadplane
+from tests.paths import REAL, SAMPLES, SITL
 
 STANDARD = sorted(key for key in frames.FACTORS if key[1] not in ("vtail", "atail", "nyt-plus", "nyt-x"))
 
@@ -104,3 +111,113 @@ def test_channels_follow_the_servo_functions():
 def test_servo_functions_name_motors():
     assert [servo_function_motor(f) for f in (33, 40, 82, 85, 160, 179)] == [1, 8, 9, 12, 13, 32]
     assert [servo_function_motor(f) for f in (0, 1, 32, 41, 81, 86, 159)] == [None] * 7
+
+
+SAMPLE = SAMPLES / "quad01_davos_esc.bin"
+VTOL = REAL / "uavlogviewer__vtol.tlog"
+
+
+@pytest.fixture(scope="module")
+def copter():
+    return read_log(SAMPLE)
+
+
+@pytest.fixture(scope="module")
+def winged(tmp_path_factory):
+    """Return the same flight as a QuadPlane's, on its wings from 55 to 70 s."""
+    path = tmp_path_factory.mktemp("quadplane") / "winged.bin"
+    path.write_bytes(quadplane(SAMPLE.read_bytes(), on_wings=(55.0, 70.0)))
+    return read_log(path)
+
+
+def test_what_lifts_has_the_names_of_a_copter(copter, winged):
+    vehicle = winged.vehicle
+    assert (vehicle.firmware, vehicle.frame_class, vehicle.frame_type) == ("ArduPlane", "quad", "x")
+    assert [motor.channel for motor in vehicle.motors] == [5, 6, 7, 8]
+    assert vehicle.thrust_expo == copter.vehicle.thrust_expo
+    assert winged.parameters["ATC_RAT_RLL_P"] == copter.parameters["ATC_RAT_RLL_P"]
+    assert {"CTUN", "RATE"} <= set(winged.messages)
+    assert "QTUN" not in winged.messages
+    pd.testing.assert_series_equal(winged.tables.setpoints["throttle"], copter.tables.setpoints["throttle"])
+
+
+def test_names_come_back_for_the_files_that_it_loads():
+    for name in ("Q_A_RAT_RLL_P", "Q_M_THST_HOVER", "Q_FRAME_CLASS", "INS_GYRO_FILTER"):
+        assert own_names(copter_name(name), "ArduPlane") == name
+
+
+def test_motors_and_controllers_count_in_hover_only(copter, winged):
+    tables, on_wings = winged.tables, slice(55.0, 70.0)
+    assert tables.motors.loc[on_wings].isna().all(axis=None)
+    assert tables.rates.loc[on_wings, "out_roll"].isna().all()
+    assert tables.rates.loc[on_wings, "w_x"].notna().all()  # measured whatever carries it
+    hover = slice(35.0, 54.0)
+    pd.testing.assert_frame_equal(tables.motors.loc[hover], copter.tables.motors.loc[hover])
+    (flight,), (same,) = winged.flights, copter.flights
+    assert (flight.start, flight.stop) == (same.start, same.stop)
+    (told,) = [each for each in winged.findings if each.id == "wing-borne"]
+    assert told.evidence["seconds"] == pytest.approx(15.0, abs=0.3)
+
+
+def test_hover_has_the_thrust_of_the_copter(copter, winged):
+    whole, part = (
+        fit_thrust(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc))) for log in (copter, winged)
+    )
+    # Each is stated at the median voltage of its own hover, and thrust goes with the square of it.
+    at_voltage = (part.reference_voltage / whole.reference_voltage) ** 2
+    sigma = np.hypot(whole.common.sigma, part.common.sigma)
+    assert part.common.per_mass == pytest.approx(whole.common.per_mass * at_voltage, abs=2.0 * sigma)
+
+
+@pytest.fixture(scope="module")
+def chirped(tmp_path_factory):
+    path = tmp_path_factory.mktemp("quadplane") / "chirped.bin"
+    path.write_bytes(quadplane((SAMPLES / "quad02_delft_systemid.bin").read_bytes()))
+    return read_log(path)
+
+
+def test_gains_are_proposed_by_the_craft_s_own_names(chirped):
+    assert "PIDR" in chirped.messages
+    tuned = tune(chirped)
+    assert "Q_A_RAT_RLL_P," in tuned.proposed_file()
+    assert "Q_A_RAT_RLL_P," in tuned.rollback_file()
+
+
+@pytest.mark.parametrize("purpose", ["rates", "drag", "thrust", "position"])
+def test_the_next_flight_is_one_that_a_quadplane_can_fly(chirped, winged, purpose):
+    """Chirps by a switch in a Q mode (ArduPlane has no mode SYSTEMID), missions on the motors that lift."""
+    planned = design(chirped if purpose == "rates" else winged, purpose)
+    assert planned.refused is None
+    text = "\n".join(planned.files.values())
+    assert not re.search(r"\b(ATC_|MOT_|LOITER|ALT_HOLD|switch to SYSTEMID)", text)
+    assert ("RCn_OPTION 184" in text) == (purpose == "rates")
+    commands = [int(line.split("\t")[3]) for line in text.splitlines() if line.count("\t") == 11]
+    assert commands[1:3] + commands[-1:] == ([] if purpose == "rates" else [84, 3000, 85])
+
+
+def test_what_a_quadplane_cannot_do_is_said_in_its_words(chirped, winged):
+    assert "QuadPlane" in design(chirped, "inertia").refused
+    reason = tune(winged).refused
+    assert "RCn_OPTION 184" in reason
+    assert "mode SYSTEMID" not in reason
+
+
+def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):
+    path = tmp_path / "tailsitter.bin"
+    data = quadplane(SAMPLE.read_bytes())
+    path.write_bytes(data.replace(b"COMPASS_AUTODEC\0", b"Q_TAILSIT_ENABLE"))  # is 1
+    log = read_log(path)
+    assert log.vehicle.other_craft
+    assert log.flights
+
+
+@pytest.mark.skipif(not VTOL.is_file(), reason="the shared logs are not here")
+def test_a_tilting_tricopter_of_2018():
+    """Motors 1 and 2 tilt and pull it forward from 652 to 732 s; it flew from 635.5 to 778.3 s."""
+    log = read_log(VTOL)
+    assert [motor.number for motor in log.vehicle.motors] == [1, 2, 4]
+    (flight,) = log.flights
+    assert (flight.start, flight.stop) == pytest.approx((635.5, 778.3), abs=1.0)
+    aloft = log.tables.motors["m4"].loc[flight.start : flight.stop]
+    on_wings = aloft[aloft.isna()].index
+    assert (on_wings[0], on_wings[-1]) == pytest.approx((652.0, 732.0), abs=1.5)

@@ -16,6 +16,7 @@ from logparse.foreign.files import TableError
 from logparse.signals import SignalError
 from tests.fuzz import structures
 from tests.fuzz.px4_seed import px4_log
+from tests.paths import SAMPLES
 
 #: Mutations of each kind here; `python -m tests.fuzz 10000` does more.
 COUNT = 12
@@ -138,7 +139,7 @@ def test_numbers_without_end_are_no_part_of_an_expression(text: str, sample: Pat
 @pytest.fixture
 def sample() -> Path:
     """Return a log with ATT."""
-    return Path(__file__).parents[2] / "sample_logs" / "octa02_alain_breeze.bin"
+    return SAMPLES / "octa02_alain_breeze.bin"
 
 
 def test_an_infinite_instance_is_none(tmp_path: Path) -> None:

@@ -1,12 +1,14 @@
-"""`read_log`: what a user hands in, from good logs in archives to things that are no logs."""
+"""`read_log`: what a user hands in, from good logs in archives to things that are no logs; tables built on demand."""
 
 import gzip
 import io
 import json
 import os
+import pickle
 import shutil
 import zipfile
 from collections.abc import Callable
+from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,11 +16,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import logparse.canonical
+import logparse.messages
 from logparse import FlightLog, LogError, Tables, read_log
+from logparse.canonical.series import join
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
-
-LOGS = Path(__file__).parents[3] / "shared" / "logs"
+from tests.paths import SAMPLES, SHARED
 
 
 def small_log(path: Path, start: float = 10.0, seconds: float = 20.0) -> Path:
@@ -85,7 +89,7 @@ def test_a_loop_over_messages_passes_over_the_file_a_few_times(monkeypatch: pyte
     monkeypatch.setattr(
         DataflashSource, "decode_many", lambda self, *args: passes.append(1) or decode_many(self, *args)
     )  # fmt: skip
-    path = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    path = SAMPLES / "octa01_zurich_calm.bin"
     log, other = read_log(path), read_log(path)
     passes.clear()
     frames = {name: log.messages[name] for name in log.messages}
@@ -97,11 +101,6 @@ def test_a_loop_over_messages_passes_over_the_file_a_few_times(monkeypatch: pyte
     found = next(other.messages[name] for name in other.messages if name == "ATT")
     assert len(passes) == 1
     pd.testing.assert_frame_equal(found, frames["ATT"])
-
-
-@pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight", "flight.ulg"])
-def test_names_do_not_matter(tmp_path: Path, name: str) -> None:
-    assert read_log(str(small_log(tmp_path / name))).format == "dataflash"
 
 
 def test_archives(tmp_path: Path) -> None:
@@ -213,7 +212,7 @@ def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
 
 def test_power_ups_shorter_than_a_flight_found_are_not_looked_into(tmp_path: Path) -> None:
     """A file of many power-ups took as long as building all tables of each."""
-    flown = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    flown = SAMPLES / "octa01_zurich_calm.bin"
     (tmp_path / "both.bin").write_bytes(small_log(tmp_path / "a.bin", 90, 5).read_bytes() + flown.read_bytes())
     looked_into: list[int] = []
 
@@ -238,16 +237,16 @@ def test_a_log_of_nothing_but_definitions(tmp_path: Path) -> None:
     assert set(log.messages) == {"FMT", "FMTU", "UNIT", "MULT"}
 
 
-@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the project")
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared logs are not beside the project")
 def test_every_shared_log_is_recognised(tmp_path: Path) -> None:
     """By content: each file is read under a name that says nothing."""
     formats = {}
-    for path in sorted((LOGS / "real").glob("*")):
+    for path in sorted((SHARED / "real").glob("*")):
         if path.suffix not in (".tsv", ".md"):
             copy = tmp_path / "log"
             shutil.copyfile(path, copy)
             formats[path.name] = read_log(copy).format
-    inventory = pd.read_csv(LOGS / "real" / "INVENTORY.tsv", sep="\t").set_index("file")["format"]
+    inventory = pd.read_csv(SHARED / "real" / "INVENTORY.tsv", sep="\t").set_index("file")["format"]
     expected = {"dataflash-bin": "dataflash", "dataflash-text": "dataflash-text", "ulog": "ulog", "tlog": "tlog"}
     found = {name: formats[name] for name in inventory.index}
     assert found == {name: expected[kind.split(" ")[0]] for name, kind in inventory.items()}, json.dumps(found)
@@ -257,3 +256,113 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "flight.bin")
     with pytest.raises(LogError, match="not a file"):
         read_log(tmp_path / "flight.bin")
+
+
+LOG = SAMPLES / "quad02_delft_systemid.bin"
+
+
+@pytest.fixture(scope="module")
+def at_once():
+    log = read_log(LOG)
+    return log.tables, log.findings
+
+
+@pytest.fixture
+def deferred(monkeypatch):
+    """Return the log as if a thousand rows were many."""
+    monkeypatch.setattr(logparse.canonical, "LONG", 1000)
+    monkeypatch.setattr(logparse.messages, "LONG", 1000)
+    return read_log(LOG)
+
+
+def same(a, b):
+    if isinstance(a, pd.DataFrame):
+        pd.testing.assert_frame_equal(a, b, check_exact=True)
+    elif isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for name in a:
+            for one, other in zip(a[name], b[name], strict=True) if isinstance(a[name], tuple) else ():
+                same(one, other)
+    else:
+        assert a == b
+
+
+def same_tables(a, b):
+    for each in fields(Tables):
+        same(getattr(a, each.name), getattr(b, each.name))
+
+
+def test_tables_and_findings_are_the_same(at_once, deferred):
+    same_tables(at_once[0], deferred.tables)
+    assert deferred.findings == at_once[1]
+
+
+def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(deferred):
+    tables = deferred.tables
+    imu = tables.imu
+    assert tables.imu is imu
+    assert tables.rates is not None
+    again = tables.imu
+    assert again is not imu
+    same(imu, again)
+    tables.release()
+    assert tables.imu is not again
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("rates", ("out_roll", "w_x_ref", "out_thrust")), ("setpoints", ("throttle", "yaw", "p_d", "v_n_ref"))],
+)
+def test_columns_come_one_by_one_without_their_table(at_once, deferred, name, wanted):
+    whole, tables = at_once[0], deferred.tables
+    kept, table = tables.imu, getattr(whole, name)
+    for source in (whole, tables):
+        columns = list(source.columns(name, wanted))
+        assert [column.name for column in columns] == list(wanted)
+        for column in columns:
+            pd.testing.assert_series_equal(column, table[column.name], check_exact=True)
+        same(source.part(name, wanted), table[list(wanted)])
+        same(source.column(name, wanted[0]).to_frame(), table[[wanted[0]]])
+    assert tables.imu is kept, "no other long table was made, which would have taken its place"
+    assert list(Tables().columns(name, wanted)) == []
+    assert Tables().column(name, wanted[0]) is Tables().part(name, wanted) is None
+
+
+def test_of_targets_logged_as_often_by_two_messages_the_later_counts():
+    first, second = (pd.DataFrame({"roll": [k, k], "pitch": 0.0}, index=[0.1 * k, 0.1 * k + 1.0]) for k in (1.0, 2.0))
+    joined = join([first, second.drop(columns="pitch")], ("roll", "pitch"), gap=0.3)
+    assert joined.index.tolist() == [0.2, 1.2]
+    assert joined["roll"].tolist() == [2.0, 2.0]
+
+
+def test_times_are_those_of_the_table(at_once, deferred):
+    for name in ("imu", "rates", "setpoints", "gps"):
+        assert deferred.tables.times(name).tolist() == at_once[0].times(name).tolist()
+    assert Tables().times("imu") is None
+
+
+def test_copies_hold_what_was_deferred(deferred):
+    tables = deferred.tables
+    same_tables(pickle.loads(pickle.dumps(tables)), tables)
+    without = replace(tables, imu=None)
+    assert without.imu is None
+    same(without.rates, tables.rates)
+
+
+def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
+    assert deferred.tables.rates is not None
+    assert "RATE" not in deferred.messages.decoded
+    rate = deferred.messages["RATE"]
+    assert deferred.messages["RATE"] is rate
+
+
+def test_a_table_may_be_kept_when_the_others_are_released(deferred):
+    imu = deferred.tables.imu
+    deferred.tables.release(keep="imu")
+    assert deferred.tables.imu is imu
+
+
+def test_messages_held_together_are_not_kept(deferred):
+    assert deferred.tables.attitude is not None
+    assert deferred.messages.counts["ATT"] >= 1000
+    assert "ATT" not in deferred.messages.decoded

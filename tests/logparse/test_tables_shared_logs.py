@@ -3,7 +3,6 @@
 import json
 import math
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pymap3d
@@ -12,8 +11,8 @@ import pytest
 from logparse import completeness, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
 from logparse.tables import COLUMNS
+from tests.paths import SHARED
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
 LOGS = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() in (".bin", ".log", ".tlog", ".ulg"))
 SITL = [path for path in LOGS if path.parent.name == "sitl" and path.suffix == ".BIN"]
 

@@ -4,7 +4,6 @@ Each frame that pymavlink gives must be a row here, with the same values in ever
 """
 
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,10 +13,10 @@ from pymavlink import mavutil
 from logparse.mavlink.dialect import definitions, pymavlink_dialect
 from logparse.mavlink.tlog import TlogSource
 from logparse.source import Boot
+from tests.paths import SHARED
 
-LOGS = Path(__file__).parents[3] / "shared" / "logs"
 #: Text logs and JSON are also named .log.
-TELEMETRY = [*sorted(LOGS.glob("*/*.tlog")), *sorted(LOGS.glob("real/kevinaangstadt*.log"))]
+TELEMETRY = [*sorted(SHARED.glob("*/*.tlog")), *sorted(SHARED.glob("real/kevinaangstadt*.log"))]
 
 pytestmark = pytest.mark.skipif(not TELEMETRY, reason="the shared logs are not beside the project")
 

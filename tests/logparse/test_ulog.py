@@ -4,7 +4,6 @@ The small logs are built here after the format's description (https://docs.px4.i
 """
 
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,9 @@ from pyulog import ULog
 
 from logparse import LogError
 from logparse.ulog.reader import UlogSource, looks_like
+from tests.paths import REAL
 
-SHARED = Path(__file__).parents[3] / "shared" / "logs" / "real"
-LOGS = sorted(SHARED.glob("*.ulg"))
+LOGS = sorted(REAL.glob("*.ulg"))
 START = 5_000_000
 
 
@@ -209,7 +208,7 @@ def test_shared_logs_hold_what_pyulog_reads(path):
 
 @pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
 def test_crash_dump_is_a_finding():
-    source = UlogSource((SHARED / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
+    source = UlogSource((REAL / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
     assert "autopilot-error" in [finding.id for finding in source.findings]
 
 

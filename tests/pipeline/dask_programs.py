@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.api.programs import PROJECT, free_port
+from tests.api.programs import free_port
+from tests.paths import ROOT
 
 
 class Programs:
@@ -41,7 +42,7 @@ class Programs:
         return self._start("worker", self.address, *place, *options, path=path)
 
     def _start(self, *command: str, path: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
-        modules = {"PYTHONPATH": os.pathsep.join(map(str, (*path, PROJECT)))}
+        modules = {"PYTHONPATH": os.pathsep.join(map(str, (*path, ROOT)))}
         with (self._folder / "output.txt").open("ab") as output:
             program = subprocess.Popen(
                 [sys.executable, "-m", "dask", *command],

@@ -11,8 +11,8 @@ from core.findings import Finding
 from pipeline.flight.account import tell
 from pipeline.results.account import Account
 from pipeline.results.span import Span
+from tests.paths import SHARED
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs"
 FAULTS, PAIRS = SHARED / "faults", SHARED / "pairs"
 
 if not FAULTS.is_dir():

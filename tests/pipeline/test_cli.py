@@ -21,10 +21,8 @@ from pipeline.config import SETTINGS
 from reports.numbers.schema import schema
 from rotorid.cli import main as cli
 from rotorid.cli.main import app
+from tests.paths import ROOT, SAMPLES
 from tests.reports.conftest import made_flight
-
-ROOT = Path(__file__).parents[2]
-SAMPLES = ROOT / "sample_logs"
 
 
 def rotorid(*arguments, cwd=None):

@@ -1,4 +1,4 @@
-"""What a flight covered, against the simulator's truth."""
+"""What flights covered, against the simulator's truth, and which held-out ones leave it."""
 
 import dataclasses
 import datetime as dt

@@ -1,4 +1,4 @@
-"""Parameters followed over flights: what is there is found at its rate, what is not is not claimed."""
+"""Parameters over flights, by closed forms and false alarms at their rate; a motor that weakens."""
 
 import dataclasses
 import datetime as dt

@@ -1,4 +1,4 @@
-"""Every flight of a log: found over all power-ups, analysed with its own events, called by its number."""
+"""Every flight of a log, and the part of a long one; called by its number, LOG#2."""
 
 import json
 from pathlib import Path
@@ -16,9 +16,9 @@ from pipeline.flight.part import LONGEST, busiest, part_findings
 from pipeline.results.span import Span, around
 from rotorid.cli.main import app
 from rotorid.cli.options import open_log
+from tests.paths import SAMPLES, SHARED, SITL
 
-SHARED = Path(__file__).parents[3] / "shared" / "logs"
-SAMPLE = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+SAMPLE = SAMPLES / "octa01_zurich_calm.bin"
 
 shared = pytest.mark.skipif(not SHARED.exists(), reason="needs the logs beside the repository")
 
@@ -116,7 +116,7 @@ def test_without_targets_and_attitude_it_is_the_first_half_hour() -> None:
 # LOG#2 on the command line: the second flight of a log, for commands that look at one flight.
 
 
-TWO = Path(__file__).parents[3] / "shared" / "logs" / "sitl" / "octa15_two_flights_logdisarmed.BIN"
+TWO = SITL / "octa15_two_flights_logdisarmed.BIN"
 
 
 @pytest.mark.skipif(not TWO.exists(), reason="needs the logs beside the repository")

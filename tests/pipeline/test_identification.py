@@ -1,4 +1,4 @@
-"""One kind of model, fitted and judged: what comes back, and what comes back when it cannot be done."""
+"""Models fitted and judged, of a flight, jointly, and of tables; and what comes back when it cannot be done."""
 
 import dataclasses
 import json

@@ -6,8 +6,7 @@ import pytest
 
 import reports
 from pipeline import AnalysisConfig, FleetResult, analyze_fleet
-
-REAL = Path(__file__).parents[2].parent / "shared" / "logs" / "real"
+from tests.paths import REAL
 
 pytestmark = [
     pytest.mark.slow,

@@ -1,4 +1,4 @@
-"""What is found among the files of a user: each once, nothing dropped without a word, no hanging."""
+"""What is found among the files of a user, each once, and records of it: nothing read twice without need."""
 
 import errno
 import hashlib

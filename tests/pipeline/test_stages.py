@@ -1,4 +1,4 @@
-"""A stage may fail; the others go on, and the user learns why."""
+"""A stage may fail and the others go on; processors, memory and loops to compile are those of the machine."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""Products are whole or not there, whatever happens while they are written, in folders and among objects."""
+"""Products and entries are whole or not there, whatever happens while they are written."""
 
 import dataclasses
 import errno

@@ -1,7 +1,5 @@
 """Lines of a vibration whose frequencies are known: matched with rotors, and with notches, or with neither."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,8 +9,8 @@ from logparse import Tables
 from pipeline.flight.spectrum import vibration_spectrum
 from pipeline.results.span import Span
 from reports.figures.signals import peaks_in_words
+from tests.paths import REAL
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "logs" / "real"
 FLIGHT = Span(0.0, 60.0)
 NOTCH = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0, "INS_HNTCH_BW": 40.0, "INS_HNTCH_HMNCS": 3.0}
 
@@ -68,10 +66,10 @@ def test_quiet_flights_name_no_line():
     assert peaks_in_words(spectrum) == "No line stands out."
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="shared logs are not here")
+@pytest.mark.skipif(not REAL.is_dir(), reason="shared logs are not here")
 def test_bursts_of_a_real_log_show_its_rotors():
     """Its bursts were timed by microseconds taken for seconds, so that none lay in the flight."""
-    (path,) = SHARED.glob("pypi-mavparser*.BIN")
+    (path,) = REAL.glob("pypi-mavparser*.BIN")
     log = logparse.read_log(path)
     spectrum = vibration_spectrum(log.tables, Span(log.flight.start, log.flight.stop), log.parameters)
     assert "bursts at 6407 Hz" in spectrum.source

@@ -1,4 +1,4 @@
-"""Plots: what Plotly accepts, and what they must not pretend."""
+"""Plots: what Plotly accepts, what they must not pretend, and the files that the browser draws of them."""
 
 import dataclasses
 
@@ -11,6 +11,7 @@ from pipeline.results.failure import Failure
 from reports.figures.figure import MOST_POINTS
 from reports.figures.flight import flight_figures, motors
 from reports.figures.models import prediction
+from reports.files.plot_images import NoBrowserError, write_images
 from tests.reports.builders import themed
 
 
@@ -57,3 +58,19 @@ def test_a_missing_table_costs_only_its_own_plot(flight, missing):
     changed = {missing: GROUNDED if missing in ("trajectory", "flight") else None}
     figures = flight_figures(dataclasses.replace(flight, **changed))
     assert len(figures) >= 2
+
+
+@pytest.mark.parametrize("image_format", ["png", "svg"])
+def test_every_figure_becomes_a_file(flight, tmp_path, image_format, browser):
+    figures = flight_figures(flight)
+    files = write_images(figures, tmp_path, image_format)
+    assert [file.name for file in files] == [f"{figure.id}.{image_format}" for figure in figures]
+    first = files[0].read_bytes()
+    assert first.startswith(b"\x89PNG" if image_format == "png" else b"<svg")
+    assert image_format == "png" or "north (m)" in first.decode()
+
+
+def test_without_a_browser_a_sentence_says_so(flight, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(NoBrowserError, match="none is installed"):
+        write_images(flight_figures(flight), tmp_path, "png")

@@ -9,6 +9,7 @@ from benchmarks import __main__ as runner
 from benchmarks import real_flights
 from benchmarks.flight_large import repeat
 from logparse import read_log
+from tests.paths import SAMPLES
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,7 @@ def test_flights_that_are_not_there_are_no_empty_table(tmp_path: Path, monkeypat
 
 def test_a_repeated_stretch_goes_on_in_time(tmp_path: Path) -> None:
     """Boot clock and receiver's clock both, or the large log would be one of a broken autopilot."""
-    source = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+    source = SAMPLES / "octa01_zurich_calm.bin"
     once = read_log(source)
     assert once.flight is not None
     start = once.flight.start + 10.0

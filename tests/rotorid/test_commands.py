@@ -1,5 +1,6 @@
 """Single commands as their users meet them: what they print, which files they write, how they end."""
 
+import io
 import json
 import re
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from logparse import RotoridError, read_log
 from pipeline.config import ConfigError
 from rotorid.cli.main import app
+from rotorid.cli.output import Guarded
 from simulation import CASES, ArrivalError
 from sysid.bench.table import BenchError
 from sysid.loops.proof import AS_PREDICTED, WORSE, Proof
@@ -356,3 +358,18 @@ def test_the_status_says_whether_to_fly_on(
     done = run("prove", GUSTY, GUSTY)
     assert (done.exit_code, done.output.startswith(first)) == (status, True), done.output
     assert (found.verdict in done.output) is (found.refused is None)
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_control_characters_are_shown_and_not_sent():
+    """`rotorid inspect` printed the escapes of a log's name; texts and names of parameters may hold them too."""
+    said = "log \x1b]0;title\x07\x1b[2J\x1b[31m \x9b2J é\ttab\r\n"
+    piped, terminal = io.StringIO(), _Terminal()
+    assert Guarded(piped).write(said) == Guarded(terminal).write(said) == len(said)
+    assert piped.getvalue() == "log \\x1b]0;title\\x07\\x1b[2J\\x1b[31m \\x9b2J é\ttab\r\n"
+    assert terminal.getvalue() == "log \\x1b]0;title\\x07\\x1b[2J\x1b[31m \\x9b2J é\ttab\r\n"
+    assert Guarded(terminal).isatty()

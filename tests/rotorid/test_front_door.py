@@ -6,7 +6,6 @@ import pkgutil
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
@@ -21,8 +20,8 @@ from logparse import RotoridError
 from logparse.signals import SignalError
 from pipeline.config import ConfigError
 from sysid.records.experiment import Experiment, ExperimentError
+from tests.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 LOG = ROOT / "sample_logs" / "octa08_denver_square.bin"
 #: What a notebook or a terminal should not be asked to scroll.
 MOST_LINES = 10

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-SAMPLE = Path(__file__).parents[2] / "sample_logs" / "octa01_zurich_calm.bin"
+from tests.paths import SAMPLES
+
+SAMPLE = SAMPLES / "octa01_zurich_calm.bin"
 
 #: Slow to import, and not needed to read a log and fit models to it before one of them is asked for.
 LATE = (

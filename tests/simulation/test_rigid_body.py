@@ -1,4 +1,4 @@
-"""The equations of motion against closed forms, conservation laws and an independent integrator."""
+"""The equations of motion against closed forms, conservation laws and an independent integrator; the cascade."""
 
 import dataclasses
 import math
@@ -8,8 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import elhesasy2024, propagate
+from simulation import DivergenceError, Setup, elhesasy2024, fly, propagate
+from simulation._kernels import FLYING, mix
 from simulation.atmosphere import Atmosphere
+from simulation.controllers import Cascade, mixer
+from simulation.drive import Drive, FirstOrder, QuadraticRotor
+from simulation.mission import GoTo, Mission, Wait
+from simulation.place import Place, Wind
+from simulation.sensors import Inertial, Navigation, Sensors
+from simulation.vehicle import Multirotor, RotorMount, Tank
 
 OCTA = elhesasy2024.octocopter()
 N = len(OCTA.rotors)
@@ -120,3 +127,143 @@ def test_dropped_craft_comes_to_rest_on_its_feet():
     assert abs(last["p_d"]) < 1e-4
     assert np.abs(last[["v_n", "v_e", "v_d", "w_x", "w_y", "w_z"]]).max() < 1e-3
     assert 2.0 * math.acos(min(last["q_w"], 1.0)) < 1e-3
+
+
+#: Rotors that weigh something and push nothing: only their inertia is felt.
+WHEELS = (
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0.2, 0.1, -0.05), 1, inertia=3e-4),
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (-0.2, 0.1, 0.0), 1, inertia=2e-4),
+    RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0.0, -0.2, 0.0), -1, inertia=1e-4),
+)
+BODY = Multirotor(
+    name="body with three wheels",
+    mass=2.0,
+    inertia=np.array([[0.02, 0.002, -0.001], [0.002, 0.03, 0.001], [-0.001, 0.001, 0.04]]),
+    rotors=WHEELS,
+    drive=Drive(speed_max=1000.0, response=FirstOrder(0.05)),
+)
+
+
+def momentum(craft, flight):
+    """Angular momentum of body and rotors in the world; a clockwise rotor turns about the body's z axis."""
+    wheels = sum(
+        mount.spin * mount.inertia * flight[f"w{k}"].to_numpy() for k, mount in enumerate(craft.rotors, start=1)
+    )
+    body = flight[["w_x", "w_y", "w_z"]].to_numpy() @ craft.inertia
+    body[:, 2] += wheels
+    return Rotation.from_quat(flight[["q_x", "q_y", "q_z", "q_w"]].to_numpy()).apply(body)
+
+
+def test_wheels_that_speed_up_take_no_angular_momentum_from_nowhere():
+    """Gyroscopic sum and the kick of accelerating rotors together: the whole keeps its momentum while it tumbles."""
+    start = BODY.state(np.array([100.0, 700.0, 300.0]), rate=(1.0, -2.0, 3.0))
+    flight = propagate(BODY, start, lambda t, x: np.array([800.0, 50.0, 900.0]), 3.0, dt=5e-4, gravity=0.0)
+    whole = momentum(BODY, flight)
+    assert np.ptp(flight["w1"]) > 600.0
+    assert np.abs(whole - whole[0]).max() < 1e-8 * np.linalg.norm(whole[0])
+
+
+def test_steady_wheels_keep_the_energy_of_the_body():
+    """Rotors at constant speed relative to the body do work on it only through their bearings, which is none."""
+    speeds = np.array([500.0, 500.0, 200.0])
+    flight = propagate(BODY, BODY.state(speeds, rate=(2.0, 1.0, -1.0)), lambda t, x: speeds, 5.0, dt=5e-4, gravity=0.0)
+    rate = flight[["w_x", "w_y", "w_z"]].to_numpy()
+    energy = 0.5 * np.einsum("ti,ij,tj->t", rate, BODY.inertia, rate)
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-8
+    assert np.ptp(rate[:, 0]) > 1.0
+
+
+def test_a_gyroscope_precesses_and_nutates_at_its_frequency():
+    """A symmetric body with a fast wheel nutates at h / J about the transverse axes."""
+    wheel = RotorMount(QuadraticRotor(thrust_coefficient=1e-30, torque_coefficient=1e-30), (0, 0, 0), 1, inertia=4e-4)
+    craft = dataclasses.replace(BODY, rotors=(wheel,), inertia=np.diag((0.02, 0.02, 0.03)))
+    speeds = np.array([900.0])
+    flight = propagate(craft, craft.state(speeds, rate=(0.1, 0.0, 0.0)), lambda t, x: speeds, 2.0, gravity=0.0)
+    frequency = 4e-4 * 900.0 / 0.02
+    t = flight.index.to_numpy()
+    assert flight["w_x"].to_numpy() == pytest.approx(0.1 * np.cos(frequency * t), abs=1e-6)
+    assert flight["w_y"].to_numpy() == pytest.approx(0.1 * np.sin(frequency * t), abs=1e-6)
+
+
+def test_an_emptying_tank_follows_its_closed_form():
+    """Constant thrust on a falling mass: v = g t - (T / r) ln(m0 / (m0 - r t)), and x its integral."""
+    craft = elhesasy2024.octocopter()
+    rate, m0 = 0.2, craft.mass
+    craft = dataclasses.replace(
+        craft,
+        drag_linear=(0.0, 0.0, 0.0),
+        drag_area=(0.0, 0.0, 0.0),
+        tank=Tank(time=(0.0, 10.0), mass=(m0, m0 - 10.0 * rate), inertia=(craft.inertia, 0.8 * craft.inertia)),
+    )
+    # Air of one density: the height changes the thrust by a ten thousandth per metre, so two seconds are flown.
+    speeds = np.full(8, 600.0)
+    flight = propagate(craft, craft.state(speeds), lambda t, x: speeds, 2.0, dt=1e-3)
+    thrust = 8 * 1.105e-5 * 600.0**2
+    t = flight.index.to_numpy()
+    mass = m0 - rate * t
+    fall = 9.80665 * t - thrust / rate * np.log(m0 / mass)
+    assert np.abs(flight["v_d"] - fall).max() < 2e-3
+
+
+SEA = Place(name="sea", lat_deg=45.0, lon_deg=0.0, alt=0.0)
+#: Instruments without any error, to see the craft alone.
+PERFECT = Sensors(
+    inertial=Inertial(gyro_noise=0.0, accel_noise=0.0, gyro_vibration=0.0, accel_vibration=0.0),
+    navigation=Navigation(position=0.0, velocity=0.0, tilt=0.0, yaw=0.0),
+)
+
+
+def setup(*steps, wind=Wind(), sensors=PERFECT, **changes):  # noqa: B008 - frozen
+    mission = Mission(takeoff=5.0, steps=steps, disarmed=0.5, armed=0.5)
+    return dataclasses.replace(Setup(mission=mission, place=SEA, vehicle=OCTA, wind=wind, sensors=sensors), **changes)
+
+
+def test_table_1_makes_damped_loops_with_a_tenth_of_the_printed_inertia_only():
+    """Attitude as two integrators with rate gain K (1/s): damping sqrt(K / P) / 2, before the lags take their share.
+
+    Table 1 read in ArduPilot's normalised units, authority at half thrust or more. With the printed
+    inertia roll would swing with a damping below 0.25.
+    """
+    factors = mixer(OCTA)
+    arms = np.array([mount.position for mount in OCTA.rotors])
+    per_unit = OCTA.rotors[0].rotor.thrust(OCTA.drive.speed_max) * (-arms[:, 1] @ factors[:, 0])
+    rate_gain = 0.1 * per_unit / OCTA.inertia[0, 0]
+    printed = 0.1 * per_unit / elhesasy2024.PRINTED_INERTIA[0, 0]
+    assert 0.5 * math.sqrt(rate_gain / 6.5) == pytest.approx(0.73, abs=0.04)
+    assert 0.5 * math.sqrt(printed / 6.5) < 0.25
+    # And the print would put every gram of the craft beyond its rotors.
+    assert elhesasy2024.PRINTED_INERTIA[2, 2] > OCTA.mass * 0.35**2
+
+
+def test_mixer_is_that_of_octa_plus():
+    """ArduPilot's AP_MotorsMatrix: sine and cosine of the arm, +-0.5; clockwise motors turn the nose left."""
+    c = math.sqrt(0.5)
+    roll = 0.5 * np.array([0, 0, -c, -c, c, c, 1, -1])
+    pitch = 0.5 * np.array([1, -1, c, -c, c, -c, 0, 0])
+    yaw = 0.5 * np.array([-1, -1, 1, 1, 1, 1, -1, -1])
+    assert mixer(OCTA) == pytest.approx(np.column_stack((roll, pitch, yaw)), abs=1e-12)
+
+
+def test_allocation_gives_up_yaw_before_roll():
+    factors, u = mixer(OCTA), np.empty(8)
+    assert not mix(0.5, 0.2, 0.0, 0.1, factors, u)
+    assert u == pytest.approx(0.5 + factors @ [0.2, 0.0, 0.1])
+    assert mix(0.5, 0.8, 0.0, 1.0, factors, u)
+    assert u.min() >= 0.0
+    assert u.max() <= 1.0
+    assert u @ factors[:, 0] == pytest.approx(0.8 * (factors[:, 0] @ factors[:, 0]), rel=1e-6)
+
+
+def test_relocation_arrives_and_stays_upright_in_wind():
+    flight = fly(setup(Wait(1), GoTo(12.0, -6.0, 9.0), Wait(6), wind=Wind(speed=3.0, from_deg=300.0, gusts=0.0)))
+    end = flight.truth.loc[: flight.reference.land].iloc[-1]
+    # Integral action: the steady wind leaves decimetres after six seconds.
+    assert end[["p_n", "p_e", "p_d"]].to_numpy() == pytest.approx([12.0, -6.0, -9.0], abs=0.15)
+    airborne = flight.truth[flight.truth["state"] == FLYING]
+    assert np.degrees(np.abs(airborne[["roll", "pitch"]].to_numpy()).max()) < 20.0
+
+
+def test_unstable_gains_stop_with_time_and_state():
+    wild = Cascade(roll_rate=(3.0, 0.0, 0.0), pitch_rate=(3.0, 0.0, 0.0), angle_p=(40.0, 40.0, 2.5))
+    with pytest.raises(DivergenceError, match=r"at \d+\.\d+ s"):
+        fly(setup(Wait(5), GoTo(20, 0, 10), cascade=wild, wind=Wind(speed=3.0)))

@@ -4,7 +4,6 @@ import json
 import math
 import platform
 import sys
-from pathlib import Path
 
 import numpy as np
 import pymap3d
@@ -14,8 +13,8 @@ from pymavlink import mavutil
 from logparse import read_log
 from simulation import FLIGHTS, fly, write_sample_logs
 from simulation.sample_logs import DAMAGED, DAMAGED_FLIGHT
+from tests.paths import SAMPLES
 
-FOLDER = Path(__file__).parents[2] / "sample_logs"
 NAMES = list(FLIGHTS)
 
 
@@ -26,12 +25,12 @@ def column(messages, name, *fields):
 
 @pytest.fixture(scope="module")
 def logs():
-    return {name: read_log(FOLDER / f"{name}.bin").messages for name in NAMES}
+    return {name: read_log(SAMPLES / f"{name}.bin").messages for name in NAMES}
 
 
 @pytest.fixture(scope="module")
 def truths():
-    return {name: json.loads((FOLDER / f"{name}.json").read_text()) for name in NAMES}
+    return {name: json.loads((SAMPLES / f"{name}.json").read_text()) for name in NAMES}
 
 
 @pytest.mark.skipif(
@@ -41,9 +40,9 @@ def truths():
 def test_regeneration_is_bit_identical(tmp_path):
     """All of them, in about seven seconds of processor time."""
     written = write_sample_logs(tmp_path)
-    assert {path.name for path in written} == {path.name for path in FOLDER.iterdir()} - {"README.md"}
+    assert {path.name for path in written} == {path.name for path in SAMPLES.iterdir()} - {"README.md"}
     for path in written:
-        assert path.read_bytes() == (FOLDER / path.name).read_bytes(), path.name
+        assert path.read_bytes() == (SAMPLES / path.name).read_bytes(), path.name
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -95,7 +94,7 @@ def test_logged_motors_lift_the_craft(name, logs, truths):
 
 
 def test_telemetry_log_tells_the_same_flight(logs):
-    link = mavutil.mavlink_connection(str(FOLDER / "octa02_alain_breeze.tlog"))
+    link = mavutil.mavlink_connection(str(SAMPLES / "octa02_alain_breeze.tlog"))
     messages = {}
     while (message := link.recv_msg()) is not None:
         messages.setdefault(message.get_type(), []).append(message)
@@ -171,12 +170,12 @@ def test_chirps_move_the_craft_as_its_inertia_says(logs, truths):
 
 
 def test_the_damaged_log_gives_what_is_left_of_it(truths):
-    truth = json.loads((FOLDER / f"{DAMAGED}.json").read_text())
+    truth = json.loads((SAMPLES / f"{DAMAGED}.json").read_text())
     assert truth["damage"]["flight"] == DAMAGED_FLIGHT
-    data = (FOLDER / f"{DAMAGED}.bin").read_bytes()
-    whole = (FOLDER / f"{DAMAGED_FLIGHT}.bin").read_bytes()
+    data = (SAMPLES / f"{DAMAGED}.bin").read_bytes()
+    whole = (SAMPLES / f"{DAMAGED_FLIGHT}.bin").read_bytes()
     assert (len(data), len(whole)) == (truth["damage"]["bytes_left"], truth["damage"]["bytes_of_the_whole_log"])
-    log, intact = read_log(FOLDER / f"{DAMAGED}.bin"), read_log(FOLDER / f"{DAMAGED_FLIGHT}.bin")
+    log, intact = read_log(SAMPLES / f"{DAMAGED}.bin"), read_log(SAMPLES / f"{DAMAGED_FLIGHT}.bin")
     assert {finding.severity for finding in log.findings} >= {"warning"}
     motors, expected = log.tables.motors, intact.tables.motors
     assert motors is not None

@@ -1,13 +1,20 @@
-"""Loops identified from simulated flights of known craft: truth within the errors, and other gains foretold."""
+"""Loops of known craft, of firmware before and after a change, and of logs whose gains changed."""
 
+import struct
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from logparse import read_log
 from simulation.axis_loop import AxisPlant, LoopGains, random_axis, true_loop
-from sysid.loops import LoopError
+from sysid.loops import LoopError, prove, read_settings, tune
+from sysid.loops.evidence import no_one_loop, other_settings
 from sysid.loops.margins import margins_of
+from sysid.loops.search import without_integral
+from tests.paths import SAMPLES
 from tests.sysid.loops.flown import flown_loop
 
 HZ = np.geomspace(0.3, 80.0, 3000)
@@ -74,3 +81,146 @@ def test_nonsense_gains_are_refused_with_a_sentence(values):
     loop = flown_loop(axis, gains, 2)
     with pytest.raises(LoopError):
         loop.with_gains(**values)
+
+
+@pytest.fixture(scope="module")
+def hot(flown):
+    """Prove the gains at which the firmware craft oscillated: 1.5 times P, I and D."""
+    return prove(flown("quad15_id"), flown("quad15_hot"))
+
+
+@pytest.mark.slow
+def test_a_level_crossover_is_foretold_within_its_error_and_said_to_be_level(flown):
+    """Straight from its chirp the later loop was 11 % off the prediction: PID rows of every fourth loop bend it."""
+    proof = prove(flown("octa3_id"), flown("octa3_g2"))
+    row = proof.table.loc[("pitch", "crossover_hz")]
+    assert abs(row["predicted"] / row["measured"] - 1.0) < 0.06
+    assert abs(row["predicted"] - row["measured"]) < 2.0 * np.hypot(row["predicted_sigma"], row["measured_sigma"])
+    assert any("level" in remark for remark in proof.remarks)
+
+
+@pytest.mark.slow
+def test_nothing_is_measured_from_a_chirp_at_its_limits(hot):
+    """Gains at which the craft oscillates keep the mixer at its limits for three quarters of the chirp."""
+    assert hot.verdict == "worse: restore rollback.param"
+    assert hot.table["measured"].isna().all()
+    assert hot.table.loc[("roll", "phase_deg"), "predicted"] < 0.0
+    assert any("76 %" in remark for remark in hot.remarks)
+
+
+@pytest.mark.slow
+def test_gains_at_which_it_oscillated_are_called_unstable_from_the_flight_before(hot):
+    """Flight quad15_id alone says that it would."""
+    for predicted, _ in hot.loops.values():
+        assert not predicted.margins.stable
+        assert predicted.margins.unstable > 0.95
+
+
+@pytest.mark.slow
+def test_prediction_of_a_firmware_flight_with_other_gains(flown):
+    proof = prove(flown("octa3_id"), flown("octa3_g1"))
+    assert proof.verdict == "as predicted"
+    for axis in ("roll", "pitch"):
+        row = proof.table.loc[axis]
+        assert row.loc["crossover_hz", "predicted"] == pytest.approx(row.loc["crossover_hz", "measured"], rel=0.05)
+        assert row.loc["phase_deg", "predicted"] == pytest.approx(row.loc["phase_deg", "measured"], abs=6.0)
+        assert row.loc["gain_db", "predicted"] == pytest.approx(row.loc["gain_db", "measured"], abs=1.0)
+        assert row.loc["rejection_hz", "predicted"] == pytest.approx(row.loc["rejection_hz", "measured"], rel=0.1)
+        assert row.loc["step_fit", "predicted"] >= 90.0
+
+
+@pytest.mark.parametrize("other", ["octa3_g1", "quadslow_g1"])
+def test_logs_of_two_craft_are_a_sentence_and_no_numbers(flown, other):
+    proof = prove(flown("quad15_id"), flown(other))
+    assert "two craft" in proof.refused
+    assert len(proof.table) == 0
+
+
+SAMPLE = SAMPLES / "quad02_delft_systemid.bin"
+
+
+@pytest.fixture(scope="module")
+def log_bytes(unpacked):
+    return unpacked("pairs/quad15_id").read_bytes()
+
+
+def _definition(log: bytes, name: bytes) -> tuple[int, int, str]:
+    """Return number, length and format of a message as the log defines it."""
+    at = 0
+    while True:
+        at = log.index(b"\xa3\x95\x80", at) + 3
+        number, length, message, form, _ = struct.unpack("<BB4s16s64s", log[at : at + 86])
+        if message.rstrip(b"\0") == name:
+            return number, length, form.rstrip(b"\0").decode()
+
+
+def _set_parameter(log: bytes, name: str, value: float, seconds: float) -> bytes:
+    """Return the log with a row of PARM at its place in time, before a row of RATE or at the end."""
+    number, length, letters = _definition(log, b"PARM")
+    codes = {"Q": "Q", "N": "16s", "f": "f"}
+    values = {"Q": int(1e6 * seconds), "N": name.encode()}
+    fields = [values.pop(letter, None) or value for letter in letters]
+    row = b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(codes[each] for each in letters), *fields)
+    assert len(row) == length
+    mark = b"\xa3\x95" + bytes([_definition(log, b"RATE")[0]])
+    at = log.find(mark)
+    while at >= 0 and not 0.0 <= 1e-6 * struct.unpack_from("<Q", log, at + 3)[0] - seconds < 1.0:
+        at = log.find(mark, at + 1)
+    return log[:at] + row + log[at:] if at >= 0 else log + row
+
+
+def _written(tmp_path, content):
+    path = tmp_path / "changed.BIN"
+    path.write_bytes(content)
+    return read_log(path)
+
+
+def test_gains_set_after_landing_are_not_those_that_flew(log_bytes, tmp_path):
+    """The last value of a parameter was taken for the flown one, with 8 % more P on the way to other margins."""
+    flown = _written(tmp_path, log_bytes)
+    value = flown.parameters["ATC_RAT_RLL_P"]
+    end = flown.boot.t_end
+    later = _written(tmp_path, _set_parameter(log_bytes, "ATC_RAT_RLL_P", 1.08 * value, end + 5.0))
+    assert later.parameters["ATC_RAT_RLL_P"] == pytest.approx(1.08 * value)
+    flying = read_settings(later, "roll").controller.P
+    assert flying == pytest.approx(value)
+    assert no_one_loop(later) is None
+
+
+def test_gains_set_between_chirps_are_no_one_loop(log_bytes, tmp_path):
+    log = _written(tmp_path, log_bytes)
+    middle = 0.5 * (log.flight.start + log.flight.stop)
+    value = 1.08 * log.parameters["ATC_RAT_RLL_P"]
+    changed = _written(tmp_path, _set_parameter(log_bytes, "ATC_RAT_RLL_P", value, middle))
+    assert "ATC_RAT_RLL_P changed" in tune(changed).refused
+
+
+def test_what_was_changed_after_landing_is_put_back_with_the_gains(tmp_path):
+    """AutoTune saves an angle P once it landed: gains proposed for the flown one were left beside the other."""
+    log = SAMPLE.read_bytes()
+    changed = _written(tmp_path, _set_parameter(log, "ATC_ANG_RLL_P", 36.0, _written(tmp_path, log).boot.t_end + 1.0))
+    result = tune(changed)
+    assert changed.parameters["ATC_ANG_RLL_P"] == 36.0
+    assert result.proposed["ATC_ANG_RLL_P"] == result.rollback["ATC_ANG_RLL_P"] == 5.0
+    assert any("ATC_ANG_RLL_P changed after the flight" in remark for remark in result.remarks)
+
+
+def test_an_i_of_nearly_nothing_is_none():
+    """Firmware may refuse to arm with an I of 0, so that a little is typed: a hundredth of it was proposed."""
+    settings = read_settings(read_log(SAMPLE), "roll")
+    assert not without_integral(settings)
+    assert without_integral(settings.changed(I=0.002))
+
+
+def test_flights_with_other_gains_are_not_mixed():
+    """Rollback was of one craft and the proposal of another; only an axis' own I may be 0 in its chirps."""
+
+    def flight(name, **parameters):
+        at = {"ATC_RAT_RLL_P": 0.1, "ATC_RAT_RLL_I": 0.1, "ATC_ANG_RLL_P": 4.5, "LOG_BITMASK": 1.0} | parameters
+        return SimpleNamespace(path=Path(name), flight=SimpleNamespace(start=5.0, stop=9.0), parameters_at=lambda t: at)
+
+    same = [flight("a.bin"), flight("b.bin", ATC_RAT_RLL_I=0.002, LOG_BITMASK=7.0)]
+    assert other_settings(same) is None
+    other = other_settings([*same, flight("c.bin", ATC_ANG_RLL_P=9.0)])
+    assert other is not None
+    assert other.startswith("a.bin flew with ATC_ANG_RLL_P 4.5, c.bin with 9")

@@ -1,9 +1,15 @@
-"""Margins against closed forms."""
+"""Margins, filters and criteria against closed forms and scipy's designs."""
 
 import numpy as np
 import pytest
+from scipy import signal
+from scipy.signal import butter, freqz, lfilter
 
+from simulation.axis_loop import AxisPlant, LoopGains, settings_of
+from sysid.loops.criteria import identified, sheet, step_numbers
+from sysid.loops.filters import cascade, first_order, harmonic_notches, low_pass_alpha, notch, second_order
 from sysid.loops.margins import margins_of
+from tests.sysid.loops.flown import flown_loop
 
 HZ = np.geomspace(0.05, 60.0, 4000)
 S = 2j * np.pi * HZ
@@ -62,3 +68,109 @@ def test_many_loops_at_once_are_each_as_alone():
     together = margins_of(HZ, loops)
     for k in range(3):
         assert together.row(k) == pytest.approx(margins_of(HZ, loops[k]).row(0), nan_ok=True)
+
+
+def test_gyro_low_pass_is_the_bilinear_butterworth_of_scipy():
+    hz = np.geomspace(0.5, 400.0, 40)
+    b, a = butter(2, 20.0, fs=1000.0)
+    _, expected = freqz(b, a, worN=hz, fs=1000.0)
+    np.testing.assert_allclose(second_order(1000.0, 20.0).response(hz), expected, rtol=1e-12)
+
+
+def test_no_cutoff_is_no_filter():
+    hz = np.array([1.0, 50.0])
+    assert low_pass_alpha(400.0, 0.0) == 1.0
+    np.testing.assert_allclose(first_order(400.0, 0.0).response(hz), 1.0)
+    np.testing.assert_allclose(second_order(1000.0, 0.0).response(hz), 1.0)
+
+
+def test_first_order_alpha_is_ardupilots_not_the_exact_exponential():
+    """Dt / (dt + 1 / (2 pi f)): 0.2391 at 20 Hz and 400 Hz, where 1 - exp(-2 pi f dt) would be 0.2696."""
+    assert low_pass_alpha(400.0, 20.0) == pytest.approx(0.0025 / (0.0025 + 1.0 / (40.0 * np.pi)))
+    assert low_pass_alpha(400.0, 20.0) == pytest.approx(0.2391, abs=1e-4)
+
+
+def test_running_a_filter_agrees_with_its_response():
+    one = first_order(400.0, 10.0)
+    t = np.arange(4000) / 400.0
+    y = lfilter(one.b, one.a, np.exp(2j * np.pi * 7.0 * t).real)
+    expected = (one.response(np.array([7.0])) * np.exp(2j * np.pi * 7.0 * t)).real
+    np.testing.assert_allclose(y[2000:], expected[2000:], atol=1e-9)
+
+
+def test_notch_attenuates_by_what_its_parameter_says():
+    """The gain at the centre is the attenuation of INS_HNTCH_ATT; half an octave away it is nearly one."""
+    (one,) = harmonic_notches(2000.0, 80.0, nominal=80.0, bandwidth=40.0, attenuation_db=40.0, harmonics=1)
+    assert 20.0 * np.log10(abs(one.response(np.array([80.0]))[0])) == pytest.approx(-40.0, abs=0.1)
+    assert abs(one.response(np.array([8.0]))[0]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_harmonics_share_quality_and_stop_below_nyquist():
+    notches = harmonic_notches(1000.0, 200.0, nominal=200.0, bandwidth=100.0, attenuation_db=30.0, harmonics=0b111)
+    assert len(notches) == 2  # 600 Hz is beyond 0.48 of 1000 Hz
+    depth = np.abs(cascade(notches, np.array([200.0, 400.0])))
+    assert np.all(20.0 * np.log10(depth) < -29.0)
+
+
+def test_notch_phase_lag_below_its_centre():
+    """A notch costs phase below its centre: for small f, 2 alpha-like lag of (1 - A^2) / Q f / f0."""
+    one = notch(8000.0, 100.0, 0.1, 2.0)
+    lag = -np.angle(one.response(np.array([10.0]))[0])
+    assert lag == pytest.approx((1.0 - 0.01) / 2.0 * 0.1, rel=0.03)
+
+
+CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.015, delay=0.002, filter_hz=40.0)
+GAINS = LoopGains(P=0.06, I=0.06, D=0.0015)
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.7, 1.2])
+def test_numbers_of_a_step_are_those_of_its_closed_form(ratio):
+    """A second-order system of 2 Hz: overshoot exp(-pi z / sqrt(1 - z^2)), the rest from its simulated step."""
+    hz, omega = np.geomspace(0.1, 40.0, 600), 4.0 * np.pi
+    s = 2j * np.pi * hz
+    transfer = omega**2 / (s**2 + 2.0 * ratio * omega * s + omega**2)
+    rise, overshoot, settling = (float(each[0]) for each in step_numbers(hz, transfer[None]))
+    t, y = signal.step(signal.lti([omega**2], [1.0, 2.0 * ratio * omega, omega**2]), T=np.linspace(0.0, 5.0, 20001))
+    known = 100.0 * np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)) if ratio < 1.0 else 0.0
+    assert overshoot == pytest.approx(known, abs=0.5)
+    assert rise == pytest.approx(t[np.argmax(y >= 0.9)] - t[np.argmax(y >= 0.1)], abs=0.006)
+    assert settling == pytest.approx(t[np.flatnonzero(np.abs(y - 1.0) > 0.05)[-1]], abs=0.02)
+
+
+def test_sheet_of_a_known_craft():
+    """Every criterion with its value, limit and source; the attitude ones against the formula of the craft."""
+    loop = flown_loop(CRAFT, GAINS, 1)
+    rows = {one.name: one for one in (*sheet(loop), *identified(loop))}
+    assert all(one.source for one in rows.values() if one.limit is not None)
+    assert rows["coherence around the crossover"].kept
+    assert rows["cost J"].kept
+    hz = np.geomspace(0.1, 60.0, 6000)
+    settings = settings_of(CRAFT, GAINS)
+    s, plant, gyro = 2j * np.pi * hz, CRAFT.response(hz), settings.gyro.response(hz)
+    rate = plant / gyro * settings.controller.target_response(hz)
+    rate /= 1.0 + plant * settings.controller.error_response(hz)
+    broken = settings.angle.P * settings.angle.delay_response(hz) * rate / s
+    rejected = np.abs(1.0 / (1.0 + broken))
+    edge = 2.0 * np.pi * hz[np.argmax(rejected > 10.0 ** (-3.0 / 20.0))]
+    for name, known in (
+        ("disturbance rejection bandwidth at the attitude", edge),
+        ("disturbance rejection peak at the attitude", 20.0 * np.log10(rejected.max())),
+        (
+            "attitude bandwidth",
+            2.0 * np.pi * hz[np.argmax(np.unwrap(np.angle(broken / (1.0 + broken))) < -0.75 * np.pi)],
+        ),
+    ):
+        assert rows[name].value.value == pytest.approx(known, rel=0.03, abs=3.0 * rows[name].value.sigma), name
+    lazy = loop.with_gains(angle_P=0.4)
+    assert not {one.name: one for one in sheet(lazy)}["disturbance rejection bandwidth at the attitude"].kept
+
+
+def test_limits_of_helicopters_are_scaled_to_the_craft():
+    """Of 0.6 m a craft is 27 times smaller than a UH-60, and is asked for 5.2 times its frequencies."""
+    loop = flown_loop(CRAFT, GAINS, 1)
+    whole, small = ({one.name: one for one in sheet(loop, size)} for size in (None, 0.6))
+    for name in ("attitude bandwidth", "disturbance rejection bandwidth at the attitude"):
+        assert small[name].limit == pytest.approx(np.sqrt(16.36 / 0.6) * whole[name].limit)
+        assert "Froude" in small[name].source
+        assert "unscaled" in whole[name].source
+    assert small["gain margin at the mixer"] == whole["gain margin at the mixer"]

@@ -1,0 +1,127 @@
+"""The documentation names what exists: architecture, commands, exports; and it builds without a warning."""
+
+import ast
+import re
+import shlex
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+from typer.main import get_command
+
+from rotorid.cli.main import app, main
+from tests.paths import ROOT
+
+DOCS = ROOT / "docs"
+PAGE = (DOCS / "architecture.md").read_text(encoding="utf-8")
+STEPS = re.findall(r"^\d+\. (.*(?:\n   .*)*)", PAGE, re.MULTILINE)
+NAME = re.compile(r"`((?:rotorid|pipeline|core|logparse|estimation|sysid|reports)\.[\w.]+)`")
+NAMES = sorted(set(NAME.findall(PAGE)))
+
+
+def named(name):
+    """Return what a dotted name of the page names."""
+    parts = name.split(".")
+    for end in range(len(parts), 0, -1):
+        try:
+            found = import_module(".".join(parts[:end]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[end:]:
+            found = getattr(found, part)
+        return found
+    raise AssertionError(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_exists(name):
+    """Stale cross-references are found here."""
+    named(name)
+
+
+@pytest.mark.slow
+def test_a_log_passes_every_function_of_the_walk_in_its_order(tmp_path, monkeypatch):
+    walk = [[getattr(named(name), "__code__", None) for name in NAME.findall(step)] for step in STEPS]
+    wanted = {code for step in walk for code in step if code is not None}
+    passed = []
+
+    def notice(frame, event, argument):
+        if event == "call" and frame.f_code in wanted and frame.f_code not in passed:
+            passed.append(frame.f_code)
+
+    log = str(ROOT / "sample_logs" / "octa01_zurich_calm.bin")
+    words = ["rotorid", "analyze", log, "--out", str(tmp_path / "out"), "--poles", "2", "--zeros", "1"]
+    monkeypatch.setattr(sys, "argv", words)
+    sys.setprofile(notice)
+    try:
+        with pytest.raises(SystemExit, match="0"):
+            main()
+    finally:
+        sys.setprofile(None)
+    assert wanted - set(passed) == set()
+    # What steps 5 to 12 do runs within step 13.
+    first = [min(passed.index(code) for code in step if code is not None) for step in (*walk[1:12], *walk[13:])]
+    assert first == sorted(first)
+
+
+COMMANDS = get_command(app).commands
+SHOWN = re.findall(r"^\| `rotorid (.*?)` \|", (DOCS / "commands.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_every_command_is_there():
+    assert {words.split()[0] for words in SHOWN} == set(COMMANDS)
+
+
+@pytest.mark.parametrize("words", SHOWN)
+def test_every_option_exists(words):
+    name, *arguments = shlex.split(words)
+    options = {option for each in COMMANDS[name].params for option in (*each.opts, *each.secondary_opts)}
+    assert {word for word in arguments if word.startswith("--")} <= options
+
+
+PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "simulation")
+
+
+@pytest.mark.whole
+def test_the_site_builds_without_warnings(tmp_path):
+    site = tmp_path / "site"
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-b",
+        "html",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-d",
+        tmp_path / "kept",
+        DOCS,
+        site,
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    page = (site / "api" / "sysid.html").read_text(encoding="utf-8")
+    assert 'id="sysid.Experiment.from_flight"' in page
+    assert "Samples per second" in page  # what the docstring says of `rate`
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_reference_has_what_a_package_exports(package):
+    module = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8"))
+    exported = next(
+        ast.literal_eval(node.value)
+        for node in module.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    )
+    page = (DOCS / "api" / f"{package}.md").read_text(encoding="utf-8")
+    shown = re.findall(rf"^\.\. (?:auto\w+|py:data):: {package}\.(\w+)$", page, re.MULTILINE)
+    assert sorted(shown) == sorted(exported)
+
+
+def test_pictures_are_small():
+    pictures = list((DOCS / "pictures").iterdir())
+    assert sum(picture.stat().st_size for picture in pictures) < 1.5e6
+    shown = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    assert {picture.name for picture in pictures} == set(re.findall(r"\(pictures/([\w.-]+)\)", shown))
