@@ -349,3 +349,8 @@ def test_owners_take_turns(database: Database, catalog: Catalog, keep: Callable[
     claim = queue.claim()
     assert claim is not None
     assert claim.analysis == late
+    again = catalog.order([keep(b"eve again", "eve")], {}, "eve").id
+    assert queue.finish(claim, {})
+    claim = queue.claim()  # hers was the latest to begin, but ann's is still at work
+    assert claim is not None
+    assert claim.analysis == again

@@ -68,6 +68,12 @@ def test_frames_are_those_of_the_firmware_in_the_loop(name, frame_class, frame_t
         assert motor.spin == -each["yaw_factor"]
 
 
+@pytest.mark.parametrize("frame", [("quad", "plus", "plus-rev"), ("quad", "x", "h"), ("octa-quad", "x", "h")])
+def test_propellers_of_a_reversed_frame_turn_the_other_way(frame):
+    kind, one, other = frame
+    assert [m.yaw for m in motor_table(kind, one)] == [-m.yaw for m in motor_table(kind, other)]
+
+
 def test_elhesasy_octocopter_has_its_clockwise_motors_above():
     # Elhesasy 2024: 1, 2, 7, 8 on the `+` above and clockwise; 3, 4, 5, 6 on the `x` below and counter-clockwise.
     motors = {m.number: m for m in motor_table("octa", "two-layer")}

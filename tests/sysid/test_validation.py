@@ -57,6 +57,13 @@ def test_verdicts_say_what_the_table_says():
     assert f"{validation.average['x']:.3g} m" in x
 
 
+def test_a_model_that_beats_its_best_baseline_by_three_per_cent_is_not_trusted():
+    flights = [record("unseen"), record("another")]
+    x = validate(Known(0.5), flights).table.set_index("output").loc["x"]
+    best = x[["rmse_mean", "rmse_constant_position", "rmse_constant_velocity"]].mean().min()
+    assert [validate(Known(part * best), flights).trusted["x"] for part in (0.97, 0.93)] == [False, True]
+
+
 def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_verdict_says_so():
     rng = np.random.default_rng(0)
     records = []

@@ -193,6 +193,8 @@ def test_files_for_other_tools(chirped: FlightLog, tmp_path: Path) -> None:
     write(found, tmp_path)
     table = pd.read_csv(tmp_path / "frequency_roll.csv", index_col="hz")
     np.testing.assert_allclose(table["real"] + 1j * table["imag"], frf.response)
+    np.testing.assert_allclose(table["gain_db"], 20.0 * np.log10(np.abs(frf.response)))
+    np.testing.assert_allclose(np.radians(table["phase_deg"]), np.unwrap(np.angle(frf.response)))
     kept = loadmat(tmp_path / "frequency.mat", squeeze_me=True, struct_as_record=False)["roll"]
     np.testing.assert_allclose(kept.hz, frf.hz)
     np.testing.assert_allclose(kept.response, frf.response)
