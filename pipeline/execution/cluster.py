@@ -10,7 +10,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -110,7 +110,7 @@ class Cluster(Executor):
             The connection to the scheduler is lost.
         """
         if self.client.status != "running":
-            self.client.close()
+            self.shutdown()
             raise self._lost()
         call = (function, args, named)
         packed = _packed(*call) if self._software is None else _packed(work, (self._software, *call), {})
@@ -146,7 +146,8 @@ class Cluster(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster to itself: what it has begun it finishes, what it has not begun it forgets."""
-        self.client.close()
+        with suppress(TimeoutError):  # nobody answers where the scheduler is gone
+            self.client.close()
 
     def check(self, places: Iterable[str | Path] = (), store: str | Path | None = None) -> None:
         """Make sure that there are workers, with this software, and that they see what this computer sees.
