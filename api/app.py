@@ -35,7 +35,7 @@ from api.settings import Settings
 from api.store.database import Database
 from api.store.scratch import Incoming, Scratch
 from api.web import problem_responses
-from api.web.dependencies import Parts
+from api.web.dependencies import Parts, nothing_unknown
 from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.web.own_pages import from_our_pages
 from api.work.desk import Desk
@@ -116,7 +116,7 @@ def create_app(
     app.add_middleware(SafeHeaders)
     app.add_middleware(Measured, metrics=parts.metrics)
     for kind in (logs, explore, shares, analyses, crafts, alerts, questions):
-        app.include_router(kind.router, prefix="/api/v1", dependencies=[from_our_pages])
+        app.include_router(kind.router, prefix="/api/v1", dependencies=[from_our_pages, nothing_unknown])
     own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)
     for router in (*own, page_forms.router, sign_in.router):
         app.include_router(router)

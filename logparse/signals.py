@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from core.errors import RotoridError
+from core.errors import MissingDataError
 from logparse.canonical.fields import INSTANCE_NAMES, instance_column
 from logparse.tables import COLUMNS
 
@@ -20,7 +20,7 @@ _NAME = re.compile(r"(?P<message>\w+)(?:\[(?P<instance>\d+)\])?\.(?P<field>\w+)"
 _LISTED = 12
 
 
-class SignalError(RotoridError):
+class SignalError(MissingDataError):
     """A name that the log has no signal for."""
 
 

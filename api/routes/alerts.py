@@ -5,11 +5,11 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from api import problems
 from api.problems import ProblemError
-from api.store.resources import Page, RaisedAlert
+from api.store.resources import Given, Page, RaisedAlert
 from api.web.dependencies import After, HookId, Limit, Owner, PartsOf, page
 from api.web.page_templates import render
 
@@ -19,10 +19,8 @@ router = APIRouter(tags=["alerts"], responses=problems.RESPONSES)
 _IN_FEED = 50
 
 
-class NewHook(BaseModel):
+class NewHook(Given):
     """Where to send alerts."""
-
-    model_config = ConfigDict(extra="forbid")
 
     url: Annotated[str, Field(min_length=1, max_length=500, examples=["https://ops.example.org/rotorid"])]
 

@@ -139,7 +139,7 @@
       type: "line", x0: t, x1: t, y0: 0, y1: 1, yref: "paper", line: { width: 1, dash: "dot", color: ink }, opacity: 0.4,
     })));
     // A name stands where its band has room for it.
-    const [begin, end] = span ?? ends, wide = place.clientWidth / (end - begin);
+    const [begin, end] = span ?? ends, wide = (place.clientWidth - 120) / (end - begin);  // without its margins
     const annotations = modes.flatMap(({ t, text }, k) => {
       const from = Math.max(t, begin), to = Math.min(modes[k + 1]?.t ?? ends[1], end);
       return (to - from) * wide > 8 * text.length ? [label(from, text)] : [];

@@ -12,6 +12,12 @@ from api.problems import Problem
 from pipeline.config import SETTINGS, AnalysisConfig
 
 
+class Given(BaseModel):
+    """What a request brings: a key that is not known is refused, for whoever misspells one believes it was heard."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
 class Log(BaseModel):
     """An uploaded file."""
 
@@ -66,10 +72,10 @@ def _offered(name: str, example: object = None, max_length: int | None = None) -
     return Field(default=None, description=setting.help, examples=[example or default], **limits)
 
 
-class Configuration(BaseModel):
+class Configuration(Given):
     """Settings of an analysis; what is left out has the default of `rotorid analyze`."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     rate: float | None = _offered("rate")
     poles: int | None = _offered("poles")
@@ -199,11 +205,10 @@ class SharedAnalysis(Progress, Results):
 _LogId = Annotated[str, Field(examples=["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], max_length=64)]
 
 
-class AnalysisOrder(BaseModel):
+class AnalysisOrder(Given):
     """What to analyse: one log, or several, whose flights of the same craft are then fitted jointly."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "examples": [{"logs": ["5f0c1d3e9a7b4c2d8e6f0a1b2c3d4e5f"], "configuration": {"poles": 4, "zeros": 2}}]
         },
@@ -293,10 +298,8 @@ class Note(BaseModel):
     boundary: bool = Field(description="Flights before it are not pooled with those after it.")
 
 
-class NewNote(BaseModel):
+class NewNote(Given):
     """What was done to a craft, and when."""
-
-    model_config = ConfigDict(extra="forbid")
 
     text: Annotated[str, Field(min_length=1, max_length=500, examples=["new propellers"])]
     at: datetime | None = Field(default=None, description="UTC; now, where it is left out.")
@@ -328,26 +331,20 @@ class CraftAnswer(Craft):
     recent: list[RaisedAlert] = Field(description="Its newest alerts.")
 
 
-class CraftChange(BaseModel):
+class CraftChange(Given):
     """What the owner sets of a craft."""
-
-    model_config = ConfigDict(extra="forbid")
 
     name: str = Field(max_length=100, description="Empty to call it as its logs do.", examples=["Survey octo 2"])
 
 
-class Merge(BaseModel):
+class Merge(Given):
     """Which craft becomes part of another."""
-
-    model_config = ConfigDict(extra="forbid")
 
     craft: str = Field(max_length=64, description="Id of the craft whose flights, notes and alerts come over.")
 
 
-class Move(BaseModel):
+class Move(Given):
     """Which flights go to another craft."""
-
-    model_config = ConfigDict(extra="forbid")
 
     flights: list[Annotated[str, Field(max_length=64)]] = Field(min_length=1, max_length=5000)
     to: str | None = Field(default=None, max_length=64, description="Id of the craft; a new one, where it is left out.")

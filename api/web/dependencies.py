@@ -7,6 +7,8 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
+from fastapi.dependencies.models import Dependant
+from fastapi.exceptions import RequestValidationError
 
 from api.access import EVERYBODY, Rates, Shares, Tokens, bearer, unauthorized
 from api.crafts.folder_flights import FolderFlights
@@ -85,6 +87,32 @@ async def _owner(request: Request, parts: PartsOf) -> str:
 
 
 Owner = Annotated[str, Depends(_owner)]
+
+
+def _settings_of(dependant: Dependant) -> set[str]:
+    """Return the names that a route and what it depends on read from the query."""
+    return {each.alias for each in dependant.query_params}.union(*map(_settings_of, dependant.dependencies))
+
+
+async def _refuse_unknown(request: Request) -> None:
+    """Refuse settings that the route does not know, and a body where it reads none.
+
+    Who writes `day` for `days`, or sends settings in a body where they belong into the query, would else believe that
+    a link expires.
+    """
+    route = request.scope["route"]
+    known = _settings_of(route.dependant)
+    why = f"is not known here; known are: {', '.join(sorted(known)) or 'none'}"
+    wrong = [("query", name, why) for name in request.query_params if name not in known]
+    reads = route.body_field is not None or route.openapi_extra
+    if not reads and request.headers.get("content-length", "0") != "0":
+        wrong.append(("body", "", "nothing is read from a body here; settings stand in the query"))
+    if wrong:
+        raise RequestValidationError([{"loc": (place, name), "msg": why} for place, name, why in wrong])
+
+
+#: For routes of the interface for programs.
+nothing_unknown = Depends(_refuse_unknown)
 
 
 LogId = Annotated[str, Path(description="Id of a log.")]

@@ -351,6 +351,8 @@ _PX4_AIRFRAMES = (
 
 #: CA_AIRFRAME of craft that hover level, and part of a rotor's thrust that points up where it lifts.
 _MULTIROTOR, _STANDARD_VTOL, _UPRIGHT = 0, 2, 0.5
+#: The function of an output that is PX4's first motor, and how many motors it knows: a larger number is damage.
+_FIRST_MOTOR, _MOST_MOTORS = 101, 12
 
 
 def _px4_motors(
@@ -361,9 +363,10 @@ def _px4_motors(
     for bank, offset in (("MAIN", 0), ("AUX", 0 if not any(n.startswith("PWM_MAIN_FUNC") for n in parameters) else 8)):
         for k in range(1, 17):
             function = int(parameters.get(f"PWM_{bank}_FUNC{k}", 0))
-            if 101 <= function <= 112:
-                channels.setdefault(function - 100, k + offset)
+            if 0 <= function - _FIRST_MOTOR < _MOST_MOTORS:
+                channels.setdefault(function - _FIRST_MOTOR + 1, k + offset)
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
+    count = count if count <= _MOST_MOTORS else 0
     if int(parameters.get("CA_AIRFRAME", 0)) not in (_MULTIROTOR, _STANDARD_VTOL):
         # An aeroplane, a tilting VTOL, a rover, a helicopter: what rotors they have do not make them a multirotor.
         return (), None, None, None

@@ -51,9 +51,25 @@
     return value;
   }
 
+  // Names above a plot, the first the most important, as many as do not cover each other at this width.
+  function apart(names, [begin, end], width) {
+    const taken = [], letter = 6.6 * (end - begin) / width;
+    return names.filter(({ x, xanchor, text, yref, yanchor }) => {
+      if (yref !== "paper" || yanchor !== "bottom") return true;
+      const room = letter * text.length, from = xanchor === "right" ? x - room : x;
+      const free = from + room <= end + 2 * letter && taken.every(([start, stop]) => from >= stop || from + room <= start);
+      if (free) taken.push([from, from + room]);
+      return free;
+    });
+  }
+
   function layoutOf(figure, element) {
     const layout = themed(figure.layout);
     layout.height = figure.height;
+    if (layout.annotations && layout.xaxis?.range) {
+      const width = (element.clientWidth || PRINT_WIDTH) - layout.margin.l - layout.margin.r;
+      layout.annotations = apart(layout.annotations, timeRange?.range ?? layout.xaxis.range, width);
+    }
     if (groupsOf(figure).length > 1 && !printing) layout.showlegend = false;  // the boxes above the plot are it
     if (printing) {
       layout.width = Math.min(PRINT_WIDTH, element.clientWidth || PRINT_WIDTH);

@@ -1,6 +1,7 @@
 """Every error has one shape, and every answer the safe headers."""
 
 from collections.abc import Callable
+from typing import Any
 
 import httpx
 import pytest
@@ -44,6 +45,23 @@ def test_a_wrong_method_is_told_the_right_ones(service: httpx.Client) -> None:
 def test_an_invalid_request_is_told_what_and_where(service: httpx.Client) -> None:
     errors = service.post("/api/v1/analyses", json={"log": 3, "poles": 5}).json()["errors"]
     assert [error["where"] for error in errors] == ["body: log", "body: poles"]
+
+
+@pytest.mark.parametrize(
+    ("request_of", "where"),
+    [
+        ({"params": {"day": 2}}, "query: day"),
+        ({"json": {"days": 2}}, "body"),  # days stand in the query
+        ({"json": {"days": 2}, "params": {"days": 2}}, "body"),
+    ],
+)
+def test_a_setting_that_is_not_known_is_refused_and_no_link_made_that_never_ends(
+    service: httpx.Client, upload: Callable[..., httpx.Response], request_of: dict[str, Any], where: str
+) -> None:
+    analysis = upload(service, b"good log").json()["id"]
+    answer = service.post(f"/api/v1/analyses/{analysis}/shares", **request_of)
+    assert answer.status_code == 422
+    assert [error["where"] for error in answer.json()["errors"]] == [where]
 
 
 def test_an_analysis_of_an_unknown_log_is_refused(service: httpx.Client) -> None:

@@ -96,6 +96,11 @@ FRAMES = {
     "aeroplane of PX4": (("ulog", {}, {"CA_AIRFRAME": 1, "CA_ROTOR_COUNT": 1, "SYS_AUTOSTART": 2100}), None),
     "tailsitter of PX4": (("ulog", {}, {"CA_AIRFRAME": 4, "CA_ROTOR_COUNT": 4, "SYS_AUTOSTART": 13200}), None),
     "airframe of PX4": (("ulog", {}, {"SYS_AUTOSTART": 6001}), ("hexa", "x", "SYS_AUTOSTART", 6)),
+    # A mutated log of 4 kB named two thousand million rotors, and was never read to its end.
+    "rotors that no craft has": (
+        ("ulog", {}, {"CA_ROTOR_COUNT": 2**31 - 1, "SYS_AUTOSTART": 4001}),
+        ("quad", "x", "SYS_AUTOSTART", 4),
+    ),
     "y6": (("dataflash", {}, {"FRAME_CLASS": 5, "FRAME_TYPE": 0}), ("y6", "y6a", "FRAME_CLASS", 6)),
 }
 
