@@ -15,6 +15,14 @@ from sysid.validation.assessment import HORIZONS, Predictor, Validation
 from sysid.validation.assessment import validate as validate_model
 
 
+class WholeTable(pd.DataFrame):
+    """A table that prints every column: pandas leaves out those in the middle where a line has 80 characters."""
+
+    def __repr__(self) -> str:
+        """Return all of it."""
+        return self.to_string()
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Comparison(Summarised):
     """What several models are worth on the same records."""
@@ -38,7 +46,7 @@ class Comparison(Summarised):
                         "trusted": each.trusted[output],
                     }
                 )
-        return pd.DataFrame(rows).set_index(["model", "output"])
+        return WholeTable(pd.DataFrame(rows).set_index(["model", "output"]))
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from logparse import RotoridError, read_log
+from logparse import MissingDataError, read_log
 from pipeline.config import ConfigError
 from rotorid.cli.main import app
 from rotorid.cli.output import Guarded
@@ -114,7 +114,7 @@ def test_fields_are_plotted_to_a_page_that_opens_offline(tmp_path):
 
 
 def test_wrong_names_and_times_are_told(tmp_path):
-    assert isinstance(run("plot", GUSTY, "ATT.Rool").exception, RotoridError)
+    assert isinstance(run("plot", GUSTY, "ATT.Rool").exception, MissingDataError)  # status 3: there is no answer
     assert run("plot", GUSTY, "ATT.Roll", "--start", 5, "--end", 4).exit_code == 2
     assert run("plot", GUSTY, "ATT.Roll", "--start", 5000).exit_code == 2
     assert not list(tmp_path.iterdir())

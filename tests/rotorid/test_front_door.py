@@ -76,12 +76,14 @@ def test_every_name_is_there():
         _ = ro.nothing
 
 
-def test_the_example_of_the_readme_runs_as_printed(tmp_path, monkeypatch):
+def test_the_example_of_the_readme_runs_as_printed(tmp_path, monkeypatch, capsys):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     [example] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")
     exec(compile(example, "README.md", "exec"), {})
+    head = capsys.readouterr().out.splitlines()[0].split()
+    assert head == ["rmse", "best_baseline", "trusted"]
 
 
 def test_a_log_is_inspected(log):
