@@ -159,9 +159,10 @@ class Account:
         """What happened in a few words, as a table of flights has room for."""
         if self.flight is None:
             return "no flight"
-        if not self.story:
-            return "uneventful"
-        names = [str(each.evidence.get("what") or each.id.replace("-", " ")) for each in self.story]
+        told = self.story or self.notable[:1]
+        if not told:
+            return "partly logged" if self.unseen else "uneventful"
+        names = [str(each.evidence.get("what") or each.id.replace("-", " ")) for each in told]
         return ", ".join(dict.fromkeys((names[0], names[-1])))
 
     @property

@@ -128,7 +128,13 @@ class FlightReport:
             quantities = {name: replace(each, seconds=()) for name, each in coverage.quantities.items()}
             coverage = replace(coverage, quantities=quantities, map=())
         if account is not None:
-            account = Account(flight=account.flight, story=account.story, headline=account.headline)
+            account = Account(
+                flight=account.flight,
+                happenings=account.notable[:1],
+                story=account.story,
+                headline=account.headline,
+                unseen=account.unseen,
+            )
         if answer is not None:
             answer = replace(answer, lines=tuple(each for each in answer.lines if each.purpose in _TABULATED))
         return replace(

@@ -101,8 +101,19 @@ def _map(figure: Figure) -> Figure:
         for each in figure.data
         for name in (each["name"],)
     ]
-    caption = "Dots: GPS." if any(each["name"] == "GPS" for each in figure.data) else ""
-    return replace(figure, height=330, caption=caption, data=data, layout=layout)
+    return replace(figure, height=330, caption=_key(figure), data=data, layout=layout)
+
+
+def _key(figure: Figure) -> str:
+    """Say what a map's marks are."""
+    words = [
+        f"{'lines' if each['mode'] == 'lines' else 'dots'}: GPS" if each["name"] == "GPS" else "crosses: what happened"
+        for each in figure.data
+        if each["name"] in ("GPS", "events")
+    ]
+    words += [f"arrow: {note['hovertext']}" for note in figure.layout.get("annotations", ()) if note["name"] == "wind"]
+    text = "; ".join(words)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def _matters(result: FlightResult, height: int) -> Figure | None:

@@ -109,7 +109,7 @@ def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[FlightRep
 def _health(flights: Sequence[FlightReport]) -> AnswerLine:
     """Answer with how many flights were in danger, and the worst."""
     tones = [(flight, line.tone) for flight, line in _said(flights, "Happened")]
-    for tone, what in ((Tone.BAD, "ended badly or were in danger"), (Tone.CARE, "are to look into")):
+    for tone, what in ((Tone.BAD, "ended badly or were in danger"), (Tone.CARE, "should be looked into")):
         worst = [flight for flight, its in tones if its is tone]
         if worst:
             many = f"{len(worst)} of {counted(len(flights), 'flight')} {what}"

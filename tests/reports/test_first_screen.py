@@ -173,11 +173,21 @@ def test_heights_that_contradict_each_other_are_shown_with_their_sources(flight)
 
 
 def test_vibration_beyond_its_limits_is_no_good_line(flight):
-    def tone(worst: float) -> Tone:
+    def tone(worst: float, *happenings: Finding) -> Tone:
         shaken = dataclasses.replace(STATE["vibration"], worst=worst)
-        return line_of(answered(flight, state={"vibration": shaken}), "Vibration").tone
+        return line_of(answered(flight, *happenings, state={"vibration": shaken}), "Vibration").tone
 
-    assert [tone(worst) for worst in (10.0, 31.0, 70.0)] == [Tone.GOOD, Tone.CARE, Tone.BAD]
+    assert [tone(worst) for worst in (10.0, 31.0)] == [Tone.GOOD, Tone.CARE]
+    # A crash shakes the craft as well (log_0036): what is bad is what the account has found to be.
+    assert tone(70.0, CRASH) is Tone.CARE
+    assert tone(70.0, happening("vibration", 54.0)) is Tone.BAD
+
+
+def test_a_receiver_that_jumped_is_no_good_line(flight):
+    """Of 26-11-2014_181, whose receiver jumped by hundreds of metres, the page said "7+ satellites", in green."""
+    jumped = happening("gps-glitch", 50.0, Severity.WARNING, evidence={"jump_m": 31.0})
+    line = line_of(answered(flight, jumped), "GPS")
+    assert (line.text, line.tone) == ("14+ satellites, jumped by 31 m", Tone.CARE)
 
 
 def test_a_log_without_a_sensor_has_no_line_of_it(flight):
@@ -275,6 +285,13 @@ def test_a_folder_tells_first_how_many_flights_ended_badly(kinds):
     page = fleet_page(numbers, [])
     assert words(page) < MOST_WORDS
     assert 'id="plot-first-flights"' in page
+
+
+def test_a_folder_names_what_is_to_be_looked_into_though_it_came_to_nothing(flight):
+    """A folder with one such flight (mbiuki) said "1 of 6 flights are to look into, such as ...#1: uneventful"."""
+    given = answered(flight, happening("autopilot-error", 50.0, Severity.WARNING, evidence={"what": "EKF variance"}))
+    text = fleet_answer(made(FleetReport, flights=[flight_report(given).in_short("")]))[0].text
+    assert text == "1 of 1 flight should be looked into, such as flight01: EKF variance."
 
 
 def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):

@@ -48,7 +48,7 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     nowhere = Span(float("inf"), float("inf"))
     readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
     noted = gravest_first(list(reported_happenings(readings)))
-    told = _on_the_ground(noted, high=any(heights(log.tables)))
+    told = _on_the_ground(noted, other=log.vehicle.other_craft, high=any(heights(log.tables)))
     return Account(flight=None, happenings=noted, headline=told, unknown=_unknown(log.tables))
 
 
@@ -167,7 +167,12 @@ def _end(t: float) -> float | None:
     return t if math.isfinite(t) else None
 
 
-def _on_the_ground(noted: tuple[Finding, ...], *, high: bool) -> str:
+def _on_the_ground(noted: tuple[Finding, ...], *, other: bool, high: bool) -> str:
+    shown = (
+        "The craft is no multirotor: its flights are not told"
+        if other
+        else f"The log shows {'no flight' if high else 'no height: whether the craft flew is not known'}"
+    )
     last = max(noted, key=lambda each: each.t or 0.0, default=None)
     said = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
-    return f"The log shows {'no flight' if high else 'no height: whether the craft flew is not known'}.{said}"
+    return f"{shown}.{said}"

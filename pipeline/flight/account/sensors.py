@@ -22,6 +22,8 @@ _SILENT = 2.0
 #: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
 _RADIUS, _ACCELERATION = 5.0, 10.0
 _EARTH = 6.371e6
+#: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 never came back).
+RECOVERS = 10.0
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
 #: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
@@ -66,7 +68,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     yield from _silence(readings, t, losses)
     jump = _jumps(gps)
     near = within(t, [(first - 1.0, last + pause) for first, last, _ in losses])
-    for first, last, rows in stretches(t, (jump > _RADIUS) & flying & ~near, join=10.0):
+    for first, last, rows in stretches(t, (jump > _RADIUS) & flying & ~near, join=RECOVERS):
         worst = float(jump[rows].max())
         yield finding(
             "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst

@@ -10,6 +10,7 @@ import pandas as pd
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import cells, real_voltage
 from pipeline.flight.account.readings import Readings, within
+from pipeline.flight.account.sensors import RECOVERS
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
 
@@ -67,9 +68,8 @@ def _fixes(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> pd.Da
         return pd.DataFrame(columns=["lat", "lon", "v_n", "v_e", "satellites"], dtype=float)
     rows = gps.loc[readings.flight.start : readings.flight.stop]
     good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)
-    return rows[
-        good & ~within(rows.index.to_numpy(np.float64), [(first - 1.0, last + 1.0) for first, last in doubtful])
-    ]
+    left_out = [(first - 1.0, last + RECOVERS) for first, last in doubtful]
+    return rows[good & ~within(rows.index.to_numpy(np.float64), left_out)]
 
 
 def _largest(values: pd.Series, unit: str) -> Reading | None:

@@ -48,7 +48,9 @@ def for_craft(
 
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
-    """Advise on repeating one flight better."""
+    """Advise on repeating one flight better; nothing of a craft for which there are no models."""
+    if result.log.vehicle.other_craft:
+        return ()
     found = for_craft([flight_entry(result)])
     return tuple(sorted([*found, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
 

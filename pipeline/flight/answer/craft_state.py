@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from core.findings import Severity
+from core.findings import Finding, Severity
 from core.quantity import duration, number
 from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, VibrationReading
 from pipeline.results.answer import AnswerLine, Tone
@@ -44,9 +44,9 @@ def state_lines(account: Account) -> Iterator[AnswerLine]:
     if account.battery is not None:
         yield _battery(account.battery)
     if account.vibration is not None:
-        yield _vibration(account.vibration)
+        yield _vibration(account.vibration, harmful=any(each.id == "vibration" for each in account.notable))
     if account.gps is not None:
-        yield _gps(account.gps)
+        yield _gps(account.gps, [each for each in account.notable if each.id == "gps-glitch"])
     if account.hover is not None:
         yield _thrust(account.hover)
     if account.motors is not None:
@@ -85,19 +85,22 @@ def _battery(battery: BatteryReading) -> AnswerLine:
     return _line("Battery", text, care=each is not None and each < _SPENT)
 
 
-def _vibration(shaken: VibrationReading) -> AnswerLine:
+def _vibration(shaken: VibrationReading, *, harmful: bool) -> AnswerLine:
+    """Answer with the worst of a flight: where nothing else shook it, that of a crash or a landing."""
     along = f"{shaken.axis}, " if shaken.axis else ""
     clips = f", {shaken.clips} clips" if shaken.clips else ""
     text = f"{number(shaken.worst, 2)} m/s² ({along}{shaken.t:.0f} s; limit {shaken.advised:.0f}){clips}"
-    return _line("Vibration", text, care=shaken.worst > shaken.advised, bad=shaken.worst > shaken.harmful)
+    return _line("Vibration", text, care=shaken.worst > shaken.advised, bad=harmful)
 
 
-def _gps(gps: GpsReading) -> AnswerLine:
+def _gps(gps: GpsReading, jumps: Sequence[Finding]) -> AnswerLine:
     if gps.fix_share < 0.005:
         return _line("GPS", "no fix", care=True)
     least = "always fixed" if gps.satellites_least is None else f"{gps.satellites_least}+ satellites"
-    share = f"fix {100.0 * gps.fix_share:.0f} % of the time"
-    return _line("GPS", least if gps.fix_share > 0.995 else share, care=gps.fix_share < 0.99)
+    text = least if gps.fix_share > 0.995 else f"fix {100.0 * gps.fix_share:.0f} % of the time"
+    jumped = max((float(each.evidence["jump_m"] or 0.0) for each in jumps), default=0.0)
+    text += f", jumped by {number(jumped, 2)} m" if jumped else ""
+    return _line("GPS", text, care=gps.fix_share < 0.99 or jumped > 0.0)
 
 
 def _thrust(hover: HoverReading) -> AnswerLine:
