@@ -72,7 +72,7 @@ class BatteryReading:
     end: float
     lowest: float
     lowest_t: float
-    cells: int | None = None  #: None where the voltage before the flight is that of no number of full cells.
+    cells: int | None = None  #: Lithium cells in series, by the voltage at rest.
     sag: Parameter | None = None  #: Resistance by which the voltage sags, ohm; None where current is not logged.
 
 

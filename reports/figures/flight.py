@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from core.quantity import uncertain
 from logparse import Finding, Geodetic
+from logparse.heights import above_ground
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import Span
@@ -146,9 +147,10 @@ def altitude(result: FlightResult) -> Figure | None:
             plot.add(line(signal.t, signal.y, signal.name, _HEIGHTS.get(signal.name, "@quiet"), width=1.4))
     reach = padded(plot.data[:1], "y") if plot.data else None
     if not isinstance(result.trajectory, Failure):
-        up = -_within(result.trajectory.states["p_d"], span)
-        if len(up) > 1:
-            plot.add(line(up.index, up - _start(up, present(result.flight)), "estimated", "@ink", width=1.4))
+        up, flight = -result.trajectory.states["p_d"], present(result.flight)
+        above = _within(up - up.iloc[0] if flight is None else above_ground(up, flight), span)
+        if len(above) > 1:
+            plot.add(line(above.index, above, "estimated", "@ink", width=1.4))
     if not plot.data:
         return None
     if reach is not None:
@@ -208,13 +210,6 @@ def mode_bands(result: FlightResult) -> Drawn:
 
 def _within(table: Frame, span: Span | None) -> Frame:
     return table if span is None else table.loc[span.start : span.stop]
-
-
-def _start(values: pd.Series, flight: Span | None) -> float:
-    """Value at the start of the flight: heights are drawn relative to it."""
-    if flight is None:
-        return float(values.iloc[0])
-    return float(values.iloc[min(int(values.index.searchsorted(flight.start)), len(values) - 1)])
 
 
 def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

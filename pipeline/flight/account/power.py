@@ -104,9 +104,3 @@ def real_voltage(readings: Readings) -> pd.Series[float] | None:
     before = voltage.loc[: readings.flight.start]
     rest = float(before.iloc[-min(len(before), 20) :].median()) if len(before) else float(inside.max())
     return voltage if rest - float(inside.min()) > _SAGS * rest else None
-
-
-def cells(voltage: float) -> int | None:
-    """Return how many lithium cells a battery before its flight has; None where the voltage is that of no number."""
-    count = round(voltage / 4.05)
-    return count if count >= 2 and 3.4 <= voltage / count <= 4.4 else None

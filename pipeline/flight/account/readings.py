@@ -43,6 +43,10 @@ _BLIND, _SAME = 0.42, 0.02
 _CLOSED, _NEAR = 0.05, 0.01
 
 
+#: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 jumped until its end).
+RECOVERS = 10.0
+
+
 @dataclass(frozen=True)
 class Readings:
     """Signals of one flight and of the ground beside it; each is None where the log lacks it.

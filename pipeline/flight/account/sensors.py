@@ -11,7 +11,7 @@ from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
 from logparse.heights import WRONG, not_returned
-from pipeline.flight.account.readings import Readings, Stretch, at, stretches, within
+from pipeline.flight.account.readings import RECOVERS, Readings, Stretch, at, stretches, within
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import Floats
 
@@ -22,8 +22,6 @@ _SILENT = 2.0
 #: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
 _RADIUS, _ACCELERATION = 5.0, 10.0
 _EARTH = 6.371e6
-#: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 never came back).
-RECOVERS = 10.0
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
 #: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0

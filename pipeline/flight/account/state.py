@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from logparse.heights import ground_level, smoothed
-from pipeline.flight.account.power import cells, real_voltage
-from pipeline.flight.account.readings import Readings, within
-from pipeline.flight.account.sensors import RECOVERS
+from pipeline.flight.account.power import real_voltage
+from pipeline.flight.account.readings import RECOVERS, Readings, within
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
 
@@ -22,6 +22,8 @@ _SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
 _AT_LIMIT = 0.99
 #: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
 _AT_REST = 4.0
+#: Highest voltage of a full lithium cell as logged: a battery has the fewest cells that bear what it shows at rest.
+_FULL = 4.4
 _EARTH = 6.371e6
 #: What sources of height are called.
 SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
@@ -108,12 +110,13 @@ def battery(readings: Readings) -> BatteryReading | None:
     table = readings.tables.battery
     flown = None if table is None else table.loc[flight.start : flight.stop]
     columns = [] if flown is None else [flown.index, flown["voltage"], flown["current"]]
+    end = float(after.median()) if len(after) else float(inside.iloc[-1])
     return BatteryReading(
         start=start,
-        end=float(after.median()) if len(after) else float(inside.iloc[-1]),
+        end=end,
         lowest=float(inside.min()),
         lowest_t=float(inside.index[int(np.argmin(inside.to_numpy()))]),
-        cells=cells(start),
+        cells=math.ceil(max(start, end) / _FULL),
         sag=sag_resistance(*(each.to_numpy(np.float64) for each in columns)) if columns else None,
     )
 
