@@ -168,7 +168,7 @@ def loaded(tmp_path: Path) -> Iterator[Service]:
         yield started
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_many_uploads_at_once_are_all_kept_and_a_large_one_passes_through(loaded: Service) -> None:
     address, pid = str(loaded.client.base_url), loaded.process.pid
     assert load.upload_many(address, clients=50, size=1 * load.MB) == 0

@@ -15,7 +15,6 @@ import httpx
 import pandas as pd
 import pytest
 
-from pipeline.execution.stages import STAGES
 from tests.api.programs import PATIENCE, free_port, wait_until
 from tests.paths import ROOT
 
@@ -78,11 +77,6 @@ def test_a_sample_log_gives_models_and_rmse(server: httpx.Client, answer: httpx.
 
 
 @pytest.mark.slow
-def test_every_stage_of_the_analysis_has_a_title(answer: httpx.Response) -> None:
-    assert answer.json()["report"]["timings_s"].keys() <= STAGES.keys()
-
-
-@pytest.mark.slow
 def test_the_report_names_the_log_and_no_path_of_the_server(server: httpx.Client, answer: httpx.Response) -> None:
     links = answer.json()["links"]
     for name in ("report.html", "report.json", "models.json", "rmse.csv"):
@@ -106,26 +100,6 @@ def test_the_tables_of_the_log_come_as_parquet(server: httpx.Client, answer: htt
     end = server.get(found["links"]["tables/motors.parquet"], headers={"Range": "bytes=-4"})
     assert (end.status_code, end.content) == (206, b"PAR1")
     assert server.get(found["links"]["models.mat"]).content[:6] == b"MATLAB"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("content", [b"\xa3\x95\x80", SAMPLE.read_bytes()[:20_000]], ids=["head", "cut"])
-def test_what_is_no_flight_is_refused_with_a_reason(server: httpx.Client, content: bytes) -> None:
-    response = server.post("/api/v1/logs", params={"analyze": "true"}, files={"file": ("x.bin", content)})
-    assert (response.status_code, response.json()["type"]) == (422, "urn:rotorid:problem:unusable-log")
-    assert "upload" not in response.json()["detail"]  # the name of the file in our storage
-
-
-@pytest.mark.slow
-def test_a_log_with_flipped_bits_is_analysed_as_far_as_it_goes(server: httpx.Client) -> None:
-    damaged = bytearray(SAMPLE.read_bytes())
-    for place in range(30_000, len(damaged), 30_011):
-        damaged[place] ^= 0x10
-    response = server.post(
-        "/api/v1/logs", params={"analyze": "true", "include": "report"}, files={"file": ("x.bin", bytes(damaged))}
-    )
-    assert response.status_code == 201, response.text
-    assert response.json()["report"]["findings"]
 
 
 def test_the_server_itself_does_not_load_the_numerical_packages() -> None:

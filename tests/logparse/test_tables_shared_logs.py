@@ -5,13 +5,14 @@ import math
 from functools import cache
 
 import numpy as np
+import pandas as pd
 import pymap3d
 import pytest
 
 from logparse import completeness, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
 from logparse.tables import COLUMNS
-from tests.paths import SHARED
+from tests.paths import REAL, SHARED
 
 LOGS = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() in (".bin", ".log", ".tlog", ".ulg"))
 SITL = [path for path in LOGS if path.parent.name == "sitl" and path.suffix == ".BIN"]
@@ -32,6 +33,9 @@ def log_of(path):
 @pytest.mark.parametrize("path", LOGS, ids=name_of)
 def test_every_log_gives_well_formed_tables(path):
     log = log_of(path)
+    if path.parent == REAL:
+        inventory = pd.read_csv(REAL / "INVENTORY.tsv", sep="\t", index_col="file")
+        assert log.format == inventory["format"].get(path.name, path.suffix[1:]).split()[0].removesuffix("-bin")
     for name, columns in COLUMNS.items():
         table = getattr(log.tables, name)
         if table is None:

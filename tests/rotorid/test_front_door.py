@@ -19,7 +19,7 @@ from core.summary import Summarised
 from logparse import RotoridError
 from logparse.signals import SignalError
 from pipeline.config import ConfigError
-from sysid.records.experiment import Experiment, ExperimentError
+from sysid.records.experiment import ExperimentError
 from tests.paths import ROOT
 
 LOG = ROOT / "sample_logs" / "octa08_denver_square.bin"
@@ -134,18 +134,6 @@ def test_records_have_a_length_and_can_be_cut(halves):
     np.testing.assert_array_equal(record[100:150].y, record.y[100:150])
     with pytest.raises(ExperimentError, match="use resample"):
         _ = record[::2]
-
-
-def test_resampling_keeps_what_is_slow():
-    """A sine far below both Nyquist frequencies comes out as itself."""
-    t = np.arange(0.0, 20.0, 0.01)
-    record = Experiment.from_arrays(t, np.sin(t), np.cos(t))
-    slow = record.resample(20.0)
-    assert slow.rate == pytest.approx(20.0)
-    inner = slice(20, -20)
-    np.testing.assert_allclose(slow.u[inner, 0], np.sin(slow.t[inner]), atol=2e-3)
-    with pytest.raises(ExperimentError, match="rate"):
-        record.resample(0.0)
 
 
 def test_plots_come_in_one_line(log, halves, body):

@@ -107,6 +107,7 @@ def test_flights_that_were_not_fitted_are_predicted(flight, model):
         assert (rows["rmse_constant_velocity"] / rows["rmse"]).min() > 6.0
 
 
+@pytest.mark.whole
 def test_the_papers_protocol_free_run_over_whole_flights(flight, model):
     """Fitted to three flights, run freely over others: below Elhesasy 2024's averages 0.32, 0.27, 0.25 m."""
     found = model("paper01", "paper02", "paper03")
