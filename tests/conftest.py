@@ -1,5 +1,6 @@
 """What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
+import fcntl
 import lzma
 import multiprocessing
 import os
@@ -19,11 +20,12 @@ from hypothesis import settings
 
 from logparse import containers
 from rotorid.cli import main as cli
-from tests.paths import ROOT, SHARED, SITL
+from tests.paths import ROOT, SAMPLES, SHARED, SITL
 
 if TYPE_CHECKING:
     from estimation import Trajectory
     from logparse import FlightLog
+    from pipeline import FleetResult
 
 # A slow computer, or the first example of a kernel, is no failure.
 settings.register_profile("rotorid", deadline=None)
@@ -197,6 +199,22 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
         return path
 
     return file
+
+
+@pytest.fixture(scope="session")
+def two_analysed(made_once: Callable[[str, Callable[[], bytes]], Path]) -> "tuple[Path, FleetResult]":
+    """Return the folder of an analysis of two sample logs, and what it found.
+
+    Whichever worker asks first does the work; another waits and finds it done. Nobody writes into the folder.
+    """
+    import rotorid as ro
+
+    lock = made_once("two_analysed.lock", bytes)
+    logs = [SAMPLES / f"{name}.bin" for name in ("octa01_zurich_calm", "quad01_davos_esc")]
+    with lock.open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        out = lock.with_suffix("")
+        return out, ro.analyze(logs, out=out, poles=1, zeros=0, time_limit=3600.0)
 
 
 @pytest.fixture(scope="session")

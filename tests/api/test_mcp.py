@@ -24,24 +24,16 @@ from pipeline.results.answer import AnswerLine, Tone
 from pipeline.results.report import FlightReport
 from tests.api import flights
 from tests.api.conftest import served
-from tests.paths import ROOT, SAMPLES
+from tests.paths import ROOT
 from tests.pipeline.builders import flown
 from tests.reports.made import made
 
 mcp = pytest.importorskip("mcp")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Analyse two sample logs into a folder, as the command line does."""
-    import pipeline
-    import reports
-
-    out = tmp_path_factory.mktemp("out")
-    logs = [SAMPLES / "octa01_zurich_calm.bin", SAMPLES / "quad01_davos_esc.bin"]
-    config = pipeline.AnalysisConfig(poles=1, zeros=0, time_limit=3600.0)
-    pipeline.analyze_fleet(logs, config, None, None, store=out, publish=reports.write)
-    return out
+@pytest.fixture
+def folder(two_analysed: tuple[Path, object]) -> Path:
+    return two_analysed[0]
 
 
 def ask(folder: Path, *questions: tuple[str, dict[str, Any]]) -> list[Any]:

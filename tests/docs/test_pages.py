@@ -10,7 +10,7 @@ from importlib import import_module
 import pytest
 from typer.main import get_command
 
-from rotorid.cli.main import app, main
+from rotorid.cli.main import app
 from tests.paths import ROOT
 
 DOCS = ROOT / "docs"
@@ -38,31 +38,6 @@ def named(name):
 def test_every_name_exists(name):
     """Stale cross-references are found here."""
     named(name)
-
-
-@pytest.mark.slow
-def test_a_log_passes_every_function_of_the_walk_in_its_order(tmp_path, monkeypatch):
-    walk = [[getattr(named(name), "__code__", None) for name in NAME.findall(step)] for step in STEPS]
-    wanted = {code for step in walk for code in step if code is not None}
-    passed = []
-
-    def notice(frame, event, argument):
-        if event == "call" and frame.f_code in wanted and frame.f_code not in passed:
-            passed.append(frame.f_code)
-
-    log = str(ROOT / "sample_logs" / "octa01_zurich_calm.bin")
-    words = ["rotorid", "analyze", log, "--out", str(tmp_path / "out"), "--poles", "2", "--zeros", "1"]
-    monkeypatch.setattr(sys, "argv", words)
-    sys.setprofile(notice)
-    try:
-        with pytest.raises(SystemExit, match="0"):
-            main()
-    finally:
-        sys.setprofile(None)
-    assert wanted - set(passed) == set()
-    # What steps 5 to 12 do runs within step 13.
-    first = [min(passed.index(code) for code in step if code is not None) for step in (*walk[1:12], *walk[13:])]
-    assert first == sorted(first)
 
 
 COMMANDS = get_command(app).commands

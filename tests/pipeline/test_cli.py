@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from unittest import mock
 
-import jsonschema
 import pytest
 from typer.main import get_command
 
@@ -18,7 +17,6 @@ import reports
 from api.store.resources import Configuration
 from pipeline import AnalysisConfig, ConfigError
 from pipeline.config import SETTINGS
-from reports.numbers.schema import schema
 from rotorid.cli import main as cli
 from rotorid.cli.main import app
 from tests.paths import ROOT, SAMPLES
@@ -169,37 +167,6 @@ def test_export_writes_what_was_asked_for(tmp_path):
     times = [float(line.split(",")[0]) for line in files[0].read_text().splitlines()[1:]]
     assert times
     assert 30.0 <= min(times) <= max(times) <= 32.0
-
-
-@pytest.mark.slow
-def test_one_log_from_file_to_report(tmp_path):
-    """The main job as the README shows it, on the smallest sample; stdout holds JSON and nothing else."""
-    log = SAMPLES / "octa01_zurich_calm.bin"
-    run = rotorid("analyze", log, "--out", tmp_path, "--mass", "4.3", "--time-limit", "3000", "--json")
-    assert run.returncode == 0, run.stderr
-    numbers = json.loads(run.stdout)
-    assert numbers == json.loads((tmp_path / "report.json").read_text("utf-8"))
-    for stage in ("reading", "trajectory", "transfer functions", "report"):
-        assert stage in run.stderr
-    assert numbers["missing"] == {}
-    keys = [model["key"] for model in numbers["models"]]
-    assert keys == ["motors", "mixer", "reference", "rigid_body"]
-    judged = [model for model in numbers["models"] if model["model"] is not None]
-    assert len(judged) > 1
-    assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"] * len(judged)
-    truth = json.loads((SAMPLES / "octa01_zurich_calm.json").read_text("utf-8"))
-    airborne = truth["time_s"]["airborne"]
-    assert numbers["flight"]["start_s"] == pytest.approx(airborne[0], abs=2.0)
-    assert numbers["flight"]["stop_s"] == pytest.approx(airborne[1], abs=2.0)
-    motors = judged[0]["model"]
-    assert len(motors["transfer_functions"]) == 3
-    assert all(len(row) == 8 for row in motors["transfer_functions"].values())
-    assert numbers["thrust"]["common"]["newton"] > 0.0
-    files = {"report.html", "models.html", "report.json", "models.json", "models.mat", "coefficients.csv", "rmse.csv"}
-    files |= {"parameters.csv", "track.geojson", "track.kml", "track.gpx", "entry.json"}
-    assert {path.name for path in tmp_path.iterdir()} == files
-    for name in ("models", "report"):
-        jsonschema.validate(json.loads((tmp_path / f"{name}.json").read_text("utf-8")), schema(name))
 
 
 @pytest.mark.slow

@@ -157,15 +157,14 @@ def test_a_setting_that_does_not_exist_is_named():
 
 
 @pytest.mark.slow
-def test_a_folder_gives_its_craft_with_their_parameters(tmp_path):
-    logs = [ROOT / "sample_logs" / f"{name}.bin" for name in ("octa01_zurich_calm", "quad01_davos_esc")]
-    fleet = ro.analyze(logs, out=tmp_path, poles=2, zeros=1)
+def test_a_folder_gives_its_craft_with_their_parameters(two_analysed):
+    out, fleet = two_analysed
     assert not fleet.failures
     assert len(fleet.crafts) == 2
     table = fleet.crafts[0].parameters
     assert list(table.columns) == ["value", "sigma", "unit", "method", "reason"]
     assert "thrust over mass" in table.index
-    assert (tmp_path / "report.html").is_file()
+    assert (out / "report.html").is_file()
     assert len(repr(fleet).splitlines()) < MOST_LINES
 
 

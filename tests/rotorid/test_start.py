@@ -1,11 +1,17 @@
-"""What is imported and compiled when: a command's first second is imports, and every package has its moment."""
+"""One log from the command to the page: what is imported, compiled and called when, what is printed and left."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
+import jsonschema
 import pytest
 
+from reports.numbers.schema import schema
+from tests.docs.test_pages import NAME, STEPS, named
 from tests.paths import SAMPLES
 
 SAMPLE = SAMPLES / "octa01_zurich_calm.bin"
@@ -32,35 +38,101 @@ LATE = (
 )
 
 
-#: Analyses a log; prints what was imported, then the kernels that were called with arguments that neither `KERNELS` nor
-#: annotations foresee, behind the number of the others.
-ANALYSIS = f"""
-import sys
-import pipeline
+#: Runs a command and writes down what was imported; functions in the order in which each was first called; how many
+#: kernels were called with arguments that `KERNELS` or annotations foresee, and which with others.
+TRACED = """
+import json, os, sys
 
-pipeline.analyze({str(SAMPLE)!r})
-print(*sys.modules)
-from core.compiled import argument_types
-from pipeline.execution.compiling import KERNELS
+# On one processor no copy of the process calls what is not seen here.
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+written, called = sys.argv.pop(1), {}
+def notice(frame, event, argument):
+    if event == "call":
+        called.setdefault((frame.f_globals.get("__name__"), frame.f_code.co_qualname), None)
+sys.setprofile(notice)
+from rotorid.cli.main import main
+try:
+    main()
+finally:
+    sys.setprofile(None)
+    modules = list(sys.modules)
+    from core.compiled import argument_types
+    from pipeline.execution.compiling import KERNELS
 
-foreseen = {{(kernel.py_func, argument_types(kernel)) for kernel in KERNELS}}
-kernels = [
-    value
-    for name, module in list(sys.modules.items())
-    if name.split(".")[0] in ("core", "logparse", "estimation", "sysid", "pipeline", "simulation")
-    for value in vars(module).values()
-    if type(value).__name__ == "CPUDispatcher"
-]
-called = {{(kernel.py_func, types) for kernel in kernels for types in kernel.signatures}}
-print(len(called & foreseen), *sorted(function.__qualname__ for function, _ in called - foreseen))
+    foreseen = {(kernel.py_func, argument_types(kernel)) for kernel in KERNELS}
+    kernels = [
+        value
+        for name, module in list(sys.modules.items())
+        if name.split(".")[0] in ("core", "logparse", "estimation", "sysid", "pipeline", "simulation")
+        for value in vars(module).values()
+        if type(value).__name__ == "CPUDispatcher"
+    ]
+    used = {(kernel.py_func, types) for kernel in kernels for types in kernel.signatures}
+    unforeseen = sorted(function.__qualname__ for function, _ in used - foreseen)
+    with open(written, "w") as file:
+        json.dump([modules, [f"{module}.{name}" for module, name in called], len(used & foreseen), unforeseen], file)
 """
 
 
+class Analysed(NamedTuple):
+    """What an analysis by the command line printed, left behind, imported and called."""
+
+    run: subprocess.CompletedProcess
+    out: Path
+    modules: set[str]
+    called: list[str]
+    foreseen: int
+    unforeseen: set[str]
+
+
 @pytest.fixture(scope="module")
-def analysed() -> list[list[str]]:
-    """Return the words of both lines that `ANALYSIS` prints last, in a process of its own."""
-    done = subprocess.run([sys.executable, "-c", ANALYSIS], capture_output=True, text=True, check=True)
-    return [line.split() for line in done.stdout.splitlines()[-2:]]
+def analysed(tmp_path_factory):
+    """Analyse the smallest sample in a process of its own, as the README shows it."""
+    folder = tmp_path_factory.mktemp("analysed")
+    out, trace = folder / "out", folder / "trace.json"
+    words = [trace, "analyze", SAMPLE, "--out", out, "--mass", "4.3", "--time-limit", "3000", "--json"]
+    command = [sys.executable, "-c", TRACED, *map(str, words)]
+    environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1"}
+    run = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert run.returncode == 0, run.stderr
+    modules, called, foreseen, unforeseen = json.loads(trace.read_text())
+    return Analysed(run, out, set(modules), called, foreseen, set(unforeseen))
+
+
+def test_one_log_from_file_to_report(analysed):
+    """Stdout holds JSON and nothing else."""
+    numbers = json.loads(analysed.run.stdout)
+    assert numbers == json.loads((analysed.out / "report.json").read_text("utf-8"))
+    for stage in ("reading", "trajectory", "transfer functions", "report"):
+        assert stage in analysed.run.stderr
+    assert numbers["missing"] == {}
+    keys = [model["key"] for model in numbers["models"]]
+    assert keys == ["motors", "mixer", "reference", "rigid_body"]
+    judged = [model for model in numbers["models"] if model["model"] is not None]
+    assert len(judged) > 1
+    assert [row["part"] for row in numbers["rmse"]] == ["held-out", "training"] * len(judged)
+    truth = json.loads((SAMPLES / "octa01_zurich_calm.json").read_text("utf-8"))
+    airborne = truth["time_s"]["airborne"]
+    assert numbers["flight"]["start_s"] == pytest.approx(airborne[0], abs=2.0)
+    assert numbers["flight"]["stop_s"] == pytest.approx(airborne[1], abs=2.0)
+    motors = judged[0]["model"]
+    assert len(motors["transfer_functions"]) == 3
+    assert all(len(row) == 8 for row in motors["transfer_functions"].values())
+    assert numbers["thrust"]["common"]["newton"] > 0.0
+    files = {"report.html", "models.html", "report.json", "models.json", "models.mat", "coefficients.csv", "rmse.csv"}
+    files |= {"parameters.csv", "track.geojson", "track.kml", "track.gpx", "entry.json"}
+    assert {path.name for path in analysed.out.iterdir()} == files
+    for name in ("models", "report"):
+        jsonschema.validate(json.loads((analysed.out / f"{name}.json").read_text("utf-8")), schema(name))
+
+
+def test_a_log_passes_every_function_of_the_walk_in_its_order(analysed):
+    """Of docs/architecture.md, whose names `tests/docs` looks up."""
+    walk = [[each for each in map(named, NAME.findall(step)) if hasattr(each, "__code__")] for step in STEPS]
+    places = [[analysed.called.index(f"{each.__module__}.{each.__qualname__}") for each in step] for step in walk]
+    # What steps 5 to 12 do runs within step 13.
+    first = [min(found) for found in (*places[1:12], *places[13:])]
+    assert first == sorted(first)
 
 
 def imported(script: str) -> set[str]:
@@ -76,19 +148,18 @@ def test_an_analysis_begins_without_what_later_stages_need() -> None:
     assert len(modules) < 1600
 
 
-def test_an_ordinary_analysis_never_needs_all_of_scipy(analysed: list[list[str]]) -> None:
+def test_an_ordinary_analysis_never_needs_all_of_scipy(analysed):
     """Signal, statistics and splines together take longer to import than a flight's models to fit."""
-    modules = set(analysed[0])
-    assert "scipy.optimize" in modules
-    assert not modules & {"scipy.signal", "scipy.stats", "scipy.integrate", "scipy.interpolate", "scipy.ndimage"}
+    assert "scipy.optimize" in analysed.modules
+    unwanted = {"scipy.signal", "scipy.stats", "scipy.integrate", "scipy.interpolate", "scipy.ndimage"}
+    assert not analysed.modules & unwanted
 
 
-def test_an_analysis_calls_no_loop_that_is_not_foreseen(analysed: list[list[str]]) -> None:
+def test_an_analysis_calls_no_loop_that_is_not_foreseen(analysed):
     """Each would be compiled at its first call, after all the others, on a machine that has none yet."""
-    count, *unforeseen = analysed[1]
-    assert int(count) >= 20
+    assert analysed.foreseen >= 20
     # What only other loops call is compiled with them.
-    assert set(unforeseen) <= {"find_chained"}
+    assert analysed.unforeseen <= {"find_chained"}
 
 
 def test_a_log_is_looked_at_without_scipy() -> None:
