@@ -27,8 +27,7 @@ _PAGE, _UNFOLDED, _CHOICES = 25, 30, 200
 _PURPOSES = ("Happened", "Loops", "Predict ahead")
 
 
-@router.head("/crafts")
-@router.get("/crafts")
+@router.api_route("/crafts", methods=["GET", "HEAD"])
 def list_crafts_page(
     request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Annotated[str, Query(max_length=200)] = ""
 ) -> Response:
@@ -40,8 +39,7 @@ def list_crafts_page(
     return render(request, "crafts.html", view)
 
 
-@router.head("/crafts/{craft_id}")
-@router.get("/crafts/{craft_id}")
+@router.api_route("/crafts/{craft_id}", methods=["GET", "HEAD"])
 def show_craft_page(request: Request, craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show a craft: its state, what changed, its flights, notes and models."""
     craft = parts.crafts.find(craft_id, owner)
@@ -82,8 +80,7 @@ def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
-@router.head("/folder/{flight_id}")
-@router.get("/folder/{flight_id}")
+@router.api_route("/folder/{flight_id}", methods=["GET", "HEAD"])
 def show_folder_flight(flight_id: str, parts: PartsOf, owner: Owner) -> Response:
     """Show the page of a flight that is of a folder and of no upload."""
     place = parts.crafts.folder_of(flight_id, owner)

@@ -87,8 +87,7 @@ def read_signals(
     return found
 
 
-@pages.head("/logs/{log_id}/explore")
-@pages.get("/logs/{log_id}/explore")
+@pages.api_route("/logs/{log_id}/explore", methods=["GET", "HEAD"])
 def explore_page(
     request: Request,
     log: OwnLog,

@@ -42,8 +42,7 @@ StateFilter = Annotated[State | None, Query()]
 Text = Annotated[str, Query(max_length=200)]
 
 
-@router.head("/")
-@router.get("/")
+@router.api_route("/", methods=["GET", "HEAD"])
 def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Show where to drop logs, and what was analysed last."""
     view = _listed(parts, owner, _LATEST)
@@ -87,8 +86,7 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
     return lead_to(f"/analyses/{analysis.id}")
 
 
-@router.head("/analyses")
-@router.get("/analyses")
+@router.api_route("/analyses", methods=["GET", "HEAD"])
 def list_analyses_page(
     request: Request, parts: PartsOf, owner: Owner, state: StateFilter = None, after: After = None, q: Text = ""
 ) -> Response:
@@ -98,8 +96,7 @@ def list_analyses_page(
     return render(request, "analyses.html", view)
 
 
-@router.head("/logs")
-@router.get("/logs")
+@router.api_route("/logs", methods=["GET", "HEAD"])
 def list_logs_page(request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Text = "") -> Response:
     """Show a part of the list of logs."""
     found = parts.catalog.list_logs(owner, limit=_PAGE + 1, after=after, name=q.strip())
@@ -138,8 +135,7 @@ def _listed(
     return {"analyses": shown, "live": any(not analysis.state.ended for analysis in shown), "older": older}
 
 
-@router.head("/analyses/{analysis_id}")
-@router.get("/analyses/{analysis_id}")
+@router.api_route("/analyses/{analysis_id}", methods=["GET", "HEAD"])
 def show_analysis_page(request: Request, analysis: OwnAnalysis, parts: PartsOf) -> Response:
     """Show how far an analysis is, or its report, or why there is none."""
     address = frame = f"/api/v1/analyses/{analysis.id}"
@@ -150,8 +146,7 @@ def show_analysis_page(request: Request, analysis: OwnAnalysis, parts: PartsOf) 
     return render(request, _TEMPLATES.get(analysis.state, "progress.html"), view)
 
 
-@router.head("/reports/{key}/{name:path}")
-@router.get("/reports/{key}/{name:path}")
+@router.api_route("/reports/{key}/{name:path}", methods=["GET", "HEAD"])
 def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
     """Fetch a report into the frame of a signed-in visitor's page, or what that report links to."""
     analysis_id = ReportKeys(parts.database).analysis_of(key)
@@ -162,8 +157,7 @@ def fetch_framed(key: str, name: str, parts: PartsOf) -> Response:
     return response
 
 
-@router.head("/shared/{secret}")
-@router.get("/shared/{secret}")
+@router.api_route("/shared/{secret}", methods=["GET", "HEAD"])
 def show_shared_page(request: Request, secret: str, parts: PartsOf) -> Response:
     """Show the analysis that a link is to, to be read only."""
     analysis = find_shared(secret, parts)
@@ -184,8 +178,7 @@ def _shown(analysis: Analysis, address: str, frame: str) -> dict[str, Any]:
     }
 
 
-@router.head("/docs")
-@router.get("/docs")
+@router.api_route("/docs", methods=["GET", "HEAD"])
 def reference(request: Request, parts: PartsOf) -> Response:
     """Describe the interface for programs: Swagger UI draws it from the OpenAPI document."""
     view = {"tokens": parts.settings.access is Access.TOKENS, "limit": parts.settings.upload_limit}

@@ -18,8 +18,7 @@ router = APIRouter(include_in_schema=False)
 _KEPT = 30 * 24 * 3600
 
 
-@router.head("/sign-in")
-@router.get("/sign-in")
+@router.api_route("/sign-in", methods=["GET", "HEAD"])
 def ask_for_token(
     request: Request, parts: PartsOf, following: Annotated[str, Query(alias="next", max_length=2000)] = "/"
 ) -> Response:

@@ -167,5 +167,6 @@ def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Float
         reached = step.max() >= 0.9
         rise[k] = dt * float(np.argmax(step >= 0.9) - np.argmax(step >= 0.1)) if reached else np.nan
         outside = np.flatnonzero(np.abs(step - 1.0) > 0.05)
-        settling[k] = dt * float(outside[-1] + 1) if len(outside) < len(step) else np.nan
+        settles = len(outside) > 0 and outside[-1] + 1 < len(step)
+        settling[k] = dt * float(outside[-1] + 1) if settles else np.nan
     return rise, 100.0 * np.maximum(steps.max(axis=1) - 1.0, 0.0), settling

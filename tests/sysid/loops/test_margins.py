@@ -137,6 +137,14 @@ def test_numbers_of_a_step_are_those_of_its_closed_form(ratio):
     assert settling == pytest.approx(t[np.flatnonzero(np.abs(y - 1.0) > 0.05)[-1]], abs=0.02)
 
 
+@pytest.mark.parametrize("final", [0.5, 2.0, np.nan])
+def test_a_step_that_ends_elsewhere_never_settles(final):
+    """One that stays outside was said to settle with the end of the window; damaged chirps gave one of no numbers."""
+    hz = np.geomspace(0.1, 40.0, 600)
+    _, _, settling = step_numbers(hz, final / (1.0 + 2j * np.pi * hz[None] / 5.0))
+    assert np.isnan(settling).all()
+
+
 def test_sheet_of_a_known_craft():
     """Every criterion with its value, limit and source; the attitude ones against the formula of the craft."""
     loop = flown_loop(CRAFT, GAINS, 1)
