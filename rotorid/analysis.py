@@ -18,12 +18,12 @@ from core.summary import listed
 from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import processes
 from pipeline.execution.stages import Progress
+from pipeline.fleet.comparison import compare_reports
 from pipeline.fleet.result import FleetResult
 from pipeline.names import is_url
 from pipeline.results.flight import FlightResult
 from pipeline.storage.sources import find
-from reports.numbers.comparison import compare_reports
-from reports.numbers.reading import read_report
+from reports.report_json import read_report
 from rotorid.workers import PRELOAD
 
 

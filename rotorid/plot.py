@@ -12,8 +12,9 @@ import numpy as np
 
 from logparse import FlightLog
 from logparse.signals import logged_signal
+from pipeline.flight.identification import model_result
 from pipeline.results.failure import Failure
-from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.flight import Prediction
 from reports.figures.figure import COLORS, MODEL_COLORS
 from reports.figures.flight import track_figure
 from reports.figures.frequency import Curve, measured, of_model
@@ -61,7 +62,7 @@ def prediction(
         name = str(getattr(model, "name", type(model).__name__))
         part = Prediction(experiment=experiment, y_hat=path, training=False)
         key = tuple(MODEL_COLORS)[number % len(MODEL_COLORS)]
-        results.append(ModelResult(key=key, title=name, model=Failure("plot", "not asked for"), predictions=(part,)))
+        results.append(model_result(key, name, Failure("plot", "not asked for"), predictions=(part,)))
     return compare(experiment, results).plotly()
 
 

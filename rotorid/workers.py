@@ -4,6 +4,6 @@ PRELOAD = (
     "pipeline.execution.compiling",
     "pipeline.execution.executors",
     "pipeline.fleet.job",
-    "pipeline.fleet.joint",
+    "pipeline.fleet.crafts",
     "reports.files.folder",
 )

@@ -12,7 +12,7 @@ from api.store.records import FlightRecord
 from api.work.craft_flights import forget, keep
 from api.work.outcome import Said, of_report
 from core.serialization import restored
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, Store
 

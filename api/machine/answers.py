@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pipeline.results.answer import Advice
 from pipeline.results.drift import Alert, History, ParameterChange
-from reports.numbers.quantities import HealthEvent, Quantity
+from reports.quantities import HealthEvent, Quantity
 
 #: What stands in every answer where there is no number.
 NOT_DETERMINED = "not determined"

@@ -27,16 +27,16 @@ from logparse import FlightLog, RotoridError, check_is_log, read_log
 from logparse.canonical.fields import INSTANCE_NAMES, instance_column
 from logparse.expressions import evaluate
 from logparse.signals import LoggedSignal
+from pipeline.fleet.comparison import compare_reports
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin
 from pipeline.flight.spectrum import rotor_speeds
 from pipeline.results.drift import CraftNote, CraftReview, ParameterChange
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 from pipeline.results.span import Span
-from reports.numbers.comparison import compare_reports
-from reports.numbers.reading import parse_report, report_of
 from reports.pages.comparison import comparison_page
-from reports.pages.craft import craft_page as render_craft
+from reports.pages.fleet import craft_page as render_craft
+from reports.report_json import parse_report, report_of
 from sysid.loops.proof import BY_THEMSELVES
 from sysid.records.filtering import welch
 

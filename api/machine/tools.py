@@ -35,7 +35,7 @@ from pipeline.config import ConfigError
 from pipeline.results.drift import CraftReview
 from pipeline.results.report import FlightReport
 from pipeline.storage.store import Store
-from reports.numbers.quantities import (
+from reports.quantities import (
     answers_of,
     craft_parameters,
     health_of,
@@ -43,7 +43,7 @@ from reports.numbers.quantities import (
     parameters_of,
     predictions_of,
 )
-from reports.numbers.reading import parse_report
+from reports.report_json import parse_report
 
 #: Most items of one answer.
 MOST = 1000

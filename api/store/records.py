@@ -99,7 +99,7 @@ class AnalysisRecord(Record):
     craft_id: Mapped[str | None] = mapped_column(String(ID_LENGTH))
     trust: Mapped[str | None] = mapped_column(
         String(10)
-    )  #: The most that is said of a model: `pipeline.results.verdict.Trust`.
+    )  #: The most that is said of a model: `pipeline.results.model.Trust`.
     members: Mapped[list["AnalysedLog"]] = relationship(
         order_by="AnalysedLog.position", cascade="all, delete-orphan", lazy="selectin"
     )
@@ -193,7 +193,7 @@ class FlightRecord(Record):
     name: Mapped[str] = mapped_column(String(200))  #: Unique for the owner.
     start: Mapped[datetime | None]
     added: Mapped[datetime]
-    entry: Mapped[dict[str, Any]]  #: `pipeline.results.entry.FlightEntry`.
+    entry: Mapped[dict[str, Any]]  #: `pipeline.results.fleet.FlightEntry`.
     answers: Mapped[list[Any]]  #: Of `pipeline.results.answer.AnswerLine`.
     trust: Mapped[str] = mapped_column(String(10))  #: The most that is said of a model of this flight alone.
 

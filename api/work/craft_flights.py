@@ -16,7 +16,7 @@ from api.store.records import AlertRecord, AnalysisRecord, CraftKeyRecord, Craft
 from api.work.outcome import Flown, without_experiments
 from core.serialization import plain
 from pipeline.flight.craft import took_off
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 
 #: Settings that touch what the flights of a craft are compared by: such an analysis replaces no other.
 _OTHER = ("rate", "training_fraction")

@@ -9,11 +9,10 @@ from core.serialization import plain, restored
 from logparse import Vehicle
 from pipeline.config import ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Tone
-from pipeline.results.entry import FlightEntry
-from pipeline.results.model_report import ModelReport
+from pipeline.results.fleet import FlightEntry
+from pipeline.results.model import ModelReport, Trust, Verdict
 from pipeline.results.report import FleetReport, FlightReport
-from pipeline.results.verdict import Trust, Verdict
-from reports.numbers.reading import read_report
+from reports.report_json import read_report
 
 #: The file of the results that holds the entries of flights for their craft; for the service only.
 FILE = "flights.json"

@@ -37,7 +37,7 @@ _log = logging.getLogger("rotorid.api")
 #: What the process that workers are forked from has imported already, so that an analysis starts at once.
 PRELOAD = (
     "pipeline.fleet.job",
-    "pipeline.fleet.joint",
+    "pipeline.fleet.crafts",
     "pipeline.fleet.crafts",
     "reports.files.folder",
     "reports.files.fleet",

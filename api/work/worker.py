@@ -30,9 +30,8 @@ from logparse.containers import limit_unpacked
 from pipeline.execution.stages import Overall
 from pipeline.fleet.result import FleetResult, Run
 from pipeline.flight.craft import took_off
-from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import present
-from pipeline.results.fleet import GroupResult
+from pipeline.results.fleet import FlightEntry, GroupResult
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
 
@@ -79,7 +78,7 @@ class Member:
     """A flight of a craft, analysed before."""
 
     name: str
-    entry: Mapping[str, Any]  #: `pipeline.results.entry.FlightEntry`.
+    entry: Mapping[str, Any]  #: `pipeline.results.fleet.FlightEntry`.
     experiments: Mapping[str, Path]  #: File of each kind.
 
 

@@ -46,13 +46,7 @@ class SchedulerError(RotoridError):
 
 
 class Cluster(Executor):
-    """The workers of a Dask scheduler.
-
-    Raises
-    ------
-    SchedulerError
-        Dask is not installed, or no scheduler answers at the address.
-    """
+    """The workers of a Dask scheduler; SchedulerError where Dask is not installed, or none answers at the address."""
 
     def __init__(self, address: str, patience: float = PATIENCE) -> None:
         if find_spec("distributed") is None:
@@ -102,12 +96,7 @@ class Cluster(Executor):
         """Make a function called on the cluster.
 
         The future raises `WorkerDiedError` where the call took down every worker that it was tried on, and
-        `SchedulerError` where the connection to the scheduler is lost.
-
-        Raises
-        ------
-        SchedulerError
-            The connection to the scheduler is lost.
+        `SchedulerError` where the connection to the scheduler is lost, as this does where it is lost already.
         """
         if self.client.status != "running":
             self.shutdown()
@@ -152,11 +141,7 @@ class Cluster(Executor):
     def check(self, places: Iterable[str | Path] = (), store: str | Path | None = None) -> None:
         """Make sure that there are workers, with this software, and that they see what this computer sees.
 
-        Workers that come later and have other software refuse calls from now on.
-
-        Raises
-        ------
-        SchedulerError
+        SchedulerError says what they lack. Workers that come later and have other software refuse calls from now on.
         """
         try:
             self.client.wait_for_workers(1, timeout=self.patience)
@@ -253,12 +238,7 @@ def work(expected: Mapping[str, Any], function: Callable[..., R], args: Sequence
 def call_guarded(
     expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]
 ) -> R:
-    """Call a function on a worker, provided that its software is as expected.
-
-    Raises
-    ------
-    SchedulerError
-    """
+    """Call a function on a worker; SchedulerError where its software is not as expected."""
     own = software()
     if own != expected:
         libraries = _difference(own["libraries"], expected["libraries"])

@@ -20,7 +20,7 @@ import sysid.rigid_body.methods._gust_kernels as gusts
 import sysid.rigid_body.motion._rigid_kernels as rigid_body
 import sysid.transfer_functions._kernels as transfer_functions
 from core.compiled import can_be_kept, compile_ahead, is_kept
-from pipeline.execution import second
+from pipeline.execution import executors
 from pipeline.execution.stages import Progress, silent
 
 #: What takes longest comes first, so that two processes end at about the same time.
@@ -66,7 +66,7 @@ def compile_missing(progress: Progress = silent, kernels: Sequence[Callable[...,
             with suppress(Exception):  # it is compiled when it is called, and what is wrong is said there
                 compile_ahead(missing[byte[0]])
 
-    aside = second.begin(work)
+    aside = executors.begin(work)
     work()
     aside()
     os.close(taking)

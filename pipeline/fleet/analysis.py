@@ -22,9 +22,8 @@ from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, FleetResult, IdentifiedCrafts, Run
-from pipeline.results.entry import FlightEntry
-from pipeline.results.fleet import LogFailure, Publish
-from pipeline.storage.inventory import READERS, index_sources
+from pipeline.results.fleet import FlightEntry, LogFailure, Publish
+from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
 from pipeline.storage.manifest import (
     FLIGHTS,
     FileRecord,
@@ -35,7 +34,6 @@ from pipeline.storage.manifest import (
     software,
     stored_flights,
 )
-from pipeline.storage.removed import bring_back, set_aside
 from pipeline.storage.sources import FoundFiles, find
 from pipeline.storage.store import Store, TemporaryStore, open_store
 
@@ -156,12 +154,7 @@ def analyze_fleet(
 
 
 def check_choices(found: FoundFiles, config: AnalysisConfig) -> None:
-    """Refuse names of flights that no log has: before the work, not after it.
-
-    Raises
-    ------
-    ConfigError
-    """
+    """Raise ConfigError for names of flights that no log has: before the work, not after it."""
     names = [PurePath(source.file).stem for source in found.sources]
     for option, patterns in (("--training", config.training), ("--validation", config.validation)):
         for pattern in patterns:

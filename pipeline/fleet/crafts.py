@@ -1,20 +1,43 @@
-"""Flights to crafts: grouped, divided into those to fit and those to judge, identified jointly where that is new."""
+"""Flights to crafts: grouped, divided into those to fit and those to judge, identified jointly where that is new.
+
+Experiments stay in the store and are read where a kind of model is fitted; only models, and free runs thinned for
+plots, come back to whoever asked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from importlib.metadata import version
 
+import sysid
+from core.findings import gathered
+from core.serialization import cleaned
+from logparse import Finding, Vehicle
 from pipeline.config import AnalysisConfig
-from pipeline.execution.stages import Overall, Progress
-from pipeline.fleet import joint
+from pipeline.execution.executors import as_done
+from pipeline.execution.stages import Overall, Progress, Stages, silent
+from pipeline.fleet.drift import follow
+from pipeline.fleet.envelope import envelope
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings
 from pipeline.fleet.result import ANOTHER_RECORDING, IdentifiedCrafts, Run
 from pipeline.fleet.split import choose_split
-from pipeline.flight.craft import by_craft, changes, kept_apart
-from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import GroupResult, LogFailure
+from pipeline.flight.craft import by_craft, changes, in_order, kept_apart
+from pipeline.flight.identification import compare_parameters, identify, parameter_rows, without_model
+from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
+from pipeline.flight.next_flights import for_craft
+from pipeline.flight.purposes import overall
+from pipeline.names import printable
+from pipeline.results.failure import Failure, findings_of, present, reasons
+from pipeline.results.fleet import FlightEntry, GroupEntry, GroupResult, LogFailure, Split
+from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.report import CraftReport
+from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, write_entry
+from pipeline.storage.store import open_store
+from sysid.autopilot.values import over_flights
 
 
 def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> IdentifiedCrafts:
@@ -59,7 +82,7 @@ def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress
             progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
         progressing = Overall(report)
-        result = joint.identify_craft(entry.name, craft, split, store.url, config, progressing, run.executor, findings)
+        result = identify_craft(entry.name, craft, split, store.url, config, progressing, run.executor, findings)
         try:
             with store.scratch() as scratch:
                 product = scratch / "product"
@@ -110,3 +133,183 @@ def _is_there(entry: GroupEntry, run: Run) -> bool:
         return True
     same, publish = is_current(run.store, replace(entry, pages="")), run.publish
     return same and publish is not None and drawn_anew(run.store, f"{CRAFTS}/{entry.folder}", entry, publish)
+
+
+_LOG = logging.getLogger("rotorid.pipeline")
+
+#: Rows of free runs that come back of each kind of model: enough for plots, however many flights there are.
+MOST_ROWS = 200_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Joint:
+    """What is fitted to which flights of a craft, and judged on which: everything that another process must know."""
+
+    craft: str
+    store: str  #: URL.
+    #: Paths in the store of the experiments of each kind, of the flights that have it.
+    training: Mapping[str, tuple[str, ...]]
+    judging: Mapping[str, tuple[str, ...]]
+    outside: frozenset[str]  #: Flights that leave the envelope of those that train.
+    config: AnalysisConfig
+    time_limit: float  #: Of a stage, s.
+
+    def identify(self, kind: ModelKind, progress: Progress = silent) -> tuple[ModelResult, Stages]:
+        """Identify one kind of model; its free runs come back thinned."""
+        stages = Stages(progress, self.time_limit)
+        fitted, judges = (self._read(each[kind.key]) for each in (self.training, self.judging))
+        result = identify(kind, fitted, judges, self.config, stages, craft=self.craft, outside=self.outside)
+        most = max(500, MOST_ROWS // max(1, len(result.predictions)))
+        return replace(result, predictions=tuple(_thinned(each, most) for each in result.predictions)), stages
+
+    def physical(
+        self, body: ModelResult, progress: Progress = silent
+    ) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure, Stages]:
+        """Find thrust and physical parameters by every method."""
+        stages = Stages(progress, self.time_limit)
+        fitted = self._read(self.training[THRUST_KEY])
+        thrust = stages.run("thrust", lambda _: sysid.fit_thrust(fitted, mass=self.config.mass))
+        records = self._read(self.training[RIGID_BODY_KEY])
+        return thrust, compare_parameters(records, [body], self.config, stages), stages
+
+    def _read(self, paths: Sequence[str]) -> list[sysid.Experiment]:
+        store = open_store(self.store)
+        return [read_experiment(store.read(path)) for path in paths]
+
+
+def identify_craft(
+    name: str,
+    flights: Sequence[FlightEntry],
+    split: Split,
+    store: str,
+    config: AnalysisConfig,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+    findings: Sequence[Finding] = (),
+) -> GroupResult:
+    """Identify one craft from some of its flights and judge the models on others."""
+    by_name = {flight.name: flight for flight in flights}
+    training = [by_name[each] for each in split.training]
+    judging = [by_name[each] for each in split.judging]
+    stages = Stages(progress or silent, config.time_limit * len(flights))
+    covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
+    flown = present(covered)
+    joint = _Joint(
+        craft=name,
+        store=store,
+        training={kind.key: _paths(kind, training) for kind in KINDS},
+        judging={kind.key: _paths(kind, judging) for kind in KINDS},
+        outside=frozenset(() if flown is None else (each.flight for each in flown.outside)),
+        config=config,
+        time_limit=stages.time_limit,
+    )
+    models = _identify_all(joint, training, stages, executor)
+    reports = tuple(models[kind.key].report for kind in KINDS)
+    thrust, parameters = _physical(joint, models[RIGID_BODY_KEY], stages, executor)
+    if not joint.training[THRUST_KEY]:
+        thrust = Failure("thrust", models[THRUST_KEY].report.missing)
+    drift = stages.run("drift", lambda _: follow(flights))
+    advice = present(
+        stages.run("advice", lambda _: for_craft(flights, present(covered), present(drift), present(parameters)))
+    )
+    report = CraftReport(
+        rotorid=version("rotorid"),
+        name=name,
+        vehicle=_vehicle(flights, store),
+        training=split.training,
+        held_out=split.held_out,
+        split=split.sentence,
+        verdict=overall(reports),
+        rmse=tuple(row for model in reports for row in model.rmse),
+        models=reports,
+        thrust=present(thrust),
+        parameters=parameter_rows(parameters),
+        coverage=present(covered),
+        drift=present(drift),
+        autopilot=over_flights([(flight.name, flight.autopilot) for flight in in_order(flights)]),
+        advice=advice or (),
+        findings=gathered((*findings, *findings_of(thrust, parameters, covered, drift), *stages.findings)),
+        missing=reasons(thrust, parameters, covered, drift),
+        timings_s=stages.timings,
+    )
+    return GroupResult(report=cleaned(report, CraftReport, printable), models=tuple(models[kind.key] for kind in KINDS))
+
+
+def _paths(kind: ModelKind, flights: Sequence[FlightEntry]) -> tuple[str, ...]:
+    having = (each for each in flights if kind.key in each.experiments)
+    return tuple(part(EXPERIMENTS, kind.key, each.vehicle, each.folder) for each in having)
+
+
+def _identify_all(
+    joint: _Joint, training: Sequence[FlightEntry], stages: Stages, executor: Executor | None
+) -> dict[str, ModelResult]:
+    """Identify every kind of model, side by side where there is an executor; by the kind's key."""
+    fitted = [kind for kind in KINDS if joint.training[kind.key]]
+    models = {
+        kind.key: without_model(kind, Failure("experiment", _no_records(kind, training)))
+        for kind in KINDS
+        if kind not in fitted
+    }
+    if executor is None:
+        for kind in fitted:
+            models[kind.key], own = joint.identify(kind, stages.progress)
+            stages.take(own)
+        return models
+    for kind, job in as_done(executor, joint.identify, fitted):
+        try:
+            models[kind.key], own = job.result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("fitting %s jointly failed", kind.key)
+            models[kind.key] = without_model(kind, _dead(kind.key, error))
+        else:
+            stages.take(own)
+        stages.progress(kind.key, 1.0)
+    return models
+
+
+def _dead(stage: str, error: Exception) -> Failure:
+    return Failure(stage, f"the worker process failed: {type(error).__name__}: {error}")
+
+
+def _no_records(kind: ModelKind, training: Sequence[FlightEntry]) -> str:
+    """Explain why there is nothing to fit a kind of model to."""
+    if not training:
+        return "none of its flights was chosen for training"
+    alone = (flight.missing.get(kind.key, "") for flight in training)
+    return next((reason for reason in alone if reason), "no training flight has its inputs")
+
+
+def _thinned(prediction: Prediction, most: int) -> Prediction:
+    """Keep every so many-th row of a free run, and of its experiment what plots show."""
+    step = -(-len(prediction.experiment.t) // most)
+    rows = slice(None, None, step)
+    whole = prediction.experiment
+    experiment = replace(whole, t=whole.t[rows], u=whole.u[rows], y=whole.y[rows], context=None)
+    drift = None if prediction.drift is None else prediction.drift[rows]
+    return replace(prediction, experiment=experiment, y_hat=prediction.y_hat[rows], drift=drift)
+
+
+def _physical(
+    joint: _Joint, body: ModelResult, stages: Stages, executor: Executor | None
+) -> tuple[sysid.ThrustModel | Failure, sysid.PhysicalParameters | Failure]:
+    """Find thrust and physical parameters, beside this process where there is an executor."""
+    # Free runs are many megabytes that this does not need.
+    light = replace(body, predictions=())
+    if executor is None:
+        thrust, parameters, own = joint.physical(light, stages.progress)
+    else:
+        ((_, job),) = as_done(executor, joint.physical, [light])
+        try:
+            thrust, parameters, own = job.result()
+        except Exception as error:  # the worker died, or its result could not come back
+            _LOG.exception("finding physical parameters jointly failed")
+            return _dead("thrust", error), _dead("parameters", error)
+    stages.take(own)
+    return thrust, parameters
+
+
+def _vehicle(flights: Sequence[FlightEntry], store: str) -> Vehicle:
+    """Read what a log says about the craft from an experiment, of which each of the flights has one."""
+    first = flights[0]
+    content = open_store(store).read(part(EXPERIMENTS, first.experiments[0], first.vehicle, first.folder))
+    return read_experiment(content).vehicle or Vehicle()

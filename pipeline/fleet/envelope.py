@@ -18,7 +18,7 @@ from pipeline.results.coverage import (
     FlightWind,
     RangeFlown,
 )
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 
 #: Part of the training time that the fitted range leaves out at either end: blips are not what a model was fitted to.
 MARGIN = 0.005

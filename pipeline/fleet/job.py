@@ -17,8 +17,7 @@ from pipeline.execution.stages import Progress
 from pipeline.flight.analysis import analyze_flights
 from pipeline.flight.summary import flight_entry
 from pipeline.names import flight_folder
-from pipeline.results.entry import FlightEntry
-from pipeline.results.fleet import LogFailure, Publish
+from pipeline.results.fleet import FlightEntry, LogFailure, Publish
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
 from pipeline.storage.manifest import FLIGHTS, drawn_anew, stored_flights, write_entry
@@ -41,7 +40,7 @@ class Job:
     """A log to analyse."""
 
     source: Source
-    #: As in `pipeline.results.entry.FlightEntry`.
+    #: As in `pipeline.results.fleet.FlightEntry`.
     name: str
     folder: str
     key: str

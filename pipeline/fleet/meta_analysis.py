@@ -9,23 +9,32 @@ residuals equals its expectation, or 0 where it is below that even for tau = 0. 
 many degrees of freedom as there are values more than coefficients (Knapp and Hartung 2003), whose factor on the
 covariance, the same sum of squares over its expectation, is 1 for this tau and not allowed below 1 (Röver, Knapp and
 Friede 2015), so that flights which agree by luck do not make every difference significant.
+
+Before and after a change parameters are compared over flights, not over fits: the values of single flights scatter more
+than their standard errors say, because wind, battery and temperature differ. The difference of the two means is the
+slope of a meta-regression on before/after, corrected for the number of parameters (Holm 1979).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc as chi2_sf
 from scipy.special import ndtr as normal_cdf
+from scipy.special import ndtri, stdtrit
 from scipy.special import stdtr as student_cdf
+
+from pipeline.results.drift import Mean, ParameterChange
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
+
 
 #: Smallest standard error taken seriously, as a part of the largest value: below it is rounding.
 _FINEST = 1e-9
@@ -65,19 +74,10 @@ class MetaRegression:
 
 
 def meta_regression(values: ArrayLike, sigmas: ArrayLike, design: ArrayLike | None = None) -> MetaRegression:
-    """Fit a random-effects meta-regression.
+    """Fit a random-effects meta-regression to values and their standard errors, finite, shape (n,).
 
-    Parameters
-    ----------
-    values, sigmas : array_like, shape (n,)
-        Finite; one value and its standard error for each flight.
-    design : array_like, shape (n, q), optional
-        What the values may depend on; a column of ones (the mean) when not given.
-
-    Raises
-    ------
-    ValueError
-        There are fewer values than coefficients, or the design does not tell them apart.
+    They may depend on the columns of `design`, shape (n, q), on ones (the mean) without it; ValueError where there are
+    fewer values than coefficients, or the design does not tell these apart.
     """
     y = np.asarray(values, dtype=np.float64)
     x = np.ones((len(y), 1)) if design is None else np.asarray(design, dtype=np.float64)
@@ -118,3 +118,49 @@ def holm(p: Sequence[float]) -> list[float]:
         worst = max(worst, min(1.0, (len(p) - rank) * p[k]))
         adjusted[k] = worst
     return adjusted
+
+
+#: Chance of calling any parameter changed when none did.
+SIGNIFICANCE = 0.05
+
+
+def difference(
+    parameter: str, method: str, unit: str, a: Sequence[tuple[float, float]], b: Sequence[tuple[float, float]]
+) -> ParameterChange:
+    """Compare the means of a parameter over the flights of both sides, given values and standard errors."""
+    values, sigmas = np.array([*a, *b]).T
+    after = np.repeat([0.0, 1.0], [len(a), len(b)])
+    fit = meta_regression(values, sigmas, np.column_stack([1.0 - after, after]))
+    change, sigma, p = fit.test([-1.0, 1.0])
+    before, before_sigma = float(fit.beta[0]), math.sqrt(fit.covariance[0, 0])
+    # Percent of what may be zero mean nothing.
+    # Standard errors that a value must differ from zero by for a change of it to be told in percent.
+    percent = 100.0 / before if abs(before) > 3.0 * before_sigma else None
+    half = _quantile(1.0 - SIGNIFICANCE / 2.0, fit.df) * sigma
+    return ParameterChange(
+        parameter=parameter,
+        method=method,
+        unit=unit,
+        a=Mean(value=before, sigma=before_sigma, flights=len(a)),
+        b=Mean(value=float(fit.beta[1]), sigma=math.sqrt(fit.covariance[1, 1]), flights=len(b)),
+        between_flights=fit.tau if fit.df else None,
+        difference=change,
+        difference_sigma=sigma,
+        difference_percent=None if percent is None else percent * change,
+        interval_percent=None if percent is None else (percent * (change - half), percent * (change + half)),
+        # That of a true change that is found four times out of five.
+        detectable_percent=None if percent is None else abs(percent) * (half + _quantile(0.8, fit.df) * sigma),
+        p=p,
+    )
+
+
+def corrected(rows: Sequence[ParameterChange]) -> tuple[ParameterChange, ...]:
+    """Correct all probabilities together, and judge by them."""
+    adjusted = holm([row.p for row in rows])
+    pairs = zip(rows, adjusted, strict=True)
+    return tuple(replace(row, p_adjusted=p, significant=p < SIGNIFICANCE) for row, p in pairs)
+
+
+def _quantile(chance: float, df: int) -> float:
+    """Return the value below which an estimate over its standard error is with this chance."""
+    return float(stdtrit(df, chance) if df else ndtri(chance))

@@ -11,9 +11,8 @@ from core.lazy import lazy
 from core.serialization import plain
 from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
-from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import GroupResult, LogFailure, Publish
-from pipeline.results.model_report import ParameterRow
+from pipeline.results.fleet import FlightEntry, GroupEntry, GroupResult, LogFailure, Publish
+from pipeline.results.model import ParameterRow
 from pipeline.storage.manifest import CRAFTS, FLIGHTS, Manifest, page_key
 from pipeline.storage.store import Store, TemporaryStore
 

@@ -11,24 +11,21 @@ third to the newest flight against those before.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
-import numpy as np
-
 from core.quantity import uncertain
 from core.summary import listed
 from logparse import Severity
-from pipeline.fleet.change import corrected, difference
-from pipeline.fleet.drift import follow
+from pipeline.fleet.drift import STEADY, follow
 from pipeline.fleet.history import FEWEST, fit_change
-from pipeline.fleet.meta_analysis import holm
-from pipeline.fleet.motor_drift import STEADY
+from pipeline.fleet.meta_analysis import corrected, difference, holm
 from pipeline.flight.craft import by_craft, in_order, once, took_off
-from pipeline.results.drift import Alert, CraftNote, CraftReview, Drift, FlightPoint, History, ParameterChange
-from pipeline.results.entry import FlightEntry
+from pipeline.results.drift import Alert, CraftNote, CraftReview, Drift, History, ParameterChange
+from pipeline.results.fleet import FlightEntry
 from sysid.autopilot.values import over_flights
 
 #: Chance of any false alarm over the whole life of a craft, however many flights that is.
@@ -171,22 +168,12 @@ def _lasting(drift: Drift, allowed: float) -> list[Alert]:
     ):
         for finding in motors.findings[:1]:
             about = f"{finding.id}|{motors.weakening or 'trims'}|{first}"
-            alerts.append(
-                Alert(about=about, id=finding.id, severity=Severity.WARNING, text=finding.reason, flight=newest)
-            )
+            alerts.append(_alert(about, finding.id, finding.reason, newest))
     for each in drift.parameters:
         change = each.change
         if change is None or change.p_adjusted >= allowed or each.method == STEADY:
             continue
-        alerts.append(
-            Alert(
-                about=f"changed|{each.parameter}|{first}",
-                id="parameter-changed",
-                severity=Severity.WARNING,
-                text=each.sentence,
-                flight=newest,
-            )
-        )
+        alerts.append(_alert(f"changed|{each.parameter}|{first}", "parameter-changed", each.sentence, newest))
     return list({alert.about: alert for alert in alerts}.values())
 
 
@@ -200,25 +187,20 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
         difference, _, p = fit_change(each.flights, each.flights[-1].number).test([0.0, 1.0])
         asked.append((each, difference, p))
     adjusted = holm([p for *_, p in asked])
-    return [
-        Alert(
-            about=f"outside|{each.parameter}|{newest}",
-            id="parameter-outside",
-            severity=Severity.WARNING,
-            text=f"{newest} leaves the band of {each.parameter}: {_written(each.flights[-1], each)} where the "
-            f"{len(each.flights) - 1} flights before it lead one to expect "
-            f"{uncertain(each.flights[-1].value - difference, _spread(each))} {each.unit.partition(',')[0]}".rstrip(),
-            flight=newest,
+    alerts = []
+    for (each, difference, _), p in zip(asked, adjusted, strict=True):
+        if p >= allowed:
+            continue
+        point, unit = each.flights[-1], each.unit.partition(",")[0]
+        # The standard deviation of one more flight's value, its own error with it.
+        expected = uncertain(point.value - difference, math.hypot(each.between, point.sigma))
+        text = (
+            f"{newest} leaves the band of {each.parameter}: {f'{uncertain(point.value, point.sigma)} {unit}'.rstrip()} "
+            f"where the {len(each.flights) - 1} flights before it lead one to expect {expected} {unit}".rstrip()
         )
-        for (each, difference, _), p in zip(asked, adjusted, strict=True)
-        if p < allowed
-    ]
+        alerts.append(_alert(f"outside|{each.parameter}|{newest}", "parameter-outside", text, newest))
+    return alerts
 
 
-def _spread(each: History) -> float:
-    """Return the standard deviation of one more flight's value, its own error with it."""
-    return float(np.hypot(each.between, each.flights[-1].sigma))
-
-
-def _written(point: FlightPoint, each: History) -> str:
-    return f"{uncertain(point.value, point.sigma)} {each.unit.partition(',')[0]}".rstrip()
+def _alert(about: str, identifier: str, text: str, flight: str) -> Alert:
+    return Alert(about=about, id=identifier, severity=Severity.WARNING, text=text, flight=flight)

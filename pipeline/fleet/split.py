@@ -23,14 +23,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatch
 from typing import TYPE_CHECKING
 
-from pipeline.fleet.homogeneity import unlike_flights
-from pipeline.fleet.places import day_of, places_of
+from pipeline.fleet.homogeneity import day_of, places_of, unlike_flights
 from pipeline.flight.training import excitation, exclusion_of
 from pipeline.results.fleet import Split, TrainingExclusion
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.fleet import FlightEntry
 
 #: Most flights that train where the user names none.
 MOST_TRAINING = 20

@@ -15,19 +15,18 @@ import sysid
 from core.findings import gathered
 from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, Severity, Tables, completeness
 from pipeline.config import AnalysisConfig
-from pipeline.execution import second
+from pipeline.execution import executors
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.flight.account import tell
-from pipeline.flight.advice.next_flights import for_flight
 from pipeline.flight.answer import compose_answer
-from pipeline.flight.coverage import measure
+from pipeline.flight.coverage import logged_rates, measure
 from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.identification import compare_parameters, identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
-from pipeline.flight.logged import logged_rates
-from pipeline.flight.part import busiest, part_findings
+from pipeline.flight.next_flights import for_flight
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.signals import flight_signals
+from pipeline.flight.training import busiest, part_findings
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
 from pipeline.results.account import Account
@@ -173,7 +172,6 @@ def _analyze(
         motors=tables.motors,
         modes=tables.modes,
         gps=tables.gps,
-        baro=tables.baro,
         tables=tables,
         trajectory=_FOLLOWS,
         thrust=_FOLLOWS,
@@ -267,7 +265,7 @@ def _without_trajectory(
 def _in_a_copy(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
     # What both processes will need is imported before there are two.
     _ = scipy.optimize, scipy.fft
-    return second.begin(work)
+    return executors.begin(work)
 
 
 def _at_once(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
@@ -321,7 +319,7 @@ def _fit(
         if unfit:
             models.append(without_model(kind, Failure("experiment", unfit)))
         else:
-            models.append(identify(kind, [training], [held_out], config, stages))
+            models.append(identify(kind, [training], [held_out], config, stages, flight=name))
     if not experiments:
         return _nothing(models[0].model)
     body = None if unfit else experiments.get(RIGID_BODY_KEY)

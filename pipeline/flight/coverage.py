@@ -1,25 +1,43 @@
 """What a flight covered: how fast, how high, in which air and wind, how it moved, and how well that was logged.
 
 Numbers here decide which flights train (`pipeline.flight.training`), where a model has been fitted and validated
-(`pipeline.fleet.envelope`), and what to fly and log better (`pipeline.flight.advice`). Distributions are seconds per
-bin of grids that are the same for all flights, so that those of several flights add up.
+(`pipeline.fleet.envelope`), and what to fly and log better (`pipeline.flight.next_flights`). Distributions are seconds
+per bin of grids that are the same for all flights, so that those of several flights add up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import sysid
-from pipeline.flight.excitation import excitation_of
+from core.units import STANDARD_GRAVITY
+from pipeline.flight.account import state
+from pipeline.flight.account.readings import Readings
 from pipeline.flight.kinds import RIGID_BODY_KEY
-from pipeline.flight.logged import log_health
-from pipeline.results.coverage import MAP, QUANTITIES, Cell, Coverage, Distribution, LoggedRate, MeanWind
+from pipeline.results.coverage import (
+    MAP,
+    QUANTITIES,
+    AxisExcitation,
+    Cell,
+    Coverage,
+    Distribution,
+    Excitation,
+    Linearity,
+    LoggedRate,
+    LogHealth,
+    MeanWind,
+    PositionSigma,
+)
 from sysid.records.context import resample_frame, shared_context
+from sysid.records.excitation import Coherence
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.records.thrust_curve import VARYING
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
+from sysid.rigid_body.rotation import STILL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,6 +48,10 @@ if TYPE_CHECKING:
     from pipeline.results.span import Span
 
     Floats = NDArray[np.float64]
+    import pandas as pd
+
+    from logparse import Tables
+
 
 #: Rate at which a flight is counted out into bins, Hz: that of motor outputs.
 RATE = 10.0
@@ -150,3 +172,145 @@ def _cells(x: Floats, y: Floats) -> tuple[Cell, ...]:
 
 def _bins(name: str, values: Floats) -> NDArray[np.int64]:
     return np.floor(values / QUANTITIES[name].step).astype(np.int64)
+
+
+#: Time over which changes of velocity are taken, s: shorter ones are noise of the estimate and gusts.
+SPAN = 1.0
+
+#: Frequencies over which coherence is summed up, rad/s: where a multirotor answers to its commands.
+BAND = (0.5, 5.0)
+
+#: Sectors of heading that are counted.
+SECTORS = 8
+
+#: Time in a sector of heading that counts, s.
+IN_SECTOR = 3.0
+
+#: Excitation in multiples of what hardly tells anything: below the first none, then weak, fair, strong.
+_WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
+
+
+def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Excitation:
+    """Measure how much a flight moved."""
+    t = context.index.to_numpy(np.float64)
+    dt = float(t[1] - t[0])
+    velocity = context[["v_n", "v_e", "v_d"]].to_numpy()
+    step = min(max(round(SPAN / dt), 1), len(t) - 1)
+    change = (velocity[step:] - velocity[:-step]) / (step * dt)
+    sigma = trajectory.sigma.loc[t[0] : t[-1], ["v_n", "v_e", "v_d"]].to_numpy()
+    yaw, departure = context["yaw"].to_numpy(), velocity[:, :2] - velocity[:, :2].mean(axis=0)
+    along = np.cos(yaw) * departure[:, 0] + np.sin(yaw) * departure[:, 1]
+    across = np.cos(yaw) * departure[:, 1] - np.sin(yaw) * departure[:, 0]
+    # Sectors are centred on the points of the compass, so that a heading held north is one of them.
+    sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
+    return Excitation(
+        acceleration_rms=_rms(change),
+        # Errors a second apart are taken as independent, which can only make the noise larger than it is.
+        acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt))
+        if len(sigma)
+        else None,
+        speed_std=(float(along.std()), float(across.std())),
+        headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= IN_SECTOR)),
+        axes=_axes(context, round(1.0 / dt)),
+    )
+
+
+def _rms(vectors: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def _axes(context: pd.DataFrame, per_second: int) -> dict[str, AxisExcitation]:
+    force = context["f_z"].rolling(max(per_second, 1), center=True).mean().dropna().to_numpy()
+    size = float(np.std(force)) if len(force) else 0.0
+    axes = {
+        axis: AxisExcitation(
+            rms=float(context[rate].std(ddof=0)),
+            unit="rad/s",
+            word=word_of(float(context[rate].std(ddof=0)) / STILL),
+        )
+        for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z"))
+    }
+    axes["thrust"] = AxisExcitation(rms=size, unit="m/s^2", word=word_of(size / (VARYING * STANDARD_GRAVITY)))
+    return axes
+
+
+def word_of(multiple: float) -> str:
+    """Return the word for how much moved, as a multiple of what a craft at rest shows."""
+    return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
+
+
+def in_band(found: Coherence) -> dict[str, Linearity] | None:
+    """Sum a coherence up over the frequencies at which a multirotor answers; None where it has none of them."""
+    band = (found.frequency >= BAND[0]) & (found.frequency <= BAND[1])
+    if not band.any():
+        return None
+    return {
+        output: Linearity(
+            multiple_median=float(np.median(multiple[band])),
+            above_chance=float(np.mean(multiple[band] > found.threshold)),
+        )
+        for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
+    }
+
+
+#: Tables whose rate is told.
+_TABLES = ("motors", "imu", "gps", "baro", "mag", "battery", "esc", "attitude", "setpoints", "rates")
+
+#: Time without a row that counts as a gap, s, and as a multiple of the usual interval where that is long.
+_GAP, _INTERVALS = 1.0, 5.0
+
+#: Parameters that decide what is logged how fast.
+_SETTINGS = (
+    "LOG_BITMASK",
+    "LOG_DISARMED",
+    "LOG_FILE_RATEMAX",
+    "SCHED_LOOP_RATE",
+    "BATT_MONITOR",
+    "GPS_RATE_MS",
+    "GPS1_RATE_MS",
+    "SERVO_BLH_TRATE",
+    "SERVO_BLH_BDMASK",
+    "SDLOG_PROFILE",
+)
+
+
+def log_health(
+    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, LoggedRate] | None = None
+) -> LogHealth:
+    """Measure how well a flight was logged."""
+    sigma = trajectory.sigma.loc[flight.start : flight.stop]
+    horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
+    parameters, readings = log.parameters, Readings.of(log, flight)
+    return LogHealth(
+        rates=logged_rates(log.tables, flight) if rates is None else rates,
+        gps=state.gps(readings),
+        vibration=state.worst_vibration(readings),
+        battery=state.battery(readings),
+        position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
+        settings={
+            name: float(parameters[name])
+            for name in _SETTINGS
+            if name in parameters and np.isfinite(float(parameters[name]))
+        },
+        format=log.format,
+    )
+
+
+def logged_rates(tables: Tables, flight: Span) -> dict[str, LoggedRate]:
+    """Measure how fast each table was logged in flight, and with which gaps."""
+    rates = {}
+    for name in _TABLES:
+        whole = tables.times(name)
+        if whole is None:
+            continue
+        t = whole[(whole >= flight.start) & (whole <= flight.stop)]
+        if len(t) < 2:
+            continue
+        usual = float(np.median(np.diff(t)))
+        gaps = np.diff(np.concatenate(([flight.start], t, [flight.stop])))
+        rates[name] = LoggedRate(
+            rate=1.0 / usual,
+            gaps=int(np.count_nonzero(gaps > max(_GAP, _INTERVALS * usual))),
+            longest_gap=float(gaps.max()),
+        )
+    return rates

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from logparse import Vehicle
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.fleet import FlightEntry
 else:
     # Grouping a folder that did not change needs none of them.
     np, pymap3d = lazy("numpy"), lazy("pymap3d")

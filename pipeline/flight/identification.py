@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence, Set
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import msgspec
 
 import sysid
+from core.findings import gathered
+from core.serialization import cleaned
 from logparse import MissingDataError, RotoridError
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Stages
+from pipeline.flight.coverage import BAND, in_band
 from pipeline.flight.kinds import RIGID_BODY_KEY, ModelKind
-from pipeline.results.failure import Failure
+from pipeline.flight.purposes import uses_of
+from pipeline.results.coverage import Linearity
+from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.model import CoherenceReport, HorizonRow, ModelReport, ParameterRow, RmseRow, average
+from pipeline.results.span import Span
 from sysid.records.excitation import Coherence, coherence
+from sysid.rigid_body.model_record import RigidBodyRecord
+from sysid.validation.report import ModelRecord
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Part of the time limit of a stage after which a scan of orders ends with what it has.
 SCAN_PART = 0.8
@@ -23,8 +39,15 @@ def identify(
     judges: Sequence[sysid.Experiment],
     config: AnalysisConfig,
     stages: Stages,
+    *,
+    flight: str = "",
+    craft: str | None = None,
+    outside: Set[str] = frozenset(),
 ) -> ModelResult:
-    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result."""
+    """Fit, judge, and scan orders where that was asked for; what could not be done leaves its reason in the result.
+
+    `flight` and `craft` are as of `model_result`; records `outside` of the envelope of those fitted are judged apart.
+    """
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if isinstance(model, Failure):
         return without_model(kind, model)
@@ -48,21 +71,24 @@ def identify(
                 fitted, structure=kind.scans, time_limit=SCAN_PART * config.time_limit, progress=report
             ),
         )
-    return ModelResult(
-        key=kind.key,
-        title=kind.title,
+    return model_result(
+        kind.key,
+        kind.title,
+        model,
+        validation,
+        predictions,
         note=kind.note,
-        model=model,
-        validation=validation,
-        predictions=predictions,
         orders=orders,
-        coherence=_coherence(fitted) if kind.linear else None,
+        spectra=_coherence(fitted) if kind.linear else None,
+        flight=flight,
+        craft=craft,
+        outside=outside,
     )
 
 
 def without_model(kind: ModelKind, failure: Failure) -> ModelResult:
     """Return that a kind of model could not be fitted."""
-    return ModelResult(key=kind.key, title=kind.title, note=kind.note, model=failure)
+    return model_result(kind.key, kind.title, failure, note=kind.note)
 
 
 def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | Failure:
@@ -71,6 +97,119 @@ def _coherence(fitted: Sequence[sysid.Experiment]) -> Coherence | Failure:
         return coherence(fitted)
     except RotoridError as error:
         return Failure("coherence", str(error))
+
+
+def model_result(
+    key: str,
+    title: str,
+    model: sysid.Model | Failure,
+    validation: sysid.Validation | Failure | None = None,
+    predictions: tuple[Prediction, ...] = (),
+    *,
+    note: str = "",
+    orders: sysid.OrderScan | Failure | None = None,
+    spectra: Coherence | Failure | None = None,
+    flight: str = "",
+    craft: str | None = None,
+    outside: Set[str] = frozenset(),
+) -> ModelResult:
+    """Put together what is known of a model: of one `flight`, or of a `craft` of which every record is a flight."""
+    judged, scanned = present(validation), present(orders)
+    record = None if isinstance(model, Failure) else model.record()
+    uses = uses_of(judged, present(model), outside)
+    spans = {each.experiment.name: each.span for each in predictions}
+    rows = (
+        []
+        if judged is None
+        else [_rmse(key, *each, spans, flight, craft) for each in judged.table.groupby("flight", sort=False)]
+    )
+    missing = [each.reason for each in (model, validation) if isinstance(each, Failure)][:1]
+    if isinstance(orders, Failure):
+        missing.append(f"orders were not scanned: {orders.reason}")
+    report = ModelReport(
+        key=key,
+        title=title,
+        note=note,
+        verdict=uses.free_run.verdict,
+        uses=uses,
+        rmse=tuple(sorted(rows, key=lambda row: row.part == "training")),
+        rmse_average_m=average([row.rmse_m for row in rows if row.part == "held-out"]),
+        horizons=tuple(_horizons(judged)),
+        validation=None if judged is None else judged.report(),
+        orders=None if scanned is None else replace(scanned, findings=()),
+        coherence=None if spectra is None else coherence_report(spectra),
+        kind="" if record is None else str(record.__struct_config__.tag),
+        model=None if record is None else _without_covariance(record),
+        findings=gathered(findings_of(model, validation, spectra, orders)),
+        missing="; ".join(missing),
+    )
+    return ModelResult(report=report, model=model, validation=validation, predictions=predictions)
+
+
+def _rmse(
+    key: str, record: Hashable, table: pd.DataFrame, spans: Mapping[str, Span], flight: str, craft: str | None
+) -> RmseRow:
+    """Return the errors of a free run on one record of a validation's table, which has a row for each output."""
+    by_output, span = table.set_index("output"), spans.get(str(record))
+
+    def errors(name: str) -> dict[str, float]:
+        return {str(output): float(error) for output, error in by_output[name].items()}
+
+    return RmseRow(
+        flight=flight or str(record),
+        scope="own" if craft is None else "joint",
+        model=key,
+        craft=craft,
+        part="training" if bool(by_output["trained"].iloc[0]) else "held-out",
+        start_s=None if span is None else span.start,
+        duration_s=None if span is None else span.duration,
+        rmse_m=errors("rmse"),
+        fit_percent=errors("fit_percent"),
+        rmse_mean_m=errors("rmse_mean"),
+        rmse_constant_position_m=errors("rmse_constant_position"),
+        scored_from_s=float(by_output["scored_from"].iloc[0]),
+    )
+
+
+def _horizons(validation: sysid.Validation | None) -> Iterator[HorizonRow]:
+    """Average the horizon curve over the records that the model has not seen; empty when it has seen all."""
+    if validation is None or not validation.unseen or validation.horizons.empty:
+        return
+    table = validation.horizons[~validation.horizons["trained"].astype(bool)]
+    errors = ["rmse", "rmse_constant_position", "rmse_constant_velocity"]
+    means = table.groupby(["output", "horizon"], sort=False)[errors].mean()
+    for (output, horizon), rmse, position, velocity in means.itertuples():
+        yield HorizonRow(
+            output=str(output),
+            horizon_s=float(horizon),
+            rmse_m=rmse,
+            constant_position_m=position,
+            constant_velocity_m=velocity,
+        )
+
+
+def coherence_report(found: Coherence | Failure) -> CoherenceReport:
+    """Sum a coherence up over the frequencies at which a multirotor answers; or say why there is none."""
+    if isinstance(found, Failure):
+        return CoherenceReport(missing=found.reason)
+    return CoherenceReport(
+        band_rad_s=BAND,
+        inputs=found.input_names,
+        averages=found.averages,
+        chance=found.threshold,
+        outputs=in_band(found) or dict.fromkeys(found.output_names, Linearity()),
+    )
+
+
+def _without_covariance(record: ModelRecord) -> ModelRecord:
+    """Leave out findings, which stand beside the model, and covariances, which models.json has."""
+    if isinstance(record, RigidBodyRecord):
+        return msgspec.structs.replace(record, findings=(), covariance=None)
+    functions = {
+        output: {source: replace(function, covariance=None) for source, function in row.items()}
+        for output, row in record.transfer_functions.items()
+    }
+    return msgspec.structs.replace(record, findings=(), transfer_functions=functions)
 
 
 def compare_parameters(
@@ -82,9 +221,18 @@ def compare_parameters(
 
     def compare(_: object) -> sysid.PhysicalParameters:
         if not records:
-            raise MissingDataError((result.missing if result else "") or "no record has motor outputs and attitude")
+            raise MissingDataError(
+                (result.report.missing if result else "") or "no record has motor outputs and attitude"
+            )
         return sysid.physical_parameters(
             records, config.mass, rigid_body=body if isinstance(body, sysid.RigidBodyModel) else None
         )
 
     return stages.run("parameters", compare)
+
+
+def parameter_rows(found: sysid.PhysicalParameters | Failure) -> tuple[ParameterRow, ...] | None:
+    """List physical parameters, a row for each parameter and method; None where there are none."""
+    if isinstance(found, Failure):
+        return None
+    return cleaned(found.table.reset_index().to_dict("records"), tuple[ParameterRow, ...])

@@ -8,20 +8,20 @@ counted apart: there a model extrapolates.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from core.quantity import joined
-from core.recent import Recent
-from pipeline.results.verdict import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses, Verdict
+from pipeline.results.model import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses, Verdict
 from sysid.validation.assessment import MARGIN
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.results.model import ModelReport
     from sysid import Validation
 
 #: Part of a reach from which on its standard error says that nothing is known of it.
@@ -40,16 +40,8 @@ NO_MODEL = "There is no model of the motion to judge"
 SHORTEST_JUDGE = 10.0
 
 
-def uses_of(validation: Validation | None, model: object | None, outside: Collection[str] = ()) -> Uses:
+def uses_of(validation: Validation | None, model: object | None, outside: Set[str] = frozenset()) -> Uses:
     """Judge a model by purpose."""
-    return _recent.of(validation, model, *outside, make=lambda: _uses(validation, model, outside))
-
-
-#: Answer, picture and report of a flight ask this of the same few models.
-_recent: Recent[Uses] = Recent(8)
-
-
-def _uses(validation: Validation | None, model: object | None, outside: Collection[str]) -> Uses:
     prediction = prediction_use(validation, outside)
     return Uses(
         prediction=prediction,
@@ -58,7 +50,7 @@ def _uses(validation: Validation | None, model: object | None, outside: Collecti
     )
 
 
-def prediction_use(validation: Validation | None, outside: Collection[str] = ()) -> PredictionUse:
+def prediction_use(validation: Validation | None, outside: Set[str] = frozenset()) -> PredictionUse:
     """Find how far ahead every axis beats constant position and constant velocity by half, on held-out flights."""
     if validation is None or not validation.unseen or validation.horizons.empty:
         return PredictionUse()
@@ -103,7 +95,7 @@ def _reach(
     return (reach, reach * part) if part < VAGUE else (None, None)
 
 
-def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -> FreeRunUse:
+def free_run_use(validation: Validation | None, outside: Set[str] = frozenset()) -> FreeRunUse:
     """Judge the free run on held-out flights, those outside the fitted envelope apart."""
     if validation is None:
         return FreeRunUse(trust=Trust.UNKNOWN, reason=NO_MODEL)
@@ -128,7 +120,10 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
         # What does not even follow the flight that it was fitted to is right elsewhere by luck.
         if fit[output] >= CLOSE_PERCENT and _beats(means[output]) and not (output in own and not own[output] > 0.0)
     )
-    counts = _counts(scored, outside)
+    fits = {str(flight): rows["fit_percent"].to_list() for flight, rows in scored.groupby("flight", sort=False)}
+    followed = {flight for flight, each in fits.items() if all(percent >= CLOSE_PERCENT for percent in each)}
+    within, beyond = fits.keys() - outside, fits.keys() & outside
+    good = [percent for flight in followed & within for percent in fits[flight]]
     complete = set(follows) == set(outputs)
     as_good = tuple(output for output in outputs if _as_good_as_target(means[output]))
     run = FreeRunUse(
@@ -137,11 +132,11 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
         follows=follows,
         as_good_as_target=as_good,
         better_than_target=tuple(o for o in outputs if o not in as_good and _beats_target(means[o])),
-        fit_percent=_fit_range(scored, outside),
-        flights_within=counts["flights_within"],
-        followed_within=counts["followed_within"],
-        flights_outside=counts["flights_outside"],
-        followed_outside=counts["followed_outside"],
+        fit_percent=(min(good), max(good)) if good else None,
+        flights_within=len(within),
+        followed_within=len(followed & within),
+        flights_outside=len(beyond),
+        followed_outside=len(followed & beyond),
     )
     if run.far:
         trust = Trust.NO
@@ -161,7 +156,7 @@ def free_run_use(validation: Validation | None, outside: Collection[str] = ()) -
 _ERRORS = ("rmse", "rmse_mean", "rmse_constant_position", "rmse_constant_velocity", "rmse_reference")
 
 
-def _within(table: pd.DataFrame, outside: Collection[str]) -> pd.DataFrame:
+def _within(table: pd.DataFrame, outside: Set[str]) -> pd.DataFrame:
     """Leave flights outside the envelope out, unless nothing else is there."""
     inside = table[~table["flight"].isin(list(outside))]
     return inside if len(inside) else table
@@ -187,27 +182,6 @@ def _beats_target(errors: Mapping[str, float]) -> bool:
     return bool(errors["rmse"] < errors.get("rmse_reference", float("nan")))
 
 
-def _followed(scored: pd.DataFrame) -> Iterator[tuple[str, bool, list[float]]]:
-    """Return of each flight whether it is followed in every axis, and its fits in percent."""
-    for flight, rows in scored.groupby("flight", sort=False):
-        fits = [float(each) for each in rows["fit_percent"]]
-        yield str(flight), all(each >= CLOSE_PERCENT for each in fits), fits
-
-
-def _counts(scored: pd.DataFrame, outside: Collection[str]) -> dict[str, int]:
-    counts = {"flights_within": 0, "followed_within": 0, "flights_outside": 0, "followed_outside": 0}
-    for flight, good, _ in _followed(scored):
-        where = "outside" if flight in outside else "within"
-        counts[f"flights_{where}"] += 1
-        counts[f"followed_{where}"] += good
-    return counts
-
-
-def _fit_range(scored: pd.DataFrame, outside: Collection[str]) -> tuple[float, float] | None:
-    fits = [fit for flight, good, fits in _followed(scored) if good and flight not in outside for fit in fits]
-    return (min(fits), max(fits)) if fits else None
-
-
 def _determined(model: object | None) -> Iterator[bool]:
     """Return of each parameter or coefficient of a model whether it is determined."""
     parameters: Any = getattr(model, "parameters", None)
@@ -219,6 +193,14 @@ def _determined(model: object | None) -> Iterator[bool]:
         for function in row.values():
             if function.determined is not None and any(function.num):
                 yield from (bool(each) for each in function.determined)
+
+
+def overall(models: Iterable[ModelReport]) -> Verdict:
+    """Sum the verdicts up over all models that there are."""
+    there = [model for model in models if model.model is not None]
+    return summarise(
+        {model.title: model.verdict for model in there}, {model.title: model.uses.prediction for model in there}
+    )
 
 
 def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:

@@ -17,11 +17,12 @@ from core.serialization import from_json
 from logparse import MissingDataError, RotoridError, Vehicle
 from pipeline.config import ConfigError
 from pipeline.execution.stages import Progress, silent
+from pipeline.flight.identification import model_result
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable
 from pipeline.results.failure import Failure
 from pipeline.results.flight import ModelResult, Prediction
-from pipeline.results.model_report import ModelsFile
+from pipeline.results.model import ModelsFile
 from sysid.transfer_functions.model_record import ClosedLoopRecord, FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import ModelRecord
 
@@ -50,13 +51,7 @@ class Replay:
 
 
 def load_models(path: str | Path) -> list[StoredModel]:
-    """List the models of a models.json, those of crafts before those of single flights.
-
-    Raises
-    ------
-    ConfigError
-        When the file holds no models.
-    """
+    """List the models of a models.json, those of crafts before those of single flights; ConfigError without any."""
     path = Path(path)
     try:
         file = from_json(path.read_bytes(), ModelsFile)
@@ -75,13 +70,7 @@ def load_models(path: str | Path) -> list[StoredModel]:
 
 
 def choose(stored: Sequence[StoredModel], wanted: str | None = None) -> list[StoredModel]:
-    """Choose models by ``KIND``, ``OWNER`` or ``OWNER/KIND``; without a choice all those of the first owner.
-
-    Raises
-    ------
-    ConfigError
-        When there is none, or the choice leaves several owners; the message lists what there is.
-    """
+    """Choose models of one owner by ``KIND``, ``OWNER`` or ``OWNER/KIND``; ConfigError lists what there is."""
     fitting = [model for model in stored if wanted in (None, model.key, model.owner, f"{model.owner}/{model.key}")]
     listed = ", ".join(dict.fromkeys(f"{model.owner}/{model.key}" for model in stored))
     if not fitting:
@@ -90,13 +79,7 @@ def choose(stored: Sequence[StoredModel], wanted: str | None = None) -> list[Sto
 
 
 def read_model(record: ModelRecord, vehicle: Vehicle | None = None) -> sysid.Model:
-    """Make a model again from its record.
-
-    Raises
-    ------
-    ConfigError
-        Without a vehicle that it needs.
-    """
+    """Make a model again from its record; ConfigError without a vehicle that it needs."""
     if isinstance(record, TransferFunctionsRecord):
         return sysid.TransferFunctionModel.from_record(record)
     if isinstance(record, ClosedLoopRecord):
@@ -124,10 +107,7 @@ def replay(
 ) -> Replay:
     """Run stored models with the inputs of a log or of a CSV table.
 
-    Raises
-    ------
-    RotoridError
-        When no model can be run; several that cannot each say why in their result.
+    Those that cannot be run say why in their result; RotoridError where none can.
     """
     models, inputs = Path(models), Path(inputs)
     chosen = choose(load_models(models), wanted)
@@ -137,7 +117,7 @@ def replay(
     else:
         results, measured, notes = _from_log(chosen, inputs, report, trim)
     if not any(result.predictions for result in results):
-        raise MissingDataError(f"{printable(inputs.name)}: no model can be run: {results[0].missing}")
+        raise MissingDataError(f"{printable(inputs.name)}: no model can be run: {results[0].report.missing}")
     return Replay(
         name=printable(inputs.stem),
         inputs=inputs,
@@ -158,7 +138,7 @@ def _failed(stored: StoredModel, error: Exception) -> ModelResult:
     reason = str(error)
     if not isinstance(error, RotoridError):
         reason = f"the numbers of its file do not fit together ({_what(error)}); analyze the logs again"
-    return ModelResult(key=stored.key, title=_title(stored), model=Failure(stored.key, reason))
+    return model_result(stored.key, _title(stored), Failure(stored.key, reason))
 
 
 def _from_log(
@@ -221,7 +201,7 @@ def _from_table(
                 if isinstance(model, sysid.TransferFunctionModel):
                     model = model.from_rest(record.name)
                 part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
-                results.append(ModelResult(key=stored.key, title=_title(stored), model=model, predictions=(part,)))
+                results.append(model_result(stored.key, _title(stored), model, predictions=(part,)))
             measured.append(known)
         except (RotoridError, *_UNFIT) as error:
             results.append(_failed(stored, error))
@@ -294,10 +274,10 @@ def _judged(stored: StoredModel, model: sysid.Model, record: sysid.Experiment) -
     except sysid.ExperimentError as error:
         part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
         unjudged = Failure("validation", f"not judged: {error}")
-        return ModelResult(key=stored.key, title=_title(stored), model=model, validation=unjudged, predictions=(part,))
+        return model_result(stored.key, _title(stored), model, unjudged, (part,))
     trained = record.name in model.training
     part = Prediction(experiment=record, y_hat=validation.predictions[record.name], training=trained)
-    return ModelResult(key=stored.key, title=_title(stored), model=model, validation=validation, predictions=(part,))
+    return model_result(stored.key, _title(stored), model, validation, (part,), flight=record.name)
 
 
 def _title(stored: StoredModel) -> str:

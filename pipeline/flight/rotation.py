@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, RotoridError, Severity
-from pipeline.results.entry import ResponseCurve
+from pipeline.results.fleet import ResponseCurve
 from pipeline.results.rotation import (
     LEAST_GAIN_DB,
     LEAST_PHASE_DEG,
@@ -212,10 +212,7 @@ def _check(found: Verification) -> Check:
 def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> AxisMargins:
     """Compute the margins of a loop: from chirps, in two ways where the log allows it, else from the craft's model.
 
-    Raises
-    ------
-    RotoridError
-        Where the loop cannot be had, or what the log shows of it does not carry margins.
+    RotoridError where the loop cannot be had, or what the log shows of it does not carry margins.
     """
     axis = found.axis
     oscillating = oscillation(log, axis)
@@ -241,13 +238,7 @@ def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> Axi
 
 
 def _ordinary(log: FlightLog, found: AxisSurvey) -> AxisMargins:
-    """Compute the margins of an axis without chirps from what sticks told of the craft.
-
-    Raises
-    ------
-    RotoridError
-        Where that is too little.
-    """
+    """Compute the margins of an axis without chirps from what sticks told of the craft; RotoridError if too little."""
     if found.response is None or found.fit is None:
         raise LoopError(unfit_log(log) or found.reason)
     frf = found.response

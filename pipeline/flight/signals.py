@@ -68,13 +68,7 @@ def _heights(tables: Tables, flight: Span) -> Iterator[SignalLine | None]:
 
 
 def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
-    """Keep the smallest and the largest value of each of `most` / 2 stretches, in the order of time.
-
-    Parameters
-    ----------
-    t, y : ndarray, shape (n,)
-        y may hold NaN, which are gaps.
-    """
+    """Keep the smallest and the largest y, shape (n,), of each of `most` / 2 stretches, in order; NaN is a gap."""
     if len(t) <= most:
         return t, y
     width = -(-len(t) // (most // 2))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Literal
 
 from core.quantity import counted
 from logparse import Finding, Severity
@@ -12,12 +14,11 @@ from logparse.foreign.columns import read_column_map
 from logparse.foreign.motion import read_motion
 from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone
-from pipeline.results.tables import TableResult, TablesReport
 from sysid import Experiment, choose_observer, fit_six_dof, validate_states
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof.fit import FASTEST
-from sysid.rigid_body.six_dof.model import SixDofModel
-from sysid.validation.states import StateVerdict, missed_motion, predict_record
+from sysid.rigid_body.six_dof.model import SixDofModel, SixDofReport
+from sysid.validation.states import Missed, PredictedStates, StateErrors, StateVerdict, missed_motion, predict_record
 
 #: How far ahead the observer is chosen for and the prediction is shown, s.
 AHEAD = 1.0
@@ -26,12 +27,7 @@ AHEAD = 1.0
 def analyze_tables(paths: Sequence[Path], columns: Path, config: AnalysisConfig) -> TableResult:
     """Read tables, fit one model to some of them, and judge it on the others; one table is parted in time.
 
-    Raises
-    ------
-    TableError
-        When a table or its description is wrong.
-    ConfigError
-        When no table is left to fit.
+    TableError where a table or its description is wrong, ConfigError where no table is left to fit.
     """
     declared = read_column_map(columns)
     motions = [read_motion(path, columns, path.name if len(paths) > 1 else None) for path in paths]
@@ -143,3 +139,29 @@ def _checked(findings: Sequence[Finding]) -> AnswerLine:
     tone = Tone.BAD if errors else Tone.CARE
     text = f"{counted(len(grave), 'finding')} below, first: {grave[0].reason}"
     return AnswerLine(purpose="Tables", word="see findings", tone=tone, text=text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TablesReport:
+    """Analysis of one or several tables of one craft: what report.json holds."""
+
+    kind: Literal["tables"] = "tables"
+    title: str
+    records: tuple[str, ...]
+    judged: tuple[str, ...]  #: Records, or parts of one, that the model has not seen.
+    duration: float  #: Of all records, s.
+    answer: Answer
+    verdicts: tuple[StateVerdict, ...]  #: One for each state.
+    errors: tuple[StateErrors, ...]  #: On what the model has not seen.
+    missed: tuple[Missed, ...]  #: Accelerations that the model leaves over there.
+    model: SixDofReport
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableResult:
+    """What comes of tables: the report, and what its page draws beside it."""
+
+    report: TablesReport
+    model: SixDofModel
+    prediction: PredictedStates | None  #: The longest record that the model has not seen, one second ahead.

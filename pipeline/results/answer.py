@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,7 +13,7 @@ from core.summary import listed
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
-    from pipeline.results.entry import FlightEntry
+    from pipeline.results.fleet import FlightEntry
 
 #: What predicts shorter [s] than a person needs to react is of use to a filter only.
 HOLDS = 1.0
@@ -98,6 +99,11 @@ class Advice:
     #: Parameters of the autopilot to set; those that hold bits are whole numbers.
     settings: Mapping[str, int | float] = field(default_factory=dict)
     flights: tuple[str, ...] = ()  #: That it is about; empty when about all.
+
+
+def clause(reason: str) -> str:
+    """Return the first clause of a reason; the whole stands further down."""
+    return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
 
 
 def names_of(flights: Sequence[FlightEntry], total: int) -> str:

@@ -8,7 +8,7 @@ from datetime import datetime
 
 from core.quantity import uncertain
 from logparse import Finding, Severity
-from pipeline.results.entry import ResponseCurve
+from pipeline.results.fleet import ResponseCurve
 from sysid.autopilot.values import AutopilotValues
 
 
@@ -136,10 +136,10 @@ class MotorDrift:
     """What is steadily asked of the motors, over flights."""
 
     points: tuple[MotorWork, ...]
-    weakening: str | None  #: The motor that alone explains a change of the trims by losing thrust.
+    weakening: str | None = None  #: The motor that alone explains a change of the trims by losing thrust.
     #: Part of its thrust that it lost: per flight, or at once.
-    loss: float | None
-    loss_sigma: float | None
+    loss: float | None = None
+    loss_sigma: float | None = None
     sentence: str
     p: float | None = None  #: Chance that trims together look so much like one motor's loss where nothing changes.
     findings: tuple[Finding, ...] = ()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
-from pipeline.results.failure import Failure, findings_of, present, reasons
+from pipeline.results.failure import Failure, present, reasons
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from pipeline.results.account import Account
     from pipeline.results.answer import Advice, Answer
     from pipeline.results.coverage import Coverage
+    from pipeline.results.model import ModelReport
     from pipeline.results.rotation import RotationResult
     from pipeline.results.signals import FlightSignals
-    from sysid import Experiment, Model, OrderScan, PhysicalParameters, ThrustModel, Validation
+    from sysid import Experiment, Model, PhysicalParameters, ThrustModel, Validation
     from sysid.autopilot import AutopilotValue
-    from sysid.records.excitation import Coherence
     from sysid.rotors.steady_trims import SteadyTrims
 
 
@@ -70,46 +70,32 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ModelResult(Summarised):
-    """One of several models of the same motion, and what it is worth."""
+    """One of several models of the same motion: what it is worth, and what exports and plots take besides."""
 
-    key: str  #: Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``.
-    title: str  #: The kind in words, such as ``"motor PWM → position"``.
-    note: str = ""  #: What the model describes, and what it cannot tell.
+    report: ModelReport  #: What report.json has of it.
     model: Model | Failure
     #: On the data fitted and on those held out (column ``trained`` of its table); None where nothing was to be judged.
     validation: Validation | Failure | None = None
     predictions: tuple[Prediction, ...] = ()  #: Free runs over the same stretches.
-    #: What other numbers of poles and zeros achieve; None when that was not asked for.
-    orders: OrderScan | Failure | None = None
-    #: How much of the outputs is a linear answer to the inputs, in the records fitted; None for nonlinear models.
-    coherence: Coherence | Failure | None = None
+
+    @property
+    def key(self) -> str:
+        """Which kind of model, as `pipeline.flight.kinds.KINDS` has it, such as ``"motors"``."""
+        return self.report.key
+
+    @property
+    def title(self) -> str:
+        """The kind in words, such as ``"motor PWM → position"``."""
+        return self.report.title
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
-        return {
-            "model": self.title,
-            "is": self.missing or ("fitted" if self.validation is None else "fitted and validated"),
-            **(
-                {"free-run RMSE": ", ".join(f"{output} {value:.3g}" for output, value in validation.average.items())}
-                if (validation := present(self.validation))
-                else {}
-            ),
-        }
-
-    @property
-    def missing(self) -> str:
-        """Why there is no model, no validation of it, or no scan of orders; empty when nothing is missing."""
-        if isinstance(self.model, Failure):
-            return self.model.reason
-        reasons = [self.validation.reason] if isinstance(self.validation, Failure) else []
-        if isinstance(self.orders, Failure):
-            reasons.append(f"orders were not scanned: {self.orders.reason}")
-        return "; ".join(reasons)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What the fit, the validation, the coherence of what was fitted, and the scan of orders had to say."""
-        return findings_of(self.model, self.validation, self.coherence, self.orders)
+        judged = present(self.validation)
+        fitted = "fitted" if self.validation is None else "fitted and validated"
+        found = {"model": self.title, "is": self.report.missing or fitted}
+        if judged is not None:
+            found["free-run RMSE"] = ", ".join(f"{output} {value:.3g}" for output, value in judged.average.items())
+        return found
 
 
 #: In the place of what is made of all the rest.
@@ -136,7 +122,6 @@ class FlightResult(Summarised):
     motors: pd.DataFrame | None = None
     modes: pd.DataFrame | None = None
     gps: pd.DataFrame | None = None
-    baro: pd.DataFrame | None = None
     tables: Tables | None = None  #: All canonical tables, for the datasets.
     trajectory: Trajectory | Failure
     #: The airborne segment at `AnalysisConfig.rate`, by the key of the kind of model that it serves.

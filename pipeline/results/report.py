@@ -16,14 +16,14 @@ from pipeline.results.account import Account
 from pipeline.results.answer import Advice, Answer
 from pipeline.results.coverage import Coverage, Envelope
 from pipeline.results.drift import Drift
-from pipeline.results.model_report import (
+from pipeline.results.model import (
     ModelReport,
     ParameterRow,
     RmseRow,
+    Verdict,
 )
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
-from pipeline.results.verdict import Verdict
 from sysid.autopilot.values import AutopilotValues
 from sysid.rotors.thrust_record import ThrustModel
 

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 from core.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.names import flight_folder
-from pipeline.results.entry import FlightEntry, GroupEntry
-from pipeline.results.fleet import LogFailure, Publish
+from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure, Publish
 from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ MANIFEST = "manifest.json"
 FLIGHTS, CRAFTS = "flights", "crafts"
 
 #: Packages that numbers and plots come from; pages, which `reports` shows, are drawn of what these have written.
-_ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.numbers", "reports.figures")
+_ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.figures")
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy")
@@ -135,9 +134,7 @@ def _fingerprint(packages: Iterable[str]) -> str:
         if spec is None or spec.origin is None:
             continue
         folder = Path(spec.origin).parent
-        for file in sorted(
-            each for each in folder.rglob("*") if each.suffix in (".py", ".html", ".css", ".js", ".json")
-        ):
+        for file in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
             sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
     return sources.hexdigest()

@@ -164,12 +164,7 @@ class _Search:
 
 
 def digest(url: str) -> str:
-    """Return the SHA-256 of a file's content.
-
-    Raises
-    ------
-    OSError
-    """
+    """Return the SHA-256 of a file's content, or raise OSError."""
     with opened(url) as file:
         sha256 = hashlib.sha256()
         while chunk := file.read(1 << 20):

@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from core.lazy import lazy
+from core.quantity import per_degree
 from pipeline.flight.signals import thin
+from pipeline.results.signals import Panel
 from pipeline.results.span import Span
 
 if TYPE_CHECKING:
@@ -159,6 +161,49 @@ class Plot:
         return Figure(name, caption, self.data, layout, height, time)
 
 
+def over_time(
+    panels: Sequence[Panel],
+    x: Drawn,
+    *,
+    colors: Mapping[str, str] | None = None,
+    named: bool = False,
+    grouped: bool = False,
+    axis: Drawn | None = None,
+    gap: float = 0.14,
+    most: int = MOST_POINTS,
+    **style: Any,
+) -> Plot:
+    """Draw panels below each other over one axis of time.
+
+    Lines have `colors` by their names, else by their places; of a single one the axis says what it is, unless all are
+    to be `named`. Those of one name are shown and hidden together where they are `grouped`. `axis` is what every
+    vertical axis has besides, `style` as of `line`.
+    """
+    plot = Plot(*(_quantity_axis(panel, axis or {}) for panel in panels), x=x, gap=gap)
+    drawn: set[str] = set()
+    for level, panel in enumerate(panels):
+        factor, several = per_degree(panel.unit)[0], len(panel.signals) > 1
+        for place, signal in enumerate(panel.signals):
+            color = (colors or {}).get(signal.name, COLORS[place % len(COLORS)] if several else "@ink")
+            trace = line(signal.t, factor * signal.y, plotly_text(signal.name), color, most=most, **style)
+            shown = (several or named) and signal.name not in drawn
+            plot.add(trace, level, group=signal.name if grouped else "", legend=shown)
+            drawn.add(signal.name)
+        # A limit far above what was measured would flatten the line.
+        top = max(float(np.fmax.reduce(signal.y, initial=0.0)) for signal in panel.signals)
+        for limit in panel.limits.values():
+            if limit < 3.0 * top or limit == min(panel.limits.values()):
+                plot.limit(factor * limit, level)
+    return plot
+
+
+def _quantity_axis(panel: Panel, more: Drawn) -> Drawn:
+    unit = per_degree(panel.unit)[1]
+    title = {"text": plotly_text(f"{panel.title} ({unit})" if unit else panel.title)}
+    positive = all(np.fmin.reduce(signal.y, initial=0.0) >= 0.0 for signal in panel.signals)
+    return {"rangemode": "nonnegative" if positive else "normal"} | more | {"title": title | more.get("title", {})}
+
+
 def suffix(panel: int) -> str:
     """Return what Plotly adds to the names of the axes of a panel, counted from 0."""
     return str(panel + 1) if panel else ""
@@ -196,9 +241,9 @@ def layout_of(**parts: Any) -> Drawn:
     return {name: quiet | each if name.startswith(("xaxis", "yaxis")) else each for name, each in base.items()}
 
 
-def time_axis(span: Span | None) -> Drawn:
+def time_axis(span: Span | None, title: str = "time on the log’s clock (s)") -> Drawn:
     """Lay out an axis of time that begins by showing a stretch of it."""
-    axis: Drawn = {"title": {"text": "time on the log’s clock (s)"}, "hoverformat": ".1f"}
+    axis: Drawn = {"title": {"text": title}, "hoverformat": ".1f"}
     return axis if span is None else axis | {"range": [span.start, span.stop]}
 
 

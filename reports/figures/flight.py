@@ -1,8 +1,12 @@
-"""The plots of one flight: where it went, how high, and what the motors were told."""
+"""The plots of one flight: where it went, how high, what the motors were told, and which of them come first.
+
+Plots that need the result itself are drawn once and kept, so that pages can be made anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,8 +17,13 @@ from numpy.typing import NDArray
 from core.quantity import uncertain
 from logparse import Finding, Geodetic
 from logparse.heights import above_ground
+from pipeline.flight.summary import mode_spans
+from pipeline.results.answer import Picture
 from pipeline.results.failure import Failure, present
+from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
+from pipeline.results.report import FlightReport
+from pipeline.results.signals import Panel, SignalLine
 from pipeline.results.span import Span
 from reports.figures.figure import (
     MOST_POINTS,
@@ -27,14 +36,17 @@ from reports.figures.figure import (
     dots,
     line,
     margin,
+    mark_line,
     marks,
+    over_time,
     padded,
     plotly_text,
     rounded,
     suffix,
     time_axis,
 )
-from reports.numbers.flight import mode_spans
+from reports.figures.models import Board, joint_predictions, model_board, off_by_default, prediction
+from reports.figures.signals import signal_figure, signal_figures
 from sysid.rigid_body.conditions.wind import WIND_HEIGHT
 
 #: Colours of the sources of height.
@@ -139,64 +151,65 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
 
 def altitude(result: FlightResult) -> Figure | None:
     """Draw height above the ground that the flight left, by every sensor, and as estimated."""
-    span = margin(present(result.flight))
-    plot = Plot("height (m)", x=time_axis(span), **mode_bands(result))
-    signals = present(result.signals)
-    for panel in () if signals is None else signals.height:
-        for signal in panel.signals:
-            plot.add(line(signal.t, signal.y, signal.name, _HEIGHTS.get(signal.name, "@quiet"), width=1.4))
-    reach = padded(plot.data[:1], "y") if plot.data else None
+    flight, signals = present(result.flight), present(result.signals)
+    span = margin(flight)
+    lines = [] if signals is None else [signal for panel in signals.height for signal in panel.signals]
+    colors = {each.name: _HEIGHTS.get(each.name, "@quiet") for each in lines} | {"estimated": "@ink"}
+    sensor = lines[:1]
     if not isinstance(result.trajectory, Failure):
-        up, flight = -result.trajectory.states["p_d"], present(result.flight)
+        up = -result.trajectory.states["p_d"]
         above = _within(up - up.iloc[0] if flight is None else above_ground(up, flight), span)
         if len(above) > 1:
-            plot.add(line(above.index, above, "estimated", "@ink", width=1.4))
-    if not plot.data:
+            lines.append(SignalLine("estimated", above.index.to_numpy(float), above.to_numpy(float)))
+    if not lines:
         return None
-    if reach is not None:
+    plot = over_time([Panel(title="height", unit="m", signals=tuple(lines))], time_axis(span), colors=colors, width=1.4)
+    plot.shapes, plot.notes = mode_bands(result)
+    if sensor:
         # A receiver or an estimate that runs away must not flatten what the barometer shows.
-        beyond = 0.5 * (reach[1] - reach[0])
-        plot.axes["yaxis"] |= {"range": [reach[0] - beyond, reach[1] + beyond]}
+        low, high = padded(plot.data[:1], "y")
+        plot.axes["yaxis"] |= {"range": [low - 0.5 * (high - low), high + 0.5 * (high - low)]}
     caption = "Height above the ground that the flight left. Bands are flight modes."
     return plot.figure("altitude", caption, 300, time=True)
 
 
+def _outputs(result: FlightResult, span: Span | None) -> list[SignalLine]:
+    """Return the commands of the motors in a stretch of time, by the motors' numbers."""
+    table = None if result.motors is None else _within(result.motors, span)
+    if table is None or len(table) < 2:
+        return []
+    t = table.index.to_numpy(float)
+    return [SignalLine(str(name).removeprefix("m"), t, column.to_numpy(float)) for name, column in table.items()]
+
+
 def motors(result: FlightResult) -> Figure | None:
     """Draw the commands of every motor in a row of its own."""
-    if result.motors is None or result.motors.shape[1] == 0:
-        return None
     span = margin(present(result.flight))
-    table = _within(result.motors, span)
-    if len(table) < 2:
-        return None
-    count = table.shape[1]
-    values = table.to_numpy(dtype=float)
-    inside = _within(result.motors, present(result.flight)).to_numpy(dtype=float)
-    used = inside[np.isfinite(inside)]
-    if used.size == 0:
+    lines = _outputs(result, span)
+    flown = np.array([each.y for each in _outputs(result, present(result.flight))])
+    used = flown[np.isfinite(flown)]
+    if not lines or used.size == 0:
         return None
     low, high = float(used.min()), float(used.max())
     pad = max(0.15 * (high - low), 10.0)
-    axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
-    plot = Plot(*[axis] * count, x=time_axis(span))
-    modes = mode_bands(result)
-    plot.shapes, plot.notes = modes["shapes"], modes["annotations"]
     signals = present(result.signals)
-    limits = [] if signals is None else [v for v in signals.motor_limits.values() if low - pad < v < high + pad]
-    for number in range(count):
-        name = str(table.columns[number]).removeprefix("m")
-        commands = line(table.index, values[:, number], f"motor {name}", "@ink", width=1.0, decimals=0)
-        plot.add(commands, number, legend=False)
-        place = {"x": 0, "xref": "paper", "xanchor": "right", "xshift": -40, "y": 0.5}
+    known = {} if signals is None else signals.motor_limits
+    limits = {name: value for name, value in known.items() if low - pad < value < high + pad}
+    panels = [Panel(title="", unit="", signals=(each,), limits=limits) for each in lines]
+    axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
+    plot = over_time(panels, time_axis(span), axis=axis, width=1.0, decimals=0)
+    bands, labels = mode_bands(result)
+    plot.shapes = [*bands, *plot.shapes]
+    for number, each in enumerate(lines):
+        place = {"x": 0, "xref": "paper", "xanchor": "right", "xshift": -40, "y": 0.5, "text": plotly_text(each.name)}
         place |= {"yref": f"y{suffix(number)} domain", "showarrow": False, "font": {"size": 13}}
-        plot.notes.append(place | {"text": plotly_text(name)})
-        for value in limits:
-            plot.limit(value, number)
+        labels.append(place)
+    plot.notes = labels
     caption = f"PWM command of every motor (µs), all to the same scale{', limits dashed' if limits else ''}."
-    return plot.figure("motors", caption, 70 + 58 * count, time=True)
+    return plot.figure("motors", caption, 70 + 58 * len(lines), time=True)
 
 
-def mode_bands(result: FlightResult) -> Drawn:
+def mode_bands(result: FlightResult) -> tuple[list[Drawn], list[Drawn]]:
     """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):
@@ -205,7 +218,7 @@ def mode_bands(result: FlightResult) -> Drawn:
             shapes.append(band(span, "@band", 1.0))
         if not isinstance(result.flight, Failure) and span.duration > 0.06 * result.flight.duration:
             labels.append(band_label(span, mode.mode))
-    return {"shapes": shapes, "annotations": labels}
+    return shapes, labels
 
 
 def _within(table: Frame, span: Span | None) -> Frame:
@@ -227,3 +240,163 @@ def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.
             return None
     north, east, _ = pymap3d.geodetic2ned(lat, lon, origin.alt, origin.lat, origin.lon, origin.alt, deg=False)
     return np.asarray(north), np.asarray(east)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightFigures:
+    """The plots of a flight in the order of its pages."""
+
+    first: tuple[Figure, ...]
+    flight: tuple[Figure, ...]
+    signals: tuple[Figure, ...]
+    predicted: tuple[Figure, ...]
+    board: Board
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CraftFigures:
+    """The plots of a craft: of all models, and measured and predicted position by flight."""
+
+    board: Board
+    predictions: Mapping[str, Figure]
+
+
+def draw_flight(result: FlightResult, numbers: FlightReport) -> FlightFigures:
+    """Draw the plots of a flight."""
+    hidden = off_by_default(numbers.models)
+    first = first_figures(result)
+    # What the first screen shows of the whole flight is not shown twice.
+    shown = {figure.id.removeprefix("first-") for figure in first if figure.time or figure.id == "track"}
+    predicted = prediction(result, hidden)
+    return FlightFigures(
+        first=tuple(first),
+        flight=tuple(each for each in flight_figures(result) if each.id not in shown),
+        signals=tuple(signal_figures(result)),
+        predicted=() if predicted is None else (predicted,),
+        board=model_board(result.models, hidden),
+    )
+
+
+def draw_craft(group: GroupResult) -> CraftFigures:
+    """Draw the plots of a craft."""
+    hidden = off_by_default(group.report.models)
+    return CraftFigures(board=model_board(group.models, hidden), predictions=joint_predictions(group, hidden))
+
+
+#: Plots below each other for which there is room.
+_PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
+_CAPTIONS = {
+    Picture.MOTORS: "Motor outputs.",
+    Picture.ATTITUDE: "Attitude asked and flown.",
+    Picture.RATES: "Angular rates asked and flown.",
+    Picture.VIBRATION: "Vibration.",
+    Picture.BATTERY: "Battery.",
+    Picture.GPS: "GPS.",
+    Picture.ALTITUDE: "",  # its axis says what it is
+}
+
+
+def first_figures(result: FlightResult) -> list[Figure]:
+    """Draw where it flew and what matters most; each is left out where nothing is known of it."""
+    beside = track(result)
+    figures = [] if beside is None else [_with_ends(beside)]
+    matters = _matters(result, 420 if beside is None else 270)
+    return figures if matters is None else [*figures, matters]
+
+
+def _with_ends(figure: Figure) -> Figure:
+    """Name start and end in the map, which takes less room than a legend."""
+    layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
+    # A flight that ends near where it began must not write one over the other: the northern one has its name above.
+    ends = sorted((each for each in figure.data if each["name"] in ("start", "end")), key=lambda each: each["y"][0])
+    places = {each["name"]: place for each, place in zip(ends, ("bottom right", "top right"), strict=False)}
+    named = {"mode": "markers+text", "cliponaxis": False}
+    data = [
+        each | named | {"textposition": places[name], "text": [name]} if name in places else each
+        for each in figure.data
+        for name in (each["name"],)
+    ]
+    return replace(figure, height=330, caption=_key(figure), data=data, layout=layout)
+
+
+def _key(figure: Figure) -> str:
+    """Say what a map's marks are."""
+    words = [
+        f"{'lines' if each['mode'] == 'lines' else 'dots'}: GPS" if each["name"] == "GPS" else "crosses: what happened"
+        for each in figure.data
+        if each["name"] in ("GPS", "events")
+    ]
+    words += [f"arrow: {note['hovertext']}" for note in figure.layout.get("annotations", ()) if note["name"] == "wind"]
+    text = "; ".join(words)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def _matters(result: FlightResult, height: int) -> Figure | None:
+    answer = present(result.answer)
+    picture = Picture.ALTITUDE if answer is None else answer.picture
+    around = None if answer is None else answer.around
+    drawn = {
+        Picture.MOTORS: lambda: _motors(result, around),
+        Picture.ALTITUDE: lambda: altitude(result),
+    }.get(picture, lambda: signal_figure(result, str(picture), _PANELS.get(picture, 1)))()
+    if drawn is None:
+        return None
+    layout = dict(drawn.layout)
+    if around is not None:
+        shown = Span(around.start, _end(drawn, around.stop))
+        # Names of modes would cover those of what happened.
+        layout["annotations"] = _names(result, shown)
+        happened = [mark_line(t, "@bad", 1.5) for _, t in notable(result)[:20]]
+        layout["shapes"] = [*_background(result, layout), *happened]
+        layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
+    # A stretch of its own must not pull the other plots along, nor be pulled by them.
+    return replace(
+        drawn,
+        id=f"first-{picture}",
+        height=height,
+        layout=layout,
+        caption=_CAPTIONS[picture],
+        time=drawn.time and around is None,
+    )
+
+
+def _background(result: FlightResult, layout: Drawn) -> list[Drawn]:
+    """Return modes as bands, and the limits that the plot had."""
+    limits = [shape for shape in layout.get("shapes", ()) if shape.get("xref") == "paper"]
+    return [*mode_bands(result)[0], *limits]
+
+
+def _names(result: FlightResult, around: Span) -> list[Drawn]:
+    """Name what happened above its line, the story first, as many as do not cover each other."""
+    names: list[Drawn] = []
+    taken: list[tuple[float, float]] = []
+    account = present(result.account)
+    story = () if account is None else account.story
+    for event, t in sorted(notable(result), key=lambda each: each[0] not in story):
+        text = event.id.replace("-", " ")
+        # Width of a letter above a plot, as a part of the plot's width.
+        width = 0.012 * len(text) * around.duration
+        for side, low, high in (("left", t, t + width), ("right", t - width, t)):
+            free = all(high <= other[0] or low >= other[1] for other in taken)
+            if free and around.start <= low and high <= around.stop:
+                taken.append((low, high))
+                names.append(band_label(Span(t, t), text) | {"xanchor": side})
+                break
+    return names
+
+
+def _end(figure: Figure, stop: float) -> float:
+    """Return where a stretch of time ends that is drawn: a crash ends many lines, and nothing is to be seen after."""
+    last = max((float(trace["x"][-1]) for trace in figure.data if len(trace["x"])), default=stop)
+    return min(stop, last + 0.3)
+
+
+def _motors(result: FlightResult, around: Span | None) -> Figure | None:
+    """Draw all motor outputs in one plot."""
+    span = around or margin(present(result.flight))
+    lines, signals = _outputs(result, span), present(result.signals)
+    if not lines:
+        return None
+    limits = {} if signals is None else signals.motor_limits
+    panel = Panel(title="output", unit="µs", signals=tuple(lines), limits=limits)
+    return over_time([panel], time_axis(span), width=1.4, decimals=0).figure("first-motors", "", 270, time=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.results.entry import ResponseCurve
+from pipeline.results.fleet import ResponseCurve
 from pipeline.results.rotation import FittedResponse
 from pipeline.results.span import Span
 from reports.figures.figure import COLORS, DASHES, Drawn, Figure, Plot, area, band, curve, marks

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Prediction
-from pipeline.results.model_report import ModelReport
+from pipeline.results.model import ModelReport, Trust
 from pipeline.results.span import Span
-from pipeline.results.verdict import Trust
 from reports.figures.figure import (
     COLORS,
     MOST_POINTS,
@@ -163,7 +162,7 @@ def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | N
 
 def joint_predictions(group: GroupResult, hidden: Collection[str]) -> dict[str, Figure]:
     """Draw what the joint models make of each flight of a craft, those that judge first; `hidden` models off."""
-    flights = [*group.held_out, *group.training]
+    flights = [*group.report.held_out, *group.report.training]
     # Points of all flights of a craft together that one line of one model may have: what a page can carry.
     # Fewest points of a line: fewer would no longer show a flight.
     most = int(np.clip(24_000 // max(len(flights), 1), 150, MOST_POINTS))

@@ -23,11 +23,14 @@ from reports.figures.figure import (
     line,
     margin,
     mark_line,
+    over_time,
     plotly_text,
     time_axis,
 )
 
 _OWN = {"asked": "@own", "flown": "@ink"}
+#: Points of a line that are drawn: its own, which are thinned already.
+_EVERY = 1_000_000
 
 _CAPTIONS = {
     "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
@@ -93,29 +96,10 @@ def signal_figure(result: FlightResult, name: str, most: int) -> Figure | None:
 
 def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequence[Drawn]) -> Figure:
     """Draw panels below each other over one axis of time."""
-    axes: list[Drawn] = []
-    for panel in panels:
-        _, unit = per_degree(panel.unit)
-        title = plotly_text(f"{panel.title} ({unit})" if unit else panel.title)
-        positive = all(float(np.nanmin(signal.y)) >= 0.0 for signal in panel.signals)
-        begins = {"rangemode": "nonnegative"} if positive else {}
-        axes.append({"title": {"text": title, "font": {"size": 11}}, "nticks": 5} | begins)
-    plot = Plot(*axes, x=time_axis(margin(flight)))
-    plot.shapes += happened
-    named: set[str] = set()
-    for level, panel in enumerate(panels):
-        factor, _ = per_degree(panel.unit)
-        several = len(panel.signals) > 1
-        for place, signal in enumerate(panel.signals):
-            color = _OWN.get(signal.name, COLORS[place % len(COLORS)] if several else "@ink")
-            drawn = line(signal.t, factor * signal.y, signal.name, color, width=1.2, most=len(signal.t))
-            plot.add(drawn, level, legend=several and signal.name not in named)
-            named.add(signal.name)
-        # A limit far above what was measured would flatten the line.
-        top = max(float(np.nanmax(signal.y)) for signal in panel.signals)
-        for limit in panel.limits.values():
-            if limit < 3.0 * top or limit == min(panel.limits.values()):
-                plot.limit(factor * limit, level)
+    axis = {"title": {"font": {"size": 11}}, "nticks": 5}
+    plot = over_time(panels, time_axis(margin(flight)), colors=_OWN, axis=axis, most=_EVERY, width=1.2)
+    plot.shapes = [*happened, *plot.shapes]
+    named = {signal.name for panel in panels for signal in panel.signals}
     caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]
     caption += " Dotted: when something happened." if happened else ""
     return plot.figure(f"health-{name}", caption, 120 + 110 * len(panels), time=True)

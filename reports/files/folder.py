@@ -14,14 +14,14 @@ import pandas as pd
 
 from core.serialization import as_json, from_json
 from core.table import as_cell
+from pipeline.flight.summary import flight_report, models_file
 from pipeline.results.fleet import GroupResult
-from pipeline.results.flight import FlightResult
-from pipeline.results.model_report import RmseRow
+from pipeline.results.flight import FlightResult, ModelResult
+from pipeline.results.model import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
-from reports.figures.drawn import FlightFigures, draw_craft, draw_flight
+from reports.figures.flight import FlightFigures, draw_craft, draw_flight
 from reports.files.plot_images import ImageFormat, write_images
 from reports.files.tracks import write_track
-from reports.numbers.flight import craft_report, flight_report, models_file
 from reports.pages import html
 from reports.pages.flight import MODELS_PAGE, flight_page, models_page
 from sysid.rigid_body.physical import quantity
@@ -100,13 +100,12 @@ def _write(result: FlightResult | GroupResult, folder: Path, plots: ImageFormat 
                 (folder / FIGURES).write_text(as_json(draw(), indent=None), encoding="utf-8")
         write_track(result, folder)
     else:
-        report = joint = craft_report(result)
-        path = folder / "report.json"
-        (folder / FIGURES).write_text(as_json(draw_craft(result, joint), indent=None), encoding="utf-8")
+        report, path = result.report, folder / "report.json"
+        (folder / FIGURES).write_text(as_json(draw_craft(result), indent=None), encoding="utf-8")
     (folder / "report.json").write_text(as_json(report), encoding="utf-8")
-    (folder / "models.json").write_text(as_json(models_file(result)), encoding="utf-8")
+    (folder / "models.json").write_text(as_json(models_file(report, result.models)), encoding="utf-8")
     (folder / "rmse.csv").write_text(rmse_table(report.rmse), encoding="utf-8", newline="")
-    _write_exports(result, folder)
+    _write_exports(report.name, result.models, folder)
     _write_parameters(report, folder)
     return path
 
@@ -160,13 +159,13 @@ def rmse_table(rows: Sequence[RmseRow]) -> str:
     return text.getvalue()
 
 
-def _write_exports(result: FlightResult | GroupResult, folder: Path) -> None:
+def _write_exports(owner: str, models: Sequence[ModelResult], folder: Path) -> None:
     """Write every model that is a matrix of transfer functions.
 
     In ``models.mat`` they are variables by their kind: ``motors``, ``mixer``, ``reference``.
     """
-    matrices = {each.key: each.model for each in result.models if isinstance(each.model, TransferMatrix)}
-    tables = [coefficients(model).assign(owner=as_cell(result.name), model=key) for key, model in matrices.items()]
+    matrices = {each.key: each.model for each in models if isinstance(each.model, TransferMatrix)}
+    tables = [coefficients(model).assign(owner=as_cell(owner), model=key) for key, model in matrices.items()]
     table = pd.concat(tables)[_COEFFICIENTS] if tables else pd.DataFrame(columns=_COEFFICIENTS)
     table.to_csv(folder / "coefficients.csv", index=False, float_format="%.9g")
     write_mat(matrices, folder / "models.mat")

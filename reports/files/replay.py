@@ -7,15 +7,15 @@ from pathlib import Path
 import pandas as pd
 
 from core.serialization import cleaned
+from pipeline.flight.purposes import overall
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
-from pipeline.results.model_report import ModelReport
+from pipeline.results.model import ModelReport
 from reports.figures.models import compare
-from reports.numbers.flight import model_report, overall
 from reports.pages import html
 from reports.views import log_words
-from reports.views import tables as views
+from reports.views import models as views
 
 
 def write_replay(replay: Replay, folder: str | Path) -> list[Path]:
@@ -61,8 +61,8 @@ def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
 def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
-    models = [cleaned(model_report(each, "replay", flight=replay.name), ModelReport) for each in replay.results]
-    missing = [(log_words.sentence(result.title)[:-1], result.missing) for result in replay.results if result.missing]
+    models = cleaned([each.report for each in replay.results], list[ModelReport])
+    missing = [(log_words.sentence(model.title)[:-1], model.missing) for model in models if model.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(
         "replay.html",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,6 +13,7 @@ import pymap3d
 
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
+from reports.pages.html import filled
 
 #: Names of the files.
 FILES = ("track.geojson", "track.kml", "track.gpx")
@@ -43,11 +42,8 @@ def write_track(result: FlightResult, folder: Path) -> tuple[Path, ...]:
             (folder / name).unlink(missing_ok=True)
         return ()
     events = _events(result, points)
-    texts = (
-        _geojson(result.name, points, events),
-        _kml(result.name, points, events),
-        _gpx(result.name, points, events),
-    )
+    shown = {"name": result.name, "points": points, "events": events}
+    texts = (_geojson(result.name, points, events), *(filled(name, **shown) for name in FILES[1:]))
     files = tuple(folder / name for name in FILES)
     for file, text in zip(files, texts, strict=True):
         file.write_text(text, encoding="utf-8")
@@ -119,48 +115,3 @@ def _geojson(name: str, points: list[_Point], events: list[tuple[str, str, _Poin
 
 def _position(point: _Point) -> list[float]:
     return [round(point.lon, 8), round(point.lat, 8), round(point.alt, 2)]
-
-
-def _kml(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:
-    coordinates = " ".join(f"{point.lon:.8f},{point.lat:.8f},{point.alt:.2f}" for point in points)
-    marks = "".join(
-        f"<Placemark><name>{_xml(title)}</name><description>{_xml(text)}</description><Point>"
-        "<altitudeMode>absolute</altitudeMode>"
-        f"<coordinates>{point.lon:.8f},{point.lat:.8f},{point.alt:.2f}</coordinates></Point></Placemark>\n"
-        for title, text, point in events
-    )
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
-        f"<name>{_xml(name)}</name>\n<Placemark><name>{_xml(name)}</name>"
-        "<Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>"
-        "<LineString><altitudeMode>absolute</altitudeMode>"
-        f"<coordinates>{coordinates}</coordinates></LineString></Placemark>\n{marks}</Document></kml>\n"
-    )
-
-
-def _gpx(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:
-    def inside(point: _Point) -> str:
-        time = f"<time>{point.stamp}</time>" if point.utc is not None else ""
-        return f"<ele>{point.alt:.2f}</ele>{time}"
-
-    def placed(tag: str, items: Iterable[tuple[_Point, str]]) -> str:
-        return "".join(
-            f'<{tag} lat="{point.lat:.8f}" lon="{point.lon:.8f}">{inside(point)}{more}</{tag}>\n'
-            for point, more in items
-        )
-
-    marks = placed(
-        "wpt", ((point, f"<name>{_xml(title)}</name><desc>{_xml(text)}</desc>") for title, text, point in events)
-    )
-    track = placed("trkpt", ((point, "") for point in points))
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<gpx version="1.1" creator="rotorid" xmlns="http://www.topografix.com/GPX/1/1">\n'
-        f"{marks}<trk><name>{_xml(name)}</name><trkseg>\n{track}</trkseg></trk></gpx>\n"
-    )
-
-
-def _xml(text: str) -> str:
-    """Escape text, and drop what XML 1.0 cannot hold."""
-    held = "".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF)))
-    return html.escape(held, quote=False)

@@ -10,11 +10,11 @@ from rich.text import Text
 
 from core.quantity import counted, number
 from core.table import Row, Table, escaped
+from pipeline.fleet.comparison import ComparedPair, Comparison, Facts
 from reports.figures.figure import Figure, Plot, digits, marks
-from reports.numbers.comparison import ComparedPair, Comparison, Facts
 from reports.pages.html import render
 from reports.views import summary
-from reports.views.drift import chance, change_table
+from reports.views.fleet import chance, change_table
 
 
 def error_table(pair: ComparedPair) -> Table:

@@ -1,13 +1,14 @@
-"""The page on all flights, the answer first, and a page on the models of each craft."""
+"""Pages on many flights: of a folder, the answer first; of the models of a craft; of a craft over all its flights."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from logparse import Severity
+from core.quantity import counted, uncertain
+from logparse import Finding, Severity
+from pipeline.results.drift import CraftNote, CraftReview, Drift
 from pipeline.results.report import CraftReport, FleetReport
-from reports.figures.drawn import CraftFigures
 from reports.figures.figure import Figure
 from reports.figures.fleet import (
     FIRST_HEIGHT,
@@ -17,21 +18,20 @@ from reports.figures.fleet import (
     motors_over_flights,
     parameters_over_flights,
 )
+from reports.figures.flight import CraftFigures
 from reports.figures.models import horizon_figure
 from reports.pages import html
 from reports.views import fleet as fleet_views
 from reports.views import log_words, summary
-from reports.views import tables as views
-from reports.views.coverage import coverage_table, outside
-from reports.views.craft import (
+from reports.views import models as views
+from reports.views.fleet import Insight, called, change_table, drift_sentences, drift_table, fleet_answer, insight
+from reports.views.flight import coverage_table, outside, settings, vehicle_facts
+from reports.views.models import (
+    MOST_ADVICE,
     average_table,
+    holding,
     validation_table,
-    vehicle_facts,
 )
-from reports.views.details import settings
-from reports.views.drift import drift_sentences, drift_table
-from reports.views.fleet_answer import Insight, called, fleet_answer, insight
-from reports.views.models import MOST_ADVICE, holding
 
 #: What the products of a craft hold: its report, and the plots that only its models could give.
 Shown = tuple[CraftReport, CraftFigures]
@@ -56,8 +56,7 @@ def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_fil
     }
     board = drawn.board.within(prefix)
     coverage_findings = () if report.coverage is None else report.coverage.findings
-    drift_findings = () if report.drift is None else report.drift.findings
-    told = [log_words.sentence(finding.reason) for finding in drift_findings]
+    drift_findings, drift_said = _found_and_said(report.drift)
     return html.render(
         "craft_models.html",
         [*([ahead] if ahead else []), *flown.values(), *covered, *courses, *folded, *board.figures],
@@ -76,7 +75,7 @@ def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_fil
         vehicle=vehicle_facts(report.vehicle),
         drift=drift_table(report.drift),
         drift_findings=drift_findings,
-        drift_sentences=[sentence for sentence in drift_sentences(report.drift) if sentence not in told],
+        drift_sentences=drift_said,
         courses=courses,
         courses_folded=folded,
         board=board,
@@ -137,9 +136,7 @@ def _insight_figure(told: Insight | None) -> Figure | None:
 
 def _shown(report: CraftReport, short: str, place: int, courses: Sequence[Figure]) -> dict[str, object]:
     """Return what the page on all flights shows of a craft; its own page has the rest."""
-    findings = () if report.drift is None else report.drift.findings
-    told = [log_words.sentence(finding.reason) for finding in findings]
-    changes = [sentence for sentence in drift_sentences(report.drift) if sentence not in told]
+    findings, changes = _found_and_said(report.drift)
     return {
         "id": f"craft-{place}",
         "name": report.name,
@@ -154,6 +151,13 @@ def _shown(report: CraftReport, short: str, place: int, courses: Sequence[Figure
     }
 
 
+def _found_and_said(drift: Drift | None) -> tuple[tuple[Finding, ...], list[str]]:
+    """Return what was found over flights, and what there is to say besides."""
+    findings = () if drift is None else drift.findings
+    told = {log_words.sentence(finding.reason) for finding in findings}
+    return findings, [sentence for sentence in drift_sentences(drift) if sentence not in told]
+
+
 def _choice(
     figures: Mapping[str, Figure], report: CraftReport, pages: Mapping[str, str]
 ) -> list[tuple[str, list[tuple[Figure, str, str]]]]:
@@ -163,3 +167,55 @@ def _choice(
         for label, names in (("judge the models", report.held_out), ("fitted", report.training))
     ]
     return [(label, options) for label, options in parts if options]
+
+
+def craft_page(review: CraftReview, name: str, notes: Sequence[CraftNote] = ()) -> str:
+    """Render the page."""
+    whole = review.whole or review.drift
+    courses, folded = drift_figures(whole, "craft-", notes)
+    boundary = review.boundary
+    findings, said = _found_and_said(review.drift)
+    return html.render(
+        "craft.html",
+        [*courses, *folded],
+        title=name,
+        facts=_facts(review),
+        findings=findings,
+        sentences=[*(log_words.sentence(sentence) for sentence in _changed(review)), *said],
+        remarks=[log_words.sentence(remark) for remark in review.remarks],
+        notes=[
+            (f"{note.at:%Y-%m-%d %H:%M} UTC", note.text, "flights before it are not pooled" if note.boundary else "")
+            for note in sorted(notes, key=lambda note: note.at, reverse=True)
+        ],
+        since=change_table(review.since) if review.since else None,
+        since_title="" if boundary is None else f"Since {boundary.at:%Y-%m-%d}: {boundary.text}",
+        courses=courses,
+        drift=drift_table(review.drift),
+        folded=folded,
+        autopilot=review.autopilot.table() if review.autopilot and review.autopilot.values else None,
+    )
+
+
+def _facts(review: CraftReview) -> str:
+    text = counted(len(review.flights), "flight")
+    if review.pooled != review.flights:
+        text += f", of which {len(review.pooled)} are pooled"
+        if review.boundary is not None:
+            text += f": those since {review.boundary.at:%Y-%m-%d} ({review.boundary.text})"
+    return text
+
+
+def _changed(review: CraftReview) -> list[str]:
+    """Report what changed with the last boundary."""
+    if review.boundary is None or not review.since:
+        return []
+    changed = [
+        f"{each.parameter} went from {uncertain(each.a.value, each.a.sigma)} to "
+        f"{uncertain(each.b.value, each.b.sigma)} {each.unit.partition(',')[0]}".rstrip()
+        for each in review.since
+        if each.significant
+    ]
+    since = f"since {review.boundary.text} ({review.boundary.at:%Y-%m-%d})"
+    if not changed:
+        return [f"{since}, none of the {len(review.since)} parameters known on both sides is seen to differ"]
+    return [f"{since}, {each}" for each in changed]

@@ -5,14 +5,12 @@ from __future__ import annotations
 from core.findings import Severity
 from pipeline.results.answer import Answer
 from pipeline.results.report import FlightReport
-from reports.figures.drawn import FlightFigures
+from reports.figures.flight import FlightFigures
 from reports.figures.models import horizon_figure, off_by_default
 from reports.pages.html import render
+from reports.views import models as views
 from reports.views import summary
-from reports.views import tables as views
-from reports.views.account import happened, reported
-from reports.views.coverage import excitation, flight_coverage
-from reports.views.details import estimate_details, log_details
+from reports.views.flight import estimate_details, excitation, flight_coverage, happened, log_details, reported
 from reports.views.models import MOST_ADVICE, failing, holding
 from reports.views.rotation import loop_table, loop_warnings, rotation_view
 

@@ -16,9 +16,8 @@ from markupsafe import Markup, escape
 
 from core.quantity import complex_numbers, number
 from reports.figures.figure import Figure
-from reports.views.formula import transfer_function
 from reports.views.log_words import sentence
-from reports.views.models import PLACES, functions_intro, orders
+from reports.views.models import PLACES, functions_intro, orders, transfer_function
 from reports.views.summary import TRUST_WORDS
 
 
@@ -66,6 +65,16 @@ def script_json(value: object) -> Markup:
     return Markup(text)
 
 
+def filled(template: str, **variables: object) -> str:
+    """Fill a template of XML in."""
+    return _environment().get_template(template).render(**variables).lstrip()
+
+
+def _xml(text: str) -> str:
+    """Drop what XML 1.0 cannot hold."""
+    return "".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF)))
+
+
 @cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
@@ -76,7 +85,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         bytecode_cache=_bytecode_cache(),
     )
-    environment.filters["sentence"] = sentence
+    environment.filters |= {"sentence": sentence, "xml": _xml}
     environment.globals |= {
         "trust_words": TRUST_WORDS,
         "number": number,

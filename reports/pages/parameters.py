@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from core.quantity import counted
 from logparse import Finding, Vehicle
-from pipeline.results.answer import AnswerLine, Tone
-from pipeline.results.model_report import ParameterRow
-from reports.numbers.flight import parameter_rows
+from pipeline.flight.identification import parameter_rows
+from pipeline.results.answer import AnswerLine, Tone, clause
+from pipeline.results.model import ParameterRow
 from reports.pages.html import render
-from reports.views import log_words, summary
+from reports.views import log_words
 from reports.views.parameters import parameters
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
 
@@ -32,7 +32,7 @@ def parameters_page(
     findings: Sequence[Finding] = (),
 ) -> str:
     """Render the page."""
-    rows = parameter_rows(found)
+    rows = parameter_rows(found) or ()
     weight = "mass not given, so numbers are per mass" if mass is None else f"{mass:g} kg"
     return render(
         "parameters.html",
@@ -49,13 +49,13 @@ def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> A
     """Answer with the headline in SI where it is known, else per mass, else with the reason."""
     headlines = [row for name in names for row in rows if (row.parameter, row.method) == (name, HEADLINE)]
     for row in headlines:
-        for value, sigma, unit in ((row.si_value, row.si_sigma, row.si_unit), (row.value, row.sigma, row.unit)):
-            if value is not None and sigma is not None:
-                bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
-                divisor = quantity(row.parameter, unit)[1]
-                text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
-                line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
-                return replace(line, value=value, sigma=sigma, unit=bare.replace("^2", "²").replace(" ", "·"))
+        if row.best is not None:
+            value, sigma, unit = row.best
+            bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
+            divisor = quantity(row.parameter, unit)[1]
+            text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
+            line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
+            return replace(line, value=value, sigma=sigma, unit=bare.replace("^2", "²").replace(" ", "·"))
     reasons = [row.note for row in rows if row.parameter in names and row.note]
-    reason = summary.clause(reasons[0]) if reasons else "no method determines it"
+    reason = clause(reasons[0]) if reasons else "no method determines it"
     return AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason)

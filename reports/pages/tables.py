@@ -6,8 +6,9 @@ import numpy as np
 
 from core.quantity import number, uncertain
 from core.table import Row, Table
-from pipeline.results.tables import TableResult, TablesReport
-from reports.figures.figure import Figure, Plot, curve, line, time_axis
+from pipeline.flight.table_analysis import TableResult, TablesReport
+from pipeline.results.signals import Panel, SignalLine
+from reports.figures.figure import Figure, Plot, curve, over_time, time_axis
 from reports.pages.html import render
 from sysid.validation.states import PredictedStates
 
@@ -112,19 +113,25 @@ def _parameters(result: TableResult) -> tuple[Table, list[tuple[str, str]]]:
 
 def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
     """Draw a record beside its prediction, position and attitude; only position where attitude is an input."""
-    groups = [("position", "m", 1.0, ("north", "east", "up"), 0)]
+    groups = [("position", "m", ("north", "east", "up"), 0)]
     if not given:
-        groups.append(("attitude", "°", float(np.degrees(1.0)), ("roll", "pitch", "yaw"), 3))
+        groups.append(("attitude", "rad", ("roll", "pitch", "yaw"), 3))
+    ahead = f"{found.horizon:g} s ahead"
     figures = []
-    for what, unit, factor, names, first in groups:
-        plot = Plot(
-            *(f"{name} ({unit})" for name in names), x=time_axis(None) | {"title": {"text": "time (s)"}}, gap=0.13
-        )
-        for k in range(len(names)):
-            label = f"{found.horizon:g} s ahead"
-            for values, title, color in ((found.measured, "measured", "@ink"), (found.predicted, label, "@body")):
-                drawn = line(found.t, factor * values[:, first + k], title, color, width=1.6)
-                plot.add(drawn, k, group=title, legend=k == 0)
+    for what, unit, names, first in groups:
+        panels = [
+            Panel(
+                title=name,
+                unit=unit,
+                signals=(
+                    SignalLine("measured", found.t, found.measured[:, column]),
+                    SignalLine(ahead, found.t, found.predicted[:, column]),
+                ),
+            )
+            for column, name in enumerate(names, start=first)
+        ]
+        colors = {"measured": "@ink", ahead: "@body"}
+        plot = over_time(panels, time_axis(None, "time (s)"), colors=colors, grouped=True, gap=0.13, width=1.6)
         before = f"as predicted from the state {found.horizon:g} s before"
         caption = f"{what.capitalize()} of {found.record} as measured, and {before}."
         figures.append(plot.figure(f"prediction-{what}", caption, 480, time=True))

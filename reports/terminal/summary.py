@@ -1,6 +1,5 @@
 """The summary that a person reads in ten seconds at the end of ``rotorid analyze``."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import shorten
@@ -9,11 +8,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from core.table import TONES, Cell, Row, Table
-from pipeline.results.answer import AnswerLine
+from pipeline.results.answer import AnswerLine, clause
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import log_words, summary
-from reports.views.fleet import flight_cells
-from reports.views.fleet_answer import fleet_answer
+from reports.views.fleet import fleet_answer, flight_cells
 from reports.views.models import holding
 
 #: What the columns of the table of flights hold.
@@ -80,7 +78,8 @@ def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
 def _reasons(flights: Sequence[FlightReport]) -> list[str]:
     """Return why flights have no model, each reason once: ``No model: no GPS (march1 and 4 more)``."""
     without = [flight for flight in flights if not any(model.held_out for model in flight.models)]
-    reasons = summary.alike([_first_clause(summary.first_reason(flight), flight.name) for flight in without])
+    # The flight's own name, which some reasons begin with, stands in the row already.
+    reasons = summary.alike([clause(summary.first_reason(each).removeprefix(f"{each.name}: ")) for each in without])
     return [
         f"No model: {reason} ({without[each[0]].name}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
         for reason, each in reasons.items()
@@ -95,12 +94,6 @@ def _cut(text: str, most: int) -> str:
 def _shortened(name: str, most: int) -> str:
     """Leave out the middle of a long name; its ends tell more."""
     return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
-
-
-def _first_clause(reason: str, name: str) -> str:
-    """Return what fits a cell of a reason; the flight's own name, which some begin with, stands in the row already."""
-    reason = reason.removeprefix(f"{name}: ")
-    return re.split(r"[:;]", reason, maxsplit=1)[0]
 
 
 def no_model(numbers: FlightReport | FleetReport) -> str:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from core.quantity import MINUS, number, uncertain
+from markupsafe import Markup, escape
+
+from core.quantity import MINUS, counted, duration, number, uncertain
 from core.table import Row, Table
 from pipeline.results.answer import HOLDS
-from pipeline.results.model_report import ModelReport
-from pipeline.results.verdict import PredictionUse
+from pipeline.results.model import ByOutput, ModelReport, PredictionUse, RmseRow, average
+from pipeline.results.report import CraftReport, FlightReport
 from reports.views import log_words, summary
+from reports.views.parameters import coherence, parameters
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
+from sysid.transfer_functions.transfer_function import DETERMINED
 from sysid.validation.report import OrderRow, OrderScan
 
 #: Outputs of flights in words.
@@ -144,3 +149,226 @@ def thrust_coefficients(thrust: ThrustModel | None, missing: Mapping[str, str]) 
         facts=f"The craft hovers at {number(thrust.hover_pwm, 4)} µs, {number(hover, 2)} % of full command; "
         f"the model leaves {number(thrust.rmse, 2)} m/s² of the specific force unexplained.",
     )
+
+
+def missing_stages(numbers: FlightReport | CraftReport) -> list[tuple[str, str]]:
+    """Name each stage and model that gave nothing with its reason; one reason stands once, where it came first."""
+    names = {
+        "tables": "Tables",
+        "flight": "Flight",
+        "rotation": "How it turns",
+        "trajectory": "Trajectory",
+        "experiment": "Identification",
+        "thrust": "Thrust coefficients",
+        "parameters": "Physical parameters",
+    }
+    reasons = [(names.get(stage, stage), reason) for stage, reason in numbers.missing.items()]
+    reasons += [(log_words.sentence(result.title)[:-1], result.missing) for result in numbers.models]
+    seen: set[str] = {""}
+    rows = []
+    for name, reason in reasons:
+        if reason not in seen:
+            rows.append((name, reason))
+        seen.add(reason)
+    return rows
+
+
+def flight_rmse(own: Sequence[ModelReport], others: Sequence[ModelReport] = ()) -> Table | None:
+    """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model."""
+    lines: list[tuple[Row, Sequence[float | None]]] = []
+    for models, heads in (
+        (own, {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}),
+        (
+            others,
+            {
+                part: f"Whole flight, by the stored models, {said}"
+                for part, said in (("held-out", "which have not seen it"), ("training", "which were fitted to it too"))
+            },
+        ),
+    ):
+        judged = [(result.title, row) for result in models for row in result.rmse]
+        for part, said in heads.items():
+            rows = [(title, row) for title, row in judged if row.part == part]
+            if rows:
+                first = rows[0][1]
+                lines.append((Row(said.format(duration(first.duration_s)), kind="part"), ()))
+                lines += [(Row(title), _by(first, row.rmse_m)) for title, row in rows]
+                if part == "held-out" or models is others:
+                    lines.append((Row("… always predicting its mean", kind="baseline"), _by(first, first.rmse_mean_m)))
+                    standing = _by(first, first.rmse_constant_position_m)
+                    lines.append((Row("… standing still", kind="baseline"), standing))
+    if not lines:
+        return None
+    outputs = next(row.rmse_m for result in (*own, *others) for row in result.rmse)
+    return Table.of_numbers(
+        "Model",
+        rmse_heads(outputs),
+        lines,
+        "Root-mean-square error of the free run: position predicted from the inputs and the initial state alone.",
+    )
+
+
+def _by(row: RmseRow, errors: ByOutput) -> list[float | None]:
+    return [errors.get(output) for output in row.rmse_m]
+
+
+def of_models(numbers: FlightReport | CraftReport) -> dict[str, object]:
+    """Return what the pages on the models of a flight and of a craft have in common."""
+    return {
+        "missing": missing_stages(numbers),
+        "verdicts": [each for each in numbers.models if each.model is not None],
+        "horizons": horizons(numbers.models),
+        "coherence": coherence(numbers.models),
+        "thrust": thrust_coefficients(numbers.thrust, numbers.missing),
+        "parameters": parameters(numbers.parameters),
+        "models": numbers.models,
+    }
+
+
+def rmse_heads(outputs: Iterable[str]) -> list[str]:
+    """Head the columns of errors by output."""
+    return [f"RMSE {output} (m)" for output in outputs]
+
+
+def horizons(models: Sequence[ModelReport]) -> Table | None:
+    """Tabulate how far each model errs so many seconds ahead of what was measured, beside guesses without a model."""
+    judged = [result for result in models if result.horizons]
+    if not judged:
+        return None
+    seconds = sorted({row.horizon_s for result in judged for row in result.horizons})
+    lines: list[tuple[Row, Sequence[float | None]]] = []
+    for output in dict.fromkeys(row.output for result in judged for row in result.horizons):
+        lines.append((Row(PLACES.get(output, output), kind="part"), ()))
+        for row, result, which in (
+            *((Row(result.title), result, "rmse_m") for result in judged),
+            (Row("constant position", kind="baseline"), judged[0], "constant_position_m"),
+            (Row("constant velocity", kind="baseline"), judged[0], "constant_velocity_m"),
+        ):
+            errors = {each.horizon_s: getattr(each, which) for each in result.horizons if each.output == output}
+            lines.append((row, [errors.get(horizon) for horizon in seconds]))
+    return Table.of_numbers(
+        "Model",
+        [f"{number(horizon, 3)} s" for horizon in seconds],
+        lines,
+        "RMSE in metres of predictions so many seconds ahead, restarted from the measured motion at every sample, on "
+        "flight time that the models have not seen; inputs are taken as known.",
+    )
+
+
+def average_table(craft: CraftReport) -> Table | None:
+    """Set the models side by side with their average errors over the flights held out."""
+    judged = [result for result in craft.models if result.rmse_average_m]
+    if not judged:
+        return None
+    outputs = list(judged[0].rmse_average_m)
+    held = judged[0].held_out
+    lines: list[tuple[Row, ByOutput]] = [(Row(result.title), result.rmse_average_m) for result in judged]
+    lines.append((Row("Always predicting the mean", kind="baseline"), average([row.rmse_mean_m for row in held])))
+    lines.append((Row("Standing still", kind="baseline"), average([row.rmse_constant_position_m for row in held])))
+    return Table.of_numbers(
+        "Model",
+        rmse_heads(outputs),
+        [(row, [errors.get(output) for output in outputs]) for row, errors in lines],
+        "Root-mean-square error of the joint models’ free run over whole flights, from the inputs and the initial "
+        f"state alone, averaged over the {counted(len(held), 'flight')} held out. "
+        f"{craft.split[0].upper()}{craft.split[1:]}.",
+    )
+
+
+def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | None:
+    """Lay the joint models' errors out: a line per held-out flight, and their average."""
+    judged = [result for result in craft.models if result.rmse]
+    if not judged:
+        return None
+    outputs = list(judged[0].rmse[0].rmse_m)
+    lines: list[tuple[Row, Sequence[ByOutput]]] = []
+    for part, said in (
+        ("held-out", "Held out: these flights judge the models"),
+        ("training", "Fitted: these flights show only how closely the models can follow"),
+    ):
+        names = list(dict.fromkeys(row.flight for result in judged for row in result.rmse if row.part == part))
+        if names:
+            lines.append((Row(said, kind="part"), ()))
+        lines += [(Row(name, link=links.get(name)), [_errors(result, name) for result in judged]) for name in names]
+        if part == "held-out" and names:
+            lines.append((Row("Average", kind="average"), [result.rmse_average_m for result in judged]))
+            means = [average([row.rmse_mean_m for row in result.held_out]) for result in judged]
+            lines.append((Row("Always predicting the mean", kind="baseline"), means))
+    return Table.of_numbers(
+        "Flight",
+        outputs * len(judged),
+        [(row, [errors.get(output) for errors in found for output in outputs]) for row, found in lines],
+        "Flight by flight, RMSE of the free run in metres.",
+        groups=[result.title for result in judged],
+    )
+
+
+def _errors(result: ModelReport, flight: str) -> ByOutput:
+    return next((row.rmse_m for row in result.rmse if row.flight == flight), {})
+
+
+#: Significant digits at most; the paper's table A1 has four.
+MOST_DIGITS = 4
+
+
+def polynomial(coefficients: Sequence[float], deviations: Sequence[float | None] | None = None) -> Markup:
+    """Write a polynomial in s, highest power first; coefficients that the data do not determine in class ``vague``."""
+    terms: list[Markup] = []
+    last = len(coefficients) - 1
+    for place, value in enumerate(coefficients):
+        power = last - place
+        if value == 0.0 and last > 0:
+            continue
+        if terms:
+            terms.append(Markup("<mo>%s</mo>") % (MINUS if value < 0.0 else "+"))
+        elif value < 0.0:
+            terms.append(Markup('<mo form="prefix">%s</mo>') % MINUS)
+        deviation = 0.0 if deviations is None else deviations[place]
+        known = deviation is not None and deviation < DETERMINED * abs(value)
+        factor = Markup() if abs(value) == 1.0 and power else _number(abs(value), _digits(value, deviation))
+        term = factor + _power_of_s(power) if power else factor
+        if not known and value:
+            term = Markup('<mrow class="vague">%s</mrow>') % term
+        terms.append(term)
+    return Markup("<mrow>%s</mrow>") % (Markup().join(terms) or Markup("<mn>0</mn>"))
+
+
+def _digits(value: float, deviation: float | None) -> int:
+    """Significant digits that a standard deviation leaves, at most `MOST_DIGITS`."""
+    if deviation is None or not deviation < DETERMINED * abs(value):
+        return 1
+    if deviation <= 0.0:
+        return MOST_DIGITS
+    exponent = math.floor(math.log10(deviation))
+    last = exponent - (1 if deviation < 2.0 * 10.0**exponent else 0)
+    return min(max(math.floor(math.log10(abs(value))) - last + 1, 1), MOST_DIGITS)
+
+
+def transfer_function(
+    output: str,
+    source: str,
+    num: Sequence[float],
+    den: Sequence[float],
+    num_std: Sequence[float | None] | None = None,
+    den_std: Sequence[float | None] | None = None,
+) -> Markup:
+    """Write ``G_{output,source}(s) = num / den``."""
+    name = Markup("<msub><mi>G</mi><mrow><mi>%s</mi><mo>,</mo><mi>%s</mi></mrow></msub>") % (output, source)
+    fraction = Markup("<mfrac>%s%s</mfrac>") % (polynomial(num, num_std), polynomial(den, den_std))
+    return Markup(
+        '<math display="block"><mrow>%s<mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo>'
+        "<mo>=</mo>%s</mrow></math>"
+    ) % (name, fraction)
+
+
+def _number(value: float, digits: int) -> Markup:
+    # Rounded first: whole digits, too, are false where the deviation is larger.
+    mantissa, times, power = number(float(f"{value:.{digits - 1}e}"), digits).partition(" × 10")
+    if not times:
+        return Markup("<mn>%s</mn>") % mantissa
+    exponent = power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", f"{MINUS}0123456789"))
+    return Markup("<mn>%s</mn><mo>×</mo><msup><mn>10</mn><mn>%s</mn></msup>") % (mantissa, escape(exponent))
+
+
+def _power_of_s(power: int) -> Markup:
+    return Markup("<mi>s</mi>") if power == 1 else Markup("<msup><mi>s</mi><mn>%s</mn></msup>") % power

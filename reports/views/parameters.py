@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from core.quantity import joined, number, uncertain
 from core.table import Row, Table
 from pipeline.results.coverage import Linearity
-from pipeline.results.model_report import CoherenceReport, ModelReport, ParameterRow
+from pipeline.results.model import CoherenceReport, ModelReport, ParameterRow
 from reports.views import log_words
 
 #: What stands in a cell whose note, below the table, says why there is no number.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from core.quantity import joined, uncertain
 from core.summary import listed
 from pipeline.results.answer import Answer
-from pipeline.results.model_report import ModelReport, ParameterRow
+from pipeline.results.model import ModelReport, ParameterRow
 from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
 from reports.views.log_words import craft
 from sysid.rotors.thrust_record import ThrustModel
@@ -154,8 +154,3 @@ def left_out(numbers: FleetReport) -> list[str]:
         if parts:
             sentences.append(f"{words}: {'; '.join(parts)}.")
     return sentences
-
-
-def clause(reason: str) -> str:
-    """Return the first clause of a reason; the whole stands further down."""
-    return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from logparse import FlightLog
-    from pipeline.results.entry import FlightEntry
-    from pipeline.results.fleet import LogFailure
+    from pipeline.results.fleet import FlightEntry, LogFailure
     from pipeline.results.flight import FlightResult
     from pipeline.results.report import FleetReport, FlightReport
     from pipeline.storage.sources import FoundFiles, Source
@@ -269,11 +268,11 @@ def _one_flight(
             entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
             write_entry(entry, out)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
-            from reports.numbers.flight import flight_report
+            from pipeline.flight.summary import flight_report
 
             _show(flight_report(result), "", as_json)
             fail(f"the report could not be written: {error.filename or out}: {error.strerror}", SOME_FAILED)
-    from reports.numbers.reading import read_report
+    from reports.report_json import read_report
 
     # What was written need not be gathered again.
     numbers = read_report(out)
@@ -356,7 +355,7 @@ def _several_logs(
             _list_failures(fleet.failures)
             kept = "what is done is kept; make room and run the same command again"
             fail(f"the report could not be written: {error.strerror or error}; {kept}", SOME_FAILED)
-    from reports.numbers.reading import parse_report
+    from reports.report_json import parse_report
 
     numbers = parse_report(fleet.store.read("report.json"))
     _show(numbers, f"{out.rstrip('/')}/report.html", as_json)

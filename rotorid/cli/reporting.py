@@ -19,7 +19,7 @@ def report(
     Example: rotorid report out/flight --open
     """
     from pipeline.config import ConfigError
-    from reports.numbers.reading import read_report
+    from reports.report_json import read_report
     from reports.terminal import summary as terminal
 
     page = out / "report.html"
@@ -56,9 +56,9 @@ def compare(
     Example: rotorid analyze march --out before; rotorid analyze april --out after; rotorid compare before after
     """
     from core.serialization import as_json as to_text
-    from reports.numbers.comparison import compare_reports
-    from reports.numbers.reading import read_report
+    from pipeline.fleet.comparison import compare_reports
     from reports.pages.comparison import comparison_markdown, comparison_overview, comparison_page
+    from reports.report_json import read_report
 
     older, newer = read_report(before), read_report(after)
     if out is not None:
@@ -103,7 +103,7 @@ def schema(
     """
     from core.catalogue import read_catalogue
     from core.serialization import as_json
-    from reports.numbers.schema import schema as schema_of
+    from reports.report_json import schema as schema_of
 
     typer.echo(
         read_catalogue().as_markdown() if subject == Subject.FINDINGS else as_json(schema_of(subject.value)), nl=False

@@ -104,7 +104,7 @@ def simulate(
 def _write(outcome: "CaseOutcome", out: Path, *, whole: bool) -> None:
     """Write what a case gave, and tell on stdout: its characteristics if it is the only one, and the files."""
     import simulation
-    from reports.pages.simulation import simulation_page
+    from reports.pages.signals import simulation_page
 
     files = simulation.write(outcome, out)
     page = out / f"{outcome.name}.html"
@@ -164,8 +164,8 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     with shown() as progress:
         result = replay(models, inputs, wanted, progress, Trim(trim) if trim else None)
     for each in result.results:
-        if each.missing:
-            typer.echo(f"{each.title}: {each.missing}", err=True)
+        if each.report.missing:
+            typer.echo(f"{each.title}: {each.report.missing}", err=True)
     for each in result.results:
         for verdict in () if (judged := present(each.validation)) is None else judged.verdicts:
             typer.echo(f"{each.title}: {verdict}")

@@ -10,7 +10,7 @@ from api.work.worker import Progress, Task
 from core.serialization import as_json
 from logparse import LogError
 from pipeline.results.answer import AnswerLine, Tone
-from pipeline.results.entry import FlightParameter
+from pipeline.results.fleet import FlightParameter
 from pipeline.results.report import FleetReport, FlightReport
 from tests.pipeline.builders import flown as made_entry
 from tests.reports.made import made

@@ -258,11 +258,11 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
     """`rotorid analyze` of a folder, then `rotorid serve --out`: the same flights, craft, pages; uploads join."""
     import pipeline
     import reports
-    from pipeline.fleet import job, joint
+    from pipeline.fleet import crafts, job
     from tests.pipeline import flown
 
     monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
-    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     logs, out = tmp_path / "logs", tmp_path / "out"
     logs.mkdir()
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from api.work import worker
 from api.work.worker import Task, analyze_logs
 from logparse import LogError
-from pipeline.fleet import job, joint
+from pipeline.fleet import crafts, job
 from tests.pipeline import flown
 from tests.pipeline.builders import NOON
 from tests.pipeline.builders import flown as flown_entry
@@ -16,7 +16,7 @@ from tests.pipeline.builders import flown as flown_entry
 
 def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
-    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     logs = []
     for number in (1, 2):
         log = tmp_path / "secret-place" / str(number) / f"flight{number}.bin"

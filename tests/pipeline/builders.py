@@ -13,7 +13,7 @@ from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.rotation import fitted_response
 from pipeline.results.account import Account, MotorsReading
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
-from logparse import LogError, Vehicle
+from logparse import LogError
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFailure
 from pipeline.fleet import job
 from pipeline.names import flight_name
-from pipeline.results.entry import FlightEntry
-from pipeline.results.failure import Failure
-from pipeline.results.fleet import Split
+from pipeline.results.fleet import FlightEntry, Split
+from pipeline.results.report import CraftReport
 from tests.reports.conftest import made_flight
+from tests.reports.made import made
 
 #: Names of the flights that were analysed in this process.
 ANALYZED: list[str] = []
@@ -59,11 +59,5 @@ def run(work: job.Job) -> tuple[FlightEntry, ...] | LogFailure | None:
 
 def identify_craft(name: str, flights: object, split: Split, *_: object) -> GroupResult:
     """Stand for the joint fit, which is tested for itself."""
-    return GroupResult(
-        name=name,
-        vehicle=Vehicle(),
-        training=split.training,
-        held_out=split.held_out,
-        split=split.sentence,
-        **dict.fromkeys(("thrust", "parameters", "coverage", "drift"), Failure("thrust", "not fitted")),
-    )
+    report = made(CraftReport, name=name, training=split.training, held_out=split.held_out, split=split.sentence)
+    return GroupResult(report=report)

@@ -5,7 +5,7 @@ from datetime import timedelta
 
 import numpy as np
 
-from pipeline.results.entry import FlightParameter
+from pipeline.results.fleet import FlightParameter
 from tests.pipeline.builders import START, flown
 
 #: Parameters with a typical value, standard error of one flight and true scatter between flights.

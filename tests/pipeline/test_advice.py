@@ -12,9 +12,9 @@ from logparse.craft.frames import Vehicle
 from logparse.craft.log_settings import Need, bits_of, log_setting
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.advice.log_settings import BRINGS
-from pipeline.flight.advice.next_flights import MOST, for_craft
-from pipeline.results.entry import FlightParameter
+from pipeline.flight.logging_advice import BRINGS
+from pipeline.flight.next_flights import MOST, for_craft
+from pipeline.results.fleet import FlightParameter
 from tests.pipeline.builders import covering, flown, hovering
 from tests.pipeline.coverages import coverage_of
 

@@ -13,7 +13,7 @@ from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.execution import cluster
 from pipeline.execution.cluster import Cluster, SchedulerError, software
 from pipeline.execution.executors import WorkerDiedError, as_done
-from pipeline.fleet import job, joint
+from pipeline.fleet import crafts, job
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server
@@ -76,7 +76,7 @@ def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tm
 @pytest.mark.slow
 def test_a_folder_on_s3_goes_by_url_to_the_workers_and_its_results_to_s3(pair, monkeypatch):
     monkeypatch.setattr(job, "run", flown.run)
-    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     objects, _ = fsspec.url_to_fs("s3://fleet")
     objects.mkdir("fleet")
     for name in ("octa 1", "octa 2", "quad 3"):

@@ -14,8 +14,7 @@ import logparse
 from core.quantity import readable
 from core.serialization import plain
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.coverage import measure
-from pipeline.flight.excitation import word_of
+from pipeline.flight.coverage import measure, word_of
 from pipeline.results.coverage import QUANTITIES
 from pipeline.results.span import Span
 from simulation import elhesasy2024

@@ -14,7 +14,7 @@ from pipeline.fleet.history import ALPHA
 from pipeline.fleet.meta_analysis import holm, meta_regression
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.drift import Step, Trend
-from pipeline.results.entry import FlightParameter
+from pipeline.results.fleet import FlightParameter
 from simulation import elhesasy2024
 from simulation.drive import QuadraticRotor
 from simulation.fly import Setup

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from logparse import LogError, Tables, read_flights, read_log
 from pipeline.execution.stages import NEXT_FLIGHT, Overall
 from pipeline.flight.account import tell
-from pipeline.flight.part import LONGEST, busiest, part_findings
+from pipeline.flight.training import LONGEST, busiest, part_findings
 from pipeline.results.span import Span, around
 from rotorid.cli.main import app
 from rotorid.cli.options import open_log

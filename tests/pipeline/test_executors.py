@@ -17,7 +17,7 @@ import pytest
 
 from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done, count_workers
-from pipeline.fleet import job, joint
+from pipeline.fleet import crafts, job
 from tests.pipeline import calls, flown
 
 PROJECT = Path(__file__).parents[2]
@@ -102,7 +102,7 @@ def test_what_kills_every_worker_fails_alone_and_is_tried_alone(pair, tmp_path):
 
 def test_a_log_that_kills_its_worker_costs_the_folder_only_itself(pair, tmp_path, monkeypatch):
     monkeypatch.setattr(job, "run", flown.run)
-    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     (tmp_path / "logs").mkdir()
     for name in ("octa 1", "kill", "octa 2", "quad 3"):
         (tmp_path / "logs" / f"{name.replace(' ', '')}.bin").write_text(name)

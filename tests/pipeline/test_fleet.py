@@ -14,7 +14,7 @@ import pytest
 import reports
 from pipeline import AnalysisConfig, ConfigError, analyze_fleet
 from pipeline.fleet import analysis as fleet_module
-from pipeline.fleet import homogeneity, job, joint, split
+from pipeline.fleet import crafts, homogeneity, job, split
 from pipeline.fleet.homogeneity import Unlike
 from pipeline.storage import manifest
 from pipeline.storage.dataset import part
@@ -28,7 +28,7 @@ CONFIG = AnalysisConfig(poles=1, zeros=0)
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
-    monkeypatch.setattr(joint, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     of_software(monkeypatch, "0.1.0")
 
 
@@ -213,7 +213,7 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
     assert (analyzed, again.reused, again.reported) == ([], 4, True)
 
     monkeypatch.setattr(manifest, "presentation", lambda: ("another style sheet", None))
-    monkeypatch.setattr(joint, "identify_craft", None)  # would fail when it is called
+    monkeypatch.setattr(crafts, "identify_craft", None)  # would fail when it is called
     styled, analyzed = run(logs, out, publish=reports.publish)
     assert analyzed == []
     assert not styled.reported, "the page on all flights is of the old style"

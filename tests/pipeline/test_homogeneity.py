@@ -8,8 +8,8 @@ import pytest
 
 from logparse.craft.frames import motor_table
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
-from pipeline.flight.flight_parameters import BATTERY
-from pipeline.results.entry import FlightParameter
+from pipeline.flight.summary import BATTERY
+from pipeline.results.fleet import FlightParameter
 from sysid.rotors.steady_trims import SteadyTrims
 
 

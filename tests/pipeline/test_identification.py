@@ -19,7 +19,7 @@ from estimation.trust import inconsistent
 from logparse import MissingDataError, read_log
 from pipeline import AnalysisConfig, ConfigError, analyze
 from pipeline.execution.stages import STAGES, Overall, Stages, silent
-from pipeline.fleet import joint
+from pipeline.fleet import crafts
 from pipeline.fleet.split import choose_split
 from pipeline.flight.identification import identify
 from pipeline.flight.kinds import KINDS
@@ -28,9 +28,8 @@ from pipeline.flight.table_analysis import analyze_tables
 from pipeline.results.failure import Failure
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
-from reports.numbers.flight import model_report
-from reports.numbers.schema import schema
 from reports.pages.tables import tables_page
+from reports.report_json import schema
 from reports.views.models import orders
 from tests.pipeline.builders import flight as moving
 from tests.reports.conftest import made_flight
@@ -51,17 +50,17 @@ def scanned(parts):
 
 
 def test_model_validation_and_predictions_belong_together(scanned, parts):
-    assert scanned.missing == ""
+    assert scanned.report.missing == ""
     assert scanned.model.training == (parts[0].name,)
     assert [part.training for part in scanned.predictions] == [True, False]
     assert scanned.validation.unseen
 
 
 def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
-    assert all(name.startswith(parts[0].name) for name in scanned.orders.held_out)
+    assert all(name.startswith(parts[0].name) for name in scanned.report.orders.held_out)
     # The craft is of second order in every axis.
-    assert scanned.orders.recommended[0] == 2
-    table = orders(model_report(scanned, "own").orders)
+    assert scanned.report.orders.recommended[0] == 2
+    table = orders(scanned.report.orders)
     assert [row.label for row in table.rows][:2] == ["1 / 0", "2 / 0"]
     assert sum(row.kind == "average" for row in table.rows) == 1
     assert len(table.heads) == len(table.rows[0].cells) == 9
@@ -76,7 +75,7 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
     failure = Failure("motors", "two identical motors")
     assert (result.model, result.validation, result.predictions) == (failure, None, ())
-    assert model_report(result, "own").model is None
+    assert result.report.model is None
 
 
 def test_every_kind_has_a_stage_and_progress_never_goes_back():
@@ -120,7 +119,7 @@ def craft(store):
 
 
 def identify_jointly(craft, store, executor=None):
-    return joint.identify_craft("quad", craft, choose_split(craft, CONFIG), store.url, CONFIG, silent, executor)
+    return crafts.identify_craft("quad", craft, choose_split(craft, CONFIG), store.url, CONFIG, silent, executor)
 
 
 @pytest.fixture(scope="module")
@@ -129,13 +128,13 @@ def here(craft, store):
 
 
 def test_one_flight_trains_and_the_other_judges(here):
-    assert len(here.training) == len(here.held_out) == 1
+    assert len(here.report.training) == len(here.report.held_out) == 1
     table = here.models[0].validation.table
     assert dict(zip(table["flight"], table["trained"], strict=True)) == {
-        here.training[0]: True,
-        here.held_out[0]: False,
+        here.report.training[0]: True,
+        here.report.held_out[0]: False,
     }
-    assert here.vehicle.frame_class == "quad"
+    assert here.report.vehicle.frame_class == "quad"
 
 
 def test_fits_in_other_workers_are_the_same(craft, store, here):
@@ -143,8 +142,8 @@ def test_fits_in_other_workers_are_the_same(craft, store, here):
         there = identify_jointly(craft, store, executor)
     assert [model.key for model in there.models] == [model.key for model in here.models]
     assert there.models[0].validation.average == here.models[0].validation.average
-    assert there.timings.keys() == here.timings.keys()
-    assert there.missing == here.missing
+    assert there.report.timings_s.keys() == here.report.timings_s.keys()
+    assert there.report.missing == here.report.missing
 
 
 def test_a_worker_that_dies_costs_its_model_only_and_says_so(craft, store):
@@ -156,13 +155,13 @@ def test_a_worker_that_dies_costs_its_model_only_and_says_so(craft, store):
 
     group = identify_jointly(craft, store, Dying())
     assert isinstance(group.models[0].model, Failure)
-    assert "the worker process failed" in group.models[0].missing
-    assert "the worker process failed" in group.missing["thrust"]
+    assert "the worker process failed" in group.models[0].report.missing
+    assert "the worker process failed" in group.report.missing["thrust"]
 
 
 def test_free_runs_of_many_flights_come_back_thin(craft, store, here, monkeypatch):
     """However many flights a craft has, what comes back for plots stays small; errors are of all samples."""
-    monkeypatch.setattr(joint, "MOST_ROWS", 1000)
+    monkeypatch.setattr(crafts, "MOST_ROWS", 1000)
     thin = identify_jointly(craft, store)
     assert thin.models[0].validation.average == here.models[0].validation.average
     for few, many in zip(thin.models[0].predictions, here.models[0].predictions, strict=True):

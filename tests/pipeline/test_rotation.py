@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import logparse
-from pipeline.flight.advice.next_flights import for_flight
+from pipeline.flight.next_flights import for_flight
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.failure import Failure
 from pipeline.results.rotation import LoopState, state_of

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline import AnalysisConfig
-from pipeline.fleet.places import day_of, places_of
+from pipeline.fleet.homogeneity import day_of, places_of
 from pipeline.fleet.split import MOST_JUDGING, MOST_TRAINING, choose_split
 from pipeline.flight.training import excitation, position_sigma
 from pipeline.results.fleet import Exclusion

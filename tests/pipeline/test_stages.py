@@ -12,7 +12,7 @@ import pytest
 
 import estimation
 from logparse import FlightLog, MissingDataError, read_log
-from pipeline.execution import machine, second
+from pipeline.execution import executors, machine
 from pipeline.execution.progress import Clock
 from pipeline.execution.stages import STAGES, Overall, Stages, silent
 from pipeline.flight.analysis import analyze
@@ -113,10 +113,10 @@ def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
 
 
 def test_what_a_copy_finds_comes_back() -> None:
-    result = second.begin(lambda: (os.getpid(), b"x" * 1_000_000))
+    result = executors.begin(lambda: (os.getpid(), b"x" * 1_000_000))
     pid, made = result()
     assert len(made) == 1_000_000
-    assert (pid != os.getpid()) == (second.processors() > 1)
+    assert (pid != os.getpid()) == (executors.processors() > 1)
 
 
 def test_what_a_copy_does_not_bring_is_made_when_it_is_asked_for() -> None:
@@ -127,7 +127,7 @@ def test_what_a_copy_does_not_bring_is_made_when_it_is_asked_for() -> None:
             os._exit(9)
         return "done"
 
-    assert second.begin(dies_in_the_copy)() == "done"
+    assert executors.begin(dies_in_the_copy)() == "done"
 
 
 def test_a_copy_that_waits_for_ever_is_given_up() -> None:
@@ -139,14 +139,14 @@ def test_a_copy_that_waits_for_ever_is_given_up() -> None:
             lock.acquire()
         return "done"
 
-    assert second.begin(waits_in_the_copy, longest=0.1)() == "done"
+    assert executors.begin(waits_in_the_copy, longest=0.1)() == "done"
 
 
 def test_an_error_of_the_work_is_raised_here() -> None:
     def fails() -> None:
         raise ValueError("of the work")
 
-    result = second.begin(fails)
+    result = executors.begin(fails)
     with pytest.raises(ValueError, match="of the work"):
         result()
 

@@ -15,8 +15,8 @@ import pytest
 from core.serialization import as_json, plain, restored
 from pipeline.config import ConfigError
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
-from pipeline.results.entry import FlightEntry
 from pipeline.results.failure import Failure
+from pipeline.results.fleet import FlightEntry
 from pipeline.storage.store import ENTRY, SCRATCH, ObjectStore, Store, TemporaryStore, open_store
 from tests.reports.conftest import made_flight
 
@@ -162,7 +162,7 @@ def test_a_flight_survives_json():
 TOGETHER = """
 import json, sys, threading
 from core.serialization import restored
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 content, gate = json.load(sys.stdin), threading.Barrier(8)
 sys.setswitchinterval(1e-6)
 def read():

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pipeline.flight.purposes import free_run_use, summarise, uses_of
-from pipeline.results.verdict import Trust, Verdict
+from pipeline.results.model import Trust, Verdict
 from sysid import Validation
 
 

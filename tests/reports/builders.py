@@ -8,11 +8,11 @@ from functools import cache
 
 import jsonschema
 
+from pipeline.flight.summary import flight_report
 from pipeline.results.flight import FlightResult
-from reports.figures.drawn import draw_flight
-from reports.numbers.flight import flight_report
-from reports.numbers.schema import schema
+from reports.figures.flight import draw_flight
 from reports.pages.flight import flight_page
+from reports.report_json import schema
 
 
 @cache

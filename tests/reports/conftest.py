@@ -10,15 +10,18 @@ import pandas as pd
 import pytest
 
 import sysid
+from core.serialization import cleaned
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
 from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
 from pipeline.fleet.result import FleetResult
 from pipeline.flight.answer import compose_answer
+from pipeline.flight.identification import model_result
+from pipeline.flight.purposes import overall
 from pipeline.names import folder_names
-from pipeline.results.entry import FlightEntry, GroupEntry
 from pipeline.results.failure import Failure
-from pipeline.results.fleet import LogFailure
+from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
+from pipeline.results.report import CraftReport
 from pipeline.storage.store import open_store
 from reports import publish, write_fleet
 from tests.reports.accounts import account, signals
@@ -27,27 +30,28 @@ from tests.reports.made import made
 NO_THRUST = Failure("thrust", "no voltage was logged; set LOG_BITMASK to include CURRENT")
 
 #: A kind of model that the log could not give.
-WITHOUT_REFERENCE = ModelResult(
-    key="reference",
-    title="position target → position",
-    model=Failure("reference", "no position targets; set NTUN (bit 5) in LOG_BITMASK"),
+WITHOUT_REFERENCE = model_result(
+    "reference",
+    "position target → position",
+    Failure("reference", "no position targets; set NTUN (bit 5) in LOG_BITMASK"),
 )
 
 
-def judged(model, fitted, judges, key="motors", title="motor PWM → position") -> ModelResult:
+def judged(model, fitted, judges, key="motors", title="motor PWM → position", **of) -> ModelResult:
     """Validate a model as the pipeline does."""
     validation = sysid.validate(model, [*fitted, *judges])
-    return ModelResult(
-        key=key,
-        title=title,
-        model=model,
-        validation=validation,
+    return model_result(
+        key,
+        title,
+        model,
+        validation,
         predictions=tuple(
             Prediction(
                 experiment=part, y_hat=validation.predictions[part.name], training=any(part is each for each in fitted)
             )
             for part in (*fitted, *judges)
         ),
+        **of,
     )
 
 
@@ -111,14 +115,11 @@ def made_flight(
     lat = 0.8 + (states["p_n"] + rng.normal(0, 0.4, len(wide))) / 6.371e6
     lon = 0.1 + (states["p_e"] + rng.normal(0, 0.4, len(wide))) / 6.371e6 / np.cos(0.8)
     gps = pd.DataFrame({"lat": lat, "lon": lon, "alt": 200.0 - states["p_d"] + rng.normal(0, 0.6, len(wide))}).iloc[::4]
-    baro = pd.DataFrame({"alt": -states["p_d"] + rng.normal(0, 0.15, len(wide))}).iloc[::2]
-    models = (
-        ModelResult(key="motors", title="motor PWM → position", model=Failure("motors", "the fit was not asked for")),
-    )
+    models = (model_result("motors", "motor PWM → position", Failure("motors", "the fit was not asked for")),)
     if fit:
         fitted, held_out = record.split(0.7)
         model = sysid.fit_transfer_functions([fitted], poles=poles, zeros=zeros)
-        models = (judged(model, [fitted], [held_out]), WITHOUT_REFERENCE)
+        models = (judged(model, [fitted], [held_out], flight=name), WITHOUT_REFERENCE)
     flight = Span(float(t[0]), float(t[-1]))
     result = FlightResult(
         name=name,
@@ -139,7 +140,6 @@ def made_flight(
         motors=pd.DataFrame(u, index=t, columns=list(names)),
         modes=pd.DataFrame({"mode": ["STABILIZE", "AUTO", "LAND"]}, index=[10.0, 44.0, 40.0 + 0.85 * duration]),
         gps=gps,
-        baro=baro,
         trajectory=trajectory,
         experiments={"motors": record},
         models=models,
@@ -175,19 +175,25 @@ def other() -> FlightResult:
 def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
     model = sysid.fit_transfer_functions([flight.experiment], poles=2, zeros=1)
     plain = sysid.fit_transfer_functions([flight.experiment], poles=1, zeros=0, structure="common")
-    return GroupResult(
-        name="ArduCopter quad plus",
+    name, records = "ArduCopter quad plus", ([flight.experiment], [other.experiment])
+    models = (
+        judged(model, *records, craft=name),
+        judged(plain, *records, "mixer", "mixer commands → position", craft=name),
+        WITHOUT_REFERENCE,
+    )
+    report = made(
+        CraftReport,
+        name=name,
         vehicle=flight.log.vehicle,
         training=("flight01",),
         held_out=("flight02",),
         split="every second flight in order of name trains, the others judge",
-        models=(
-            judged(model, [flight.experiment], [other.experiment]),
-            judged(plain, [flight.experiment], [other.experiment], "mixer", "mixer commands → position"),
-            WITHOUT_REFERENCE,
-        ),
-        **dict.fromkeys(("thrust", "parameters", "coverage", "drift"), Failure("thrust", "no accelerometer")),
+        verdict=overall(each.report for each in models),
+        models=tuple(each.report for each in models),
+        rmse=tuple(row for each in models for row in each.report.rmse),
+        missing={"thrust": "no accelerometer"},
     )
+    return GroupResult(report=cleaned(report, CraftReport), models=models)
 
 
 FAILURES = (LogFailure("notes.bin", "not a flight log: text without a single FMT row"),)

@@ -9,7 +9,7 @@ import pytest
 from logparse import Finding, Severity
 from pipeline.fleet.review import review
 from pipeline.results.drift import CraftNote
-from reports.pages.craft import craft_page
+from reports.pages.fleet import craft_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering

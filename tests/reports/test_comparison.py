@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from core.serialization import as_json
 from pipeline.config import ConfigError
-from pipeline.fleet.change import SIGNIFICANCE
+from pipeline.fleet.comparison import compare_reports
+from pipeline.fleet.meta_analysis import SIGNIFICANCE
 from pipeline.results.report import FleetReport
-from reports.numbers.comparison import compare_reports
 from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
 from tests.reports.made import made

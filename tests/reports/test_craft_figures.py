@@ -12,10 +12,10 @@ from pipeline.fleet.envelope import envelope
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.coverage import QUANTITIES, Envelope
 from pipeline.results.drift import Drift
-from pipeline.results.entry import FlightEntry, FlightParameter
+from pipeline.results.fleet import FlightEntry, FlightParameter
 from reports.figures.fleet import coverage_figures, drift_figures
-from reports.views.coverage import coverage_table, outside
-from reports.views.drift import drift_sentences, drift_table
+from reports.views.fleet import drift_sentences, drift_table
+from reports.views.flight import coverage_table, outside
 from sysid.rotors.steady_trims import SteadyTrims
 from tests.pipeline.builders import flown
 from tests.pipeline.coverages import coverage_of

@@ -13,18 +13,19 @@ from core.findings import Finding, Severity
 from core.parameter import Parameter
 from logparse import Vehicle
 from pipeline.flight.answer import compose_answer
+from pipeline.flight.identification import model_result
+from pipeline.flight.summary import flight_report
 from pipeline.results.account import Reading
 from pipeline.results.answer import Advice, Picture, Tone
 from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
-from reports.figures.drawn import first_figures
-from reports.numbers.flight import flight_report
+from reports.figures.flight import first_figures
 from reports.pages.fleet import fleet_page
 from reports.terminal.summary import overview
 from reports.views import summary
-from reports.views.fleet_answer import fleet_answer
+from reports.views.fleet import fleet_answer
 from sysid import Experiment, fit_thrust
 from sysid.loops.known_margins import Margins
 from sysid.records.motor_scaling import motor_commands
@@ -65,7 +66,7 @@ def answered(given: FlightResult, /, *happenings, state=None, **changed) -> Flig
 @pytest.fixture(scope="module")
 def kinds(flight, other) -> dict[str, FlightResult]:
     """Return flights as different as they come."""
-    nothing = {"experiments": {}, "models": (), "gps": None, "baro": None}
+    nothing = {"experiments": {}, "models": (), "gps": None}
     unknown, grounded = Failure("trajectory", "no GPS; log it"), Failure("flight", "no flight")
     return {
         "good": answered(flight, rotation=RotationResult(axes=(loop("roll", 52.0),))),
@@ -226,7 +227,8 @@ def test_only_models_that_hold_have_a_number(flight):
     """A model that nobody judged, or that leaves the flight within a second, gives none."""
     line, use = line_of(answered(flight), "Predict ahead"), flight_report(flight).models[0].uses.prediction
     assert (line.word == "yes") == ((use.horizon_s or 0.0) >= 1.0)
-    unjudged = dataclasses.replace(flight.models[0], validation=Failure("validation", "too short to judge"))
+    own = flight.models[0]
+    unjudged = model_result(own.key, own.title, own.model, Failure("validation", "too short to judge"))
     line = line_of(answered(flight, models=(unjudged,)), "Predict ahead")
     assert (line.word, line.value) == ("not judged", None)
     assert line.text == "1 model tried: too short to judge"

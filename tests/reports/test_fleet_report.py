@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pipeline import AnalysisConfig, FleetResult
 from pipeline.names import folder_names
-from pipeline.results.entry import FlightEntry, GroupEntry
+from pipeline.results.fleet import FlightEntry, GroupEntry
 from pipeline.storage.store import open_store
 from reports import write_fleet
 from tests.reports.builders import drawn, strict

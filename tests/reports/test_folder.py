@@ -18,15 +18,15 @@ import reports
 from core.quantity import column
 from logparse import Finding, Severity
 from pipeline.config import ConfigError
+from pipeline.flight.identification import model_result
+from pipeline.flight.summary import flight_report
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import LogFailure
-from pipeline.results.model_report import RmseRow
+from pipeline.results.model import RmseRow
 from reports.files import folder as files
 from reports.files.folder import rmse_table
-from reports.numbers.flight import flight_report
-from reports.numbers.reading import read_report
-from reports.numbers.schema import schema
+from reports.report_json import read_report, schema
 from reports.views import summary
 from tests.reports.builders import drawn, strict
 from tests.reports.conftest import composed
@@ -156,7 +156,7 @@ def test_what_is_not_finite_becomes_null(flight, tmp_path):
     own = flight.models[0]
     table = own.validation.table.copy()
     table.loc[table["output"] == "x", ["rmse", "fit_percent"]] = [math.inf, math.nan]
-    own = dataclasses.replace(own, validation=dataclasses.replace(own.validation, table=table))
+    own = model_result(own.key, own.title, own.model, dataclasses.replace(own.validation, table=table))
     broken = dataclasses.replace(flight, models=(own,), timings={"read": math.nan})
     page = reports.write(broken, tmp_path)
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
@@ -192,7 +192,6 @@ def test_a_flight_without_anything_says_why(flight, tmp_path):
         motors=None,
         modes=None,
         gps=None,
-        baro=None,
     )
     page = reports.write(bare, tmp_path).read_text("utf-8")
     assert "What could not be done" in page

@@ -1,8 +1,7 @@
 """A tuning's file and page, where nothing could be tuned: they say why, and what a log wrote stays text."""
 
 from core.serialization import as_json, from_json
-from reports.numbers.loops import TuningReport, tuning_report
-from reports.pages.loops import loops_page
+from reports.pages.loops import TuningReport, loops_page, tuning_report
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning

@@ -9,11 +9,11 @@ import plotly.graph_objects as go
 import pytest
 
 from pipeline.flight.rotation import fitted_response
-from pipeline.results.entry import ResponseCurve
-from pipeline.results.model_report import ModelReport
+from pipeline.flight.summary import flight_report
+from pipeline.results.fleet import ResponseCurve
+from pipeline.results.model import ModelReport
 from reports.figures.frequency import bode_figure, pole_figure, pole_map, response_overlays
 from reports.figures.models import horizon_figure, off_by_default, response_figures
-from reports.numbers.flight import flight_report
 from sysid import TransferFunction, frequency
 from sysid.frequency.export import response_table
 from tests.pipeline.builders import chirped

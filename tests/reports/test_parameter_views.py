@@ -8,8 +8,9 @@ import pytest
 
 import reports
 import sysid
-from pipeline.results.model_report import ParameterRow
-from reports.numbers.flight import flight_report
+from pipeline.flight.identification import coherence_report
+from pipeline.flight.summary import flight_report, models_file
+from pipeline.results.model import ParameterRow
 from reports.views.parameters import EMPTY, parameters
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
@@ -72,7 +73,11 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     )
     found = sysid.PhysicalParameters(table, None, None, None, None, None)
     spectra = sysid.records.excitation.coherence([flight.experiments["motors"]])
-    models = (dataclasses.replace(flight.models[0], coherence=spectra), *flight.models[1:])
+    own = flight.models[0]
+    models = (
+        dataclasses.replace(own, report=dataclasses.replace(own.report, coherence=coherence_report(spectra))),
+        *flight.models[1:],
+    )
     result = dataclasses.replace(flight, parameters=found, models=models)
     reports.write(result, tmp_path)
     page = (tmp_path / "models.html").read_text("utf-8")
@@ -84,4 +89,4 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     band = (spectra.frequency >= 0.5) & (spectra.frequency <= 5.0)
     told = numbers.models[0].coherence
     assert told.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
-    assert reports.numbers.flight.models_file(result).flights[0].parameters == numbers.parameters
+    assert models_file(numbers, models).flights[0].parameters == numbers.parameters

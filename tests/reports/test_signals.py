@@ -12,7 +12,7 @@ from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 from reports.figures.figure import line
 from reports.figures.signals import signal_figures
-from reports.views.account import happened, reported
+from reports.views.flight import happened, reported
 from tests.reports.accounts import account, happening, signals
 from tests.reports.builders import page_of
 

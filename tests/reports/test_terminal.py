@@ -8,9 +8,9 @@ from rich.console import Console
 
 from logparse import Finding, Severity, Vehicle
 from logparse.inspection import Inspection, MessageSummary, TableSummary
+from pipeline.flight.summary import flight_report
 from pipeline.results.report import FleetReport
-from reports.numbers.flight import flight_report
-from reports.numbers.reading import read_report
+from reports.report_json import read_report
 from reports.terminal import inspection
 from reports.terminal import summary as terminal
 from tests.reports.made import made

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jsonschema
 import pytest
 
-from reports.numbers.schema import schema
+from reports.report_json import schema
 from tests.docs.test_pages import NAME, STEPS, named
 from tests.paths import SAMPLES
 

@@ -5,7 +5,7 @@ import pytest
 from core.parameter import Parameter
 from logparse import read_log
 from pipeline.results.drift import CraftReview
-from reports.pages.craft import craft_page
+from reports.pages.fleet import craft_page
 from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
 from sysid.autopilot.values import ParameterFile, decided, over_flights
 from sysid.loops.controller import LoopError

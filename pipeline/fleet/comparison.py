@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from typing import Literal
@@ -12,12 +12,11 @@ import scipy
 
 from core.quantity import number
 from pipeline.config import AnalysisConfig
-from pipeline.fleet.change import corrected, difference
+from pipeline.fleet.meta_analysis import corrected, difference
 from pipeline.names import printable
 from pipeline.results.drift import ParameterChange
-from pipeline.results.model_report import average
+from pipeline.results.model import ModelReport, Trust, average
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
-from pipeline.results.verdict import Trust
 
 #: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
 METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")
@@ -119,6 +118,10 @@ class Comparison:
     unpaired: Unpaired
 
 
+#: Value and sigma in each flight that determined a parameter, by parameter and method.
+Points = dict[tuple[str, str], list[tuple[float, float]]]
+
+
 @dataclass(frozen=True, slots=True)
 class Compared:
     """What is compared: a craft over its flights, or one flight where there is no joint model."""
@@ -127,8 +130,7 @@ class Compared:
     numbers: FlightReport | CraftReport
     config: AnalysisConfig
     flights: Sequence[FlightReport]
-    #: Value and sigma in each flight that determined a parameter, by parameter and method.
-    points: Mapping[tuple[str, str], Sequence[tuple[float, float]]]
+    points: Points
     units: Mapping[str, str]  #: By parameter.
 
 
@@ -137,48 +139,29 @@ def subjects(report: FlightReport | FleetReport) -> list[Compared]:
     if isinstance(report, FlightReport):
         return [_of_flight(report)]
     by_name = {flight.name: flight for flight in report.flights}
-    return [
-        _of_craft(
-            craft,
-            report.config,
-            [by_name[name] for name in (*craft.training, *craft.held_out) if name in by_name],
-        )
-        for craft in report.groups
-    ]
+    return [_of_craft(craft, report.config, by_name) for craft in report.groups]
 
 
 def _of_flight(flight: FlightReport) -> Compared:
-    # The other report is of another day.
-    rows = [
-        (row, row.value, None if row.sigma is None else math.hypot(row.sigma, row.transfer or 0.0))
-        for row in flight.parameters or ()
-    ]
-    return Compared(
-        name=flight.name,
-        numbers=flight,
-        config=flight.config,
-        flights=[flight],
-        points={
-            (row.parameter, row.method): [(value, sigma)] for row, value, sigma in rows if value is not None and sigma
-        },
-        units={row.parameter: row.unit for row, *_ in rows},
-    )
+    points: Points = {}
+    for row in flight.parameters or ():
+        # The other report is of another day.
+        sigma = None if row.sigma is None else math.hypot(row.sigma, row.transfer or 0.0)
+        if row.value is not None and sigma:
+            points[row.parameter, row.method] = [(row.value, sigma)]
+    units = {row.parameter: row.unit for row in flight.parameters or ()}
+    return Compared(flight.name, flight, flight.config, [flight], points, units)
 
 
-def _of_craft(craft: CraftReport, config: AnalysisConfig, flights: Sequence[FlightReport]) -> Compared:
+def _of_craft(craft: CraftReport, config: AnalysisConfig, by_name: Mapping[str, FlightReport]) -> Compared:
+    flights = [by_name[name] for name in (*craft.training, *craft.held_out) if name in by_name]
     followed = () if craft.drift is None else craft.drift.parameters
-    return Compared(
-        name=craft.name,
-        numbers=craft,
-        config=config,
-        flights=flights,
-        points={
-            (each.parameter, method): [(point.value, point.sigma) for point in points if point.sigma]
-            for each in followed
-            for method, points in {each.method: each.flights, **each.others}.items()
-        },
-        units={each.parameter: each.unit for each in followed},
-    )
+    points: Points = {
+        (each.parameter, method): [(point.value, point.sigma) for point in rows if point.sigma]
+        for each in followed
+        for method, rows in {each.method: each.flights, **each.others}.items()
+    }
+    return Compared(craft.name, craft, config, flights, points, {each.parameter: each.unit for each in followed})
 
 
 def compare_reports(a: FlightReport | FleetReport, b: FlightReport | FleetReport, names: tuple[str, str]) -> Comparison:
@@ -211,15 +194,19 @@ def _pair(
 
 
 def _compare(a: Compared, b: Compared) -> ComparedPair:
-    parameters = _parameters(a, b)
-    changed = _changed(a, b)
+    parameters, changed = _parameters(a, b), tuple(_changed(a, b))
+    after = {model.key: model for model in b.numbers.models}
+    both = [(model, after[model.key]) for model in a.numbers.models if model.key in after]
     return ComparedPair(
         a=_facts(a),
         b=_facts(b),
-        changed=tuple(changed),
+        changed=changed,
         parameters=parameters,
-        errors=tuple(_errors(a, b)),
-        verdicts=tuple(_verdicts(a, b)),
+        errors=tuple(row for pair in both for row in _errors(*pair)),
+        verdicts=tuple(
+            VerdictChange(model=model.key, title=model.title, a=model.verdict.trust, b=other.verdict.trust)
+            for model, other in both
+        ),
         sentences=tuple(_sentences(parameters, changed)),
     )
 
@@ -245,30 +232,23 @@ def _parameters(a: Compared, b: Compared) -> tuple[ParameterChange, ...]:
     return corrected(rows)
 
 
-def _errors(a: Compared, b: Compared) -> list[ErrorChange]:
-    """Set held-out errors of the models that both sides have side by side, output by output."""
-    rows = []
-    after = {model.key: model for model in b.numbers.models}
-    for model in a.numbers.models:
-        other = after.get(model.key)
-        if other is None or not (model.held_out and other.held_out):
-            continue
-        means = [average([row.rmse_mean_m for row in each.held_out]) for each in (model, other)]
-        for output, error in model.rmse_average_m.items():
-            left, right = ([row.rmse_m[output] for row in each.held_out] for each in (model, other))
-            later = other.rmse_average_m[output]
-            rows.append(
-                ErrorChange(
-                    model=model.key,
-                    title=model.title,
-                    output=output,
-                    a=ModelError(rmse_m=error, mean_m=means[0][output], flights=len(left)),
-                    b=ModelError(rmse_m=later, mean_m=means[1][output], flights=len(right)),
-                    ratio=later / error if error and later else None,
-                    p=_different(left, right),
-                )
-            )
-    return rows
+def _errors(model: ModelReport, other: ModelReport) -> Iterator[ErrorChange]:
+    """Set held-out errors of a model on both sides beside each other, output by output."""
+    if not (model.held_out and other.held_out):
+        return
+    means = [average([row.rmse_mean_m for row in each.held_out]) for each in (model, other)]
+    for output, error in model.rmse_average_m.items():
+        left, right = ([row.rmse_m[output] for row in each.held_out] for each in (model, other))
+        later = other.rmse_average_m[output]
+        yield ErrorChange(
+            model=model.key,
+            title=model.title,
+            output=output,
+            a=ModelError(rmse_m=error, mean_m=means[0][output], flights=len(left)),
+            b=ModelError(rmse_m=later, mean_m=means[1][output], flights=len(right)),
+            ratio=later / error if error and later else None,
+            p=_different(left, right),
+        )
 
 
 def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | None:
@@ -278,15 +258,6 @@ def _different(a: Sequence[float | None], b: Sequence[float | None]) -> float | 
     if min(len(left), len(right)) < 3:
         return None
     return float(scipy.stats.ttest_ind(left, right, equal_var=False).pvalue)
-
-
-def _verdicts(a: Compared, b: Compared) -> list[VerdictChange]:
-    after = {model.key: model for model in b.numbers.models}
-    return [
-        VerdictChange(model=model.key, title=model.title, a=model.verdict.trust, b=after[model.key].verdict.trust)
-        for model in a.numbers.models
-        if model.key in after
-    ]
 
 
 def _changed(a: Compared, b: Compared) -> list[SettingChange]:

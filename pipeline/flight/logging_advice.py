@@ -10,7 +10,7 @@ from pipeline.results.answer import Advice, having, names_of
 
 if TYPE_CHECKING:
     from pipeline.results.coverage import LoggedRate
-from pipeline.results.entry import FlightEntry
+from pipeline.results.fleet import FlightEntry
 
 #: What it costs a flight that something is not logged, by `what` of the finding.
 BRINGS = {

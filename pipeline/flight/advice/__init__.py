@@ -1,1 +1,0 @@
-"""Recommendations for the next flight: what to log and what to fly."""

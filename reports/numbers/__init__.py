@@ -1,1 +1,0 @@
-"""What files hold: typed results as JSON, compared, and read again."""
