@@ -7,30 +7,30 @@ import json
 import re
 import typing
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from core.lazy import lazy
 from core.serialization import restored
 from pipeline.config import ConfigError
-from pipeline.flight.table_analysis import TablesReport
 from pipeline.results.model import ModelsFile
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 
-#: Types that each file may hold.
-_FILES: dict[str, tuple[type, ...]] = {
-    "report": (FlightReport, CraftReport, FleetReport, TablesReport),
-    "models": (ModelsFile,),
-}
+if TYPE_CHECKING:
+    from pipeline.flight import table_analysis
+else:
+    table_analysis = lazy("pipeline.flight.table_analysis")  # reading the report of a flight needs no tables
 
 
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of ``report.json`` or ``models.json``, by its name without the ending."""
+    held = (FlightReport, CraftReport, FleetReport, table_analysis.TablesReport) if name == "report" else (ModelsFile,)
     kinds, parts = msgspec.json.schema_components(
-        _FILES[name], ref_template="#/$defs/{name}", schema_hook=lambda kind: {"description": "Anything."}
+        held, ref_template="#/$defs/{name}", schema_hook=lambda kind: {"description": "Anything."}
     )
     classes: dict[str, type] = {}
-    for kind in _FILES[name]:
+    for kind in held:
         _gather(kind, classes)
     for title, part in parts.items():
         if "properties" not in part:
