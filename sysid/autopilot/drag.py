@@ -80,7 +80,8 @@ def drag_values(
     if excess > 1.0:
         reason += f"; x and y differ by {excess:.1f} times their errors, and EKF3 has one number"
     mcoef = float(linear / ratio)
-    found[NAMES[2]] = Parameter(mcoef, mcoef * float(sigma[0] / values[0]), "1/s", reason)
+    # The firmware knows none below zero.
+    found[NAMES[2]] = Parameter(max(mcoef, 0.0), mcoef * float(sigma[0] / values[0]), "1/s", reason)
     return decided(found, ParameterFile.WIND, flown)
 
 

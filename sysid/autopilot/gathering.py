@@ -22,7 +22,7 @@ from sysid.frequency.excitation import find_chirps
 from sysid.frequency.survey import survey
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.loop import RateLoop, rate_loop
-from sysid.loops.same_craft import other_craft
+from sysid.loops.same_craft import other_craft, other_load
 from sysid.loops.settings import firmware_version
 from sysid.loops.tuning import tune, without_copies
 from sysid.records.experiment import Experiment
@@ -53,7 +53,7 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         raise LoopError("no log was given")
     for log in flights:
         firmware_version(log)
-        if (other := other_craft(flights[0], log)) is not None:
+        if other := other_craft(flights[0], log) or other_load(flights[0], log):
             raise LoopError(other)
     flown = flights[-1].parameters_flown
     fitted, records, failures = _records(flights)

@@ -84,7 +84,7 @@ def thrust_values(
         clear = abs(meant.thrust_expo - vehicle.thrust_expo) > _CLEARLY * sigma
         if not clear and max(abs(least), abs(highest)) < _SAME_GAIN and _proposed(curves):
             why = f"{found[NAMES[0]]} changes the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % as flown"
-            curves = refused(NAMES[:1], ParameterFile.ESC, flown, why, right=True)
+            curves = refused(NAMES[:1], ParameterFile.ESC, flown, why)
         if not moved or not _proposed(curves):
             known = begin_sigma <= _BEGIN_SIGMA
             how = (

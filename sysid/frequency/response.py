@@ -16,6 +16,9 @@ Complex = NDArray[np.complex128]
 #: Below this coherence a frequency does not count (Tischler and Remple 2012, section 7.5.2).
 COHERENT = 0.6
 
+#: Standard deviation of ln G below which it is as good as one of G: beyond, chance makes some look known.
+_KNOWN = 0.2
+
 #: Fields with one value for each frequency.
 OVER_FREQUENCY = (
     *("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution"),
@@ -75,8 +78,17 @@ class FrequencyResponse(Summarised):
 
     @property
     def counts(self) -> NDArray[np.bool_]:
-        """Return which frequencies count in a fit, shape (n,): coherent, and with a known error."""
-        return self.usable & np.isfinite(self.sigma) & (np.abs(self.response) > 0.0)
+        """Return which frequencies count in a fit, shape (n,): coherent, and with a known error.
+
+        What an instrument explains is right whatever its part of the output is: such a response counts beyond the
+        coherent frequencies as far as its error is small, where lags part from delays.
+        """
+        usable = self.usable
+        known = np.isfinite(self.sigma) & (np.abs(self.response) > 0.0)
+        if self.method == "instrument" and usable.any():
+            beyond = int(np.flatnonzero(usable)[-1]) + 1
+            usable[beyond:] = np.logical_and.accumulate(self.sigma[beyond:] < _KNOWN)
+        return usable & known
 
     @property
     def gain_db(self) -> Floats:

@@ -19,7 +19,7 @@ from sysid.loops.plant import DENSITY, Plant
 from sysid.loops.settings import shared_settings
 
 #: Factor of the highest coherent frequency up to which the model is followed.
-_FARTHEST = 2.5
+_FARTHEST = 4.0
 
 #: Frequencies [Hz] that the coherent band must span, and the coherence that counts.
 _COHERENT_TO, _COHERENT = 3.0, 0.6

@@ -39,7 +39,7 @@ from sysid.loops.margins import margins_of
 from sysid.loops.ordinary import loop_of_flights
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
-from sysid.loops.same_craft import SUMMED, gain_apart, other_craft
+from sysid.loops.same_craft import SUMMED, gain_apart, other_craft, other_load
 from sysid.loops.search import (
     DEFAULT_I,
     LARGEST_OF_STICKS,
@@ -175,7 +175,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
             reason = _unfit(log)
         except RotoridError as error:
             reason = str(error)
-        reason = reason or other_craft(flights[0], log)
+        reason = reason or other_craft(flights[0], log) or other_load(flights[0], log)
         if reason is not None:
             return refuse(reason)
     reason = other_settings(flights)

@@ -6,11 +6,11 @@ from core.parameter import Parameter
 from logparse import read_log
 from pipeline.results.drift import CraftReview
 from reports.pages.fleet import craft_page
-from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values
+from sysid.autopilot import AutopilotValue, AutopilotValues, autopilot_values, gathering
 from sysid.autopilot.values import ParameterFile, decided, over_flights
 from sysid.loops.controller import LoopError
 from sysid.loops.parameter_file import read_parameter_file
-from sysid.loops.same_craft import other_craft
+from sysid.loops.same_craft import other_craft, other_load
 
 EXPO = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.3, Parameter(0.6512, 0.02, "", "a\ncurve"))
 HOVER = AutopilotValue("MOT_THST_HOVER", ParameterFile.THROTTLE, None, Parameter(None, None, "", "no hover"))
@@ -74,6 +74,18 @@ def test_a_craft_of_the_same_frame_with_more_cells_is_another():
     other = read_log("sample_logs/octa01_zurich_calm.bin")
     other.messages.replace("BAT", rows.assign(Volt=1.34 * rows["Volt"]))
     assert "two craft" in (other_craft(one, other) or "")
+
+
+def test_a_flight_with_a_payload_shares_no_numbers_with_one_without(monkeypatch):
+    """The same pulses at a tenth more voltage carry a fifth more: gains and thrust were of neither load."""
+    one, other = (read_log("sample_logs/octa01_zurich_calm.bin") for _ in range(2))
+    assert other_load(one, one) is None
+    rows = other.messages["BAT"]
+    other.messages.replace("BAT", rows.assign(Volt=1.1 * rows["Volt"]))
+    assert "1.21 times the thrust" in (other_load(one, other) or "")
+    monkeypatch.setattr(gathering, "without_copies", list)  # one flight stands for both
+    with pytest.raises(LoopError, match="another payload"):
+        autopilot_values([one, other])
 
 
 def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
