@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from core.parameter import Parameter
+from logparse import FlightLog
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
-from sysid.frequency.survey import FrequencySurvey
+from sysid.frequency.axes import FrequencyError
+from sysid.frequency.estimate import response
+from sysid.frequency.fit import fit
+from sysid.frequency.rate_signals import sources_of
 from sysid.loops.controller import AXES
 from sysid.loops.tuning import Tuning
 
@@ -22,18 +26,28 @@ _ACCELERATIONS = {"roll": "ATC_ACCEL_R_MAX", "pitch": "ATC_ACCEL_P_MAX"}
 _CENTIDEGREES = 18000.0 / math.pi
 
 
-def feed_forward(survey: FrequencySurvey, flown: Mapping[str, float]) -> list[AutopilotValue]:
+def gains_of_craft(flights: Sequence[FlightLog], tuning: Tuning) -> dict[str, Parameter]:
+    """Return the gain of each axis, rad/s^2 per unit of the controller's output, or why it is not determined."""
+    gains, signals = {}, sources_of(flights)
+    known = {item.axis: item.loop.frf for item in tuning.axes if item.loop is not None and item.loop.ordinary}
+    for axis in AXES:
+        try:
+            gains[axis] = fit(known[axis] if axis in known else response(signals, axis)).parameters["gain"]
+        except FrequencyError as error:
+            gains[axis] = Parameter(None, None, "", str(error))
+    return gains
+
+
+def feed_forward(gains: Mapping[str, Parameter], flown: Mapping[str, float]) -> list[AutopilotValue]:
     """Return D_FF of each axis: the output that gives the angular acceleration asked for, one over the craft's gain.
 
     AC_PID adds D_FF times the derivative of the rate target, rad/s^2, to its output.
     """
     values: list[AutopilotValue] = []
-    for axis in survey.axes:
-        name = f"ATC_RAT_{AXES[axis.axis]}_D_FF"
-        gain = None if axis.fit is None else axis.fit.parameters["gain"]
-        if gain is None or gain.value is None or gain.sigma is None or not gain.value > 0.0:
-            why = axis.reason if gain is None else gain.reason or "the gain is not above 0"
-            values += refused([name], ParameterFile.D_FF, flown, why)
+    for axis, gain in gains.items():
+        name = f"ATC_RAT_{AXES[axis]}_D_FF"
+        if gain.value is None or gain.sigma is None or not gain.value > 0.0:
+            values += refused([name], ParameterFile.D_FF, flown, gain.reason or "the gain is not above 0")
         elif gain.sigma > _KNOWN * gain.value:
             values += refused([name], ParameterFile.D_FF, flown, f"the craft's gain is known to {gain} only")
         else:
@@ -54,7 +68,7 @@ def gain_values(tuning: Tuning, flown: Mapping[str, float]) -> list[AutopilotVal
     ]
 
 
-def stick_values(tuning: Tuning, survey: FrequencySurvey, flown: Mapping[str, float]) -> list[AutopilotValue]:
+def stick_values(tuning: Tuning, gains: Mapping[str, Parameter], flown: Mapping[str, float]) -> list[AutopilotValue]:
     """Return limits of what the stick asks for, lower ones where motors or loops could not follow.
 
     A motor's thrust moves by half of the mixer's input of an axis (AP_MotorsMatrix), so that in hover at throttle h the
@@ -62,10 +76,9 @@ def stick_values(tuning: Tuning, survey: FrequencySurvey, flown: Mapping[str, fl
     """
     values: list[AutopilotValue] = []
     hover = flown.get("MOT_THST_HOVER", 0.0)
-    for axis in survey.axes:
-        name = _ACCELERATIONS.get(axis.axis, "")
-        gain = None if axis.fit is None else axis.fit.parameters["gain"]
-        if gain is None or gain.value is None or gain.sigma is None or name not in flown or not 0.0 < hover < 1.0:
+    for axis, name in _ACCELERATIONS.items():
+        gain = gains[axis]
+        if gain.value is None or gain.sigma is None or name not in flown or not 0.0 < hover < 1.0:
             continue
         asked = _ASKED * 2.0 * min(hover, 1.0 - hover) * _CENTIDEGREES
         why = f"half of the acceleration that the motors have room for in hover, {100.0 * asked / _CENTIDEGREES:.0f} %"

@@ -11,7 +11,7 @@ from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.craft.quadplane import own_names
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
-from sysid.autopilot.gains import feed_forward, gain_values, stick_values
+from sysid.autopilot.gains import feed_forward, gain_values, gains_of_craft, stick_values
 from sysid.autopilot.motor_lines import NO_BATCHES
 from sysid.autopilot.notches import NAMES as NOTCH
 from sysid.autopilot.notches import notch_study, notch_values
@@ -19,8 +19,7 @@ from sysid.autopilot.thrust_curve import NAMES as THRUST
 from sysid.autopilot.thrust_curve import thrust_values
 from sysid.autopilot.values import AutopilotValue, AutopilotValues, ParameterFile, refused
 from sysid.frequency.excitation import find_chirps
-from sysid.frequency.survey import survey
-from sysid.loops.controller import AXES, LoopError
+from sysid.loops.controller import LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.same_craft import other_craft, other_load
 from sysid.loops.settings import firmware_version
@@ -71,9 +70,9 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
     values += gain_values(tuning, flown)
     with_rates = [log for log in flights if log.tables.has("rates")]
     if with_rates:
-        rotation = survey(with_rates, tuple(AXES))
-        values += feed_forward(rotation, flown)
-        values += stick_values(tuning, rotation, flown)
+        gains = gains_of_craft(with_rates, tuning)
+        values += feed_forward(gains, flown)
+        values += stick_values(tuning, gains, flown)
     values = [_in_names_of(flights[0].vehicle.firmware, each) for each in values]
     proposed = {each.file for each in values if each.proposed.value is not None}
     remarks = failures + ([_ONE_BY_ONE] if ParameterFile.GAINS in proposed and len(proposed) > 1 else [])

@@ -87,10 +87,11 @@ def worst_case(loop: RateLoop) -> dict[str, float] | None:
 
     A gain margin that the band does not show is bounded by the gain at the band's end.
     """
-    draws = margins_of(loop.hz, loop.draws)
+    broken = loop.draws
+    draws = margins_of(loop.hz, broken)
     if not draws.stable.all():
         return None
-    at_end = -20.0 * np.log10(np.abs(loop.draws[:, -1]))
+    at_end = -20.0 * np.log10(np.abs(broken[:, -1]))
     gain = np.where(np.isfinite(draws.gain_db), draws.gain_db, at_end)
     phase = np.where(np.isfinite(draws.phase_deg), draws.phase_deg, 0.0)
     rejection = np.where(np.isfinite(draws.rejection_hz), draws.rejection_hz, loop.hz[0])

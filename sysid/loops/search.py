@@ -198,13 +198,25 @@ def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTunin
     """
     flown, actuators = worst_case(loop), ActuatorNoise(loop)
     best, least = refused, LEAST if flown is None else LEAST.at_least(flown)
-    for k in np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0])):
+    nominal, sound = candidates.nominal, np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0]))
+    gain = np.where(np.isfinite(nominal.gain_db), nominal.gain_db, np.inf)
+    missed = {
+        int(k): aim.missed_by({"gain_db": gain[k], "phase_deg": nominal.phase_deg[k], "peak_db": nominal.peak_db[k]})
+        for k in sound
+    }
+    # By how much a worst case falls short of its best estimate at the least: those with less in hand need no look.
+    spare = np.inf
+    for k in sorted(missed, key=missed.__getitem__):
+        if best.tuned is not None and missed[k] + spare >= aim.missed_by(best.worst):
+            break
         tuned = loop.with_settings(candidates.bare.changed(**candidates.values[k]))
-        bounds = worst_case(tuned)
-        if bounds is None or least.missed_by(bounds) > 0.0 or actuators.factor(tuned) > aim.noise:
+        if actuators.factor(tuned) > aim.noise or (bounds := worst_case(tuned)) is None:
+            continue
+        spare = min(spare, aim.missed_by(bounds) - missed[k])
+        if least.missed_by(bounds) > 0.0:
             continue
         if best.tuned is None or aim.missed_by(bounds) < aim.missed_by(best.worst):
-            best = _tuning(loop, aim, candidates, int(k), tuned, bounds)
+            best = _tuning(loop, aim, candidates, k, tuned, bounds)
     return best
 
 

@@ -5,15 +5,15 @@ import math
 import pytest
 
 from logparse import read_log
-from sysid.autopilot.gains import feed_forward, stick_values
-from sysid.frequency.survey import survey
+from sysid.autopilot.gains import feed_forward, gains_of_craft, stick_values
 from sysid.loops.tuning import tune
 
 
 @pytest.fixture(scope="module")
 def chirped():
     log = read_log("sample_logs/quad02_delft_systemid.bin")
-    return tune(log), survey([log], ("roll", "pitch"))
+    tuning = tune(log)
+    return tuning, gains_of_craft([log], tuning)
 
 
 def test_an_acceleration_without_limit_gets_that_of_half_the_room(chirped):
