@@ -21,7 +21,7 @@ from sysid.loops.plant import DENSITY, DRAWS, SEED, Plant
 
 #: Standard deviation of ln G per factor e of frequency beyond the measured band, of chirps and of ordinary flights:
 #: lags and modes that do not show below.
-_OF_CHIRPS, OF_STICKS = 0.07, 0.15
+_OF_CHIRPS, OF_STICKS = 0.07, 0.10
 
 #: Factor of the last measured frequency up to which chirps are followed, and where that is enough, Hz.
 _FARTHEST, _ENOUGH = 4.0, 30.0

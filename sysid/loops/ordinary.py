@@ -21,8 +21,8 @@ from sysid.loops.settings import shared_settings
 #: Factor of the highest coherent frequency up to which the model is followed.
 _FARTHEST = 4.0
 
-#: Frequencies [Hz] that the coherent band must span, and the coherence that counts.
-_COHERENT_TO, _COHERENT = 3.0, 0.6
+#: Frequency [Hz] up to which the coherent band must reach.
+_COHERENT_TO = 3.0
 
 #: Time between rows [s] beyond which the loop's own frequencies fold.
 _LONGEST_STEP = 0.045
