@@ -30,9 +30,9 @@ Flown = TypeVar("Flown", bound="FlightEntry")
 GAINS = ("ATC_RAT_RLL_P", "ATC_RAT_PIT_P", "ATC_RAT_YAW_P", "RATE_RLL_P", "RATE_PIT_P", "RATE_YAW_P")
 
 #: Parameters of the loops that hold attitude, height and position, of ArduCopter's ages and of PX4. What the
-#: autopilot learns in flight (MOT_THST_HOVER, INS offsets) and what a mission sets (WPNAV_) is not among them.
+#: autopilot learns in flight (MOT_THST_HOVER, INS offsets) and what a mission sets (WPNAV_, WP_) is not among them.
 _TUNE = re.compile(
-    r"(ATC_(RAT|ANG|ACCEL|INPUT_TC|SLEW)|RATE_(RLL|PIT|YAW)|STB_(RLL|PIT|YAW)|PSC_|POS_(XY|Z)|VEL_(XY|Z)|ACCEL_Z_"
+    r"(ATC_(RAT|ANG|ACC|INPUT_TC|SLEW)|RATE_(RLL|PIT|YAW)|STB_(RLL|PIT|YAW)|PSC_|POS_(XY|Z)|VEL_(XY|Z)|ACCEL_Z_"
     r"|THR_(ACCEL|RATE|ALT)_|LOITER_LAT|HLD_LAT|INS_(GYRO_FILTER|HNTCH|HNTC2)|MC_(ROLL|PITCH|YAW)|MPC_(XY|Z)_(P|VEL))"
 )
 
@@ -47,6 +47,10 @@ _MAY_BE_ONE = 3
 
 #: Two recordings of one flight agree this well in position, m: GPS errors and a second of clock error at cruise.
 SAME_PLACE = 20.0
+
+#: And their heights differ by a datum, and by a second of climb (rms), m: simulators fly a craft at one place and time
+#: again and again, and what tells flights in hover apart is how high they are (`octa8_sticks`, `vibration_octa8_off`).
+_SAME_HEIGHT = 5.0
 
 #: Instants at which two tracks are compared.
 _INSTANTS = 20
@@ -132,7 +136,11 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
 def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
     """Return whether two tracks are at one place at the same times; also where one of them does not tell."""
     tracks = [track for track in (_places(a, times), _places(b, times)) if track is not None]
-    return len(tracks) < 2 or float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1))) < SAME_PLACE
+    if len(tracks) < 2:
+        return True
+    heights = np.linalg.norm(tracks[0], axis=1) - np.linalg.norm(tracks[1], axis=1)
+    apart = float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1)))
+    return apart < SAME_PLACE and float(np.std(heights)) < _SAME_HEIGHT
 
 
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:

@@ -21,9 +21,14 @@ _KNOWN = 0.05
 #: Part of the mixer's room in hover that an acceleration asked for may take; the rest is for disturbances.
 _ASKED = 0.5
 
-#: Parameter of an axis' largest acceleration, cdeg/s^2. Yaw asks for a small part.
-_ACCELERATIONS = {"roll": "ATC_ACCEL_R_MAX", "pitch": "ATC_ACCEL_P_MAX"}
-_CENTIDEGREES = 18000.0 / math.pi
+#: Parameters of an axis' largest acceleration, and a rad/s^2 in their units: centidegrees, since ArduCopter 4.7
+#: degrees. Yaw asks for a small part.
+_ACCELERATIONS = {
+    "ATC_ACCEL_R_MAX": ("roll", 100.0 * math.degrees(1.0)),
+    "ATC_ACCEL_P_MAX": ("pitch", 100.0 * math.degrees(1.0)),
+    "ATC_ACC_R_MAX": ("roll", math.degrees(1.0)),
+    "ATC_ACC_P_MAX": ("pitch", math.degrees(1.0)),
+}
 
 
 def gains_of_craft(flights: Sequence[FlightLog], tuning: Tuning) -> dict[str, Parameter]:
@@ -76,16 +81,16 @@ def stick_values(tuning: Tuning, gains: Mapping[str, Parameter], flown: Mapping[
     """
     values: list[AutopilotValue] = []
     hover = flown.get("MOT_THST_HOVER", 0.0)
-    for axis, name in _ACCELERATIONS.items():
+    for name, (axis, unit) in _ACCELERATIONS.items():
         gain = gains[axis]
         if gain.value is None or gain.sigma is None or name not in flown or not 0.0 < hover < 1.0:
             continue
-        asked = _ASKED * 2.0 * min(hover, 1.0 - hover) * _CENTIDEGREES
-        why = f"half of the acceleration that the motors have room for in hover, {100.0 * asked / _CENTIDEGREES:.0f} %"
-        most = Parameter(asked * gain.value, asked * gain.sigma, "", f"{why} of the craft's gain, {gain}")
+        asked = _ASKED * 2.0 * min(hover, 1.0 - hover)
+        why = f"half of the acceleration that the motors have room for in hover, {100.0 * asked:.0f} %"
+        most = Parameter(asked * unit * gain.value, asked * unit * gain.sigma, "", f"{why} of the craft's gain, {gain}")
         assert most.value is not None
         values += _bounded(name, most, flown, 0.0 < flown[name] <= most.value)
-    loops = [axis.tuned or axis.loop for axis in tuning.axes if axis.axis in _ACCELERATIONS]
+    loops = [axis.tuned or axis.loop for axis in tuning.axes if axis.axis in ("roll", "pitch")]
     crossovers = [hz for loop in loops if loop is not None and (hz := loop.margins.crossover_hz.value) is not None]
     shaped = flown.get("ATC_INPUT_TC", 0.0)
     if crossovers and shaped > 0.0:

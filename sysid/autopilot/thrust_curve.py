@@ -27,10 +27,12 @@ from sysid.statistics.covariance import autocovariance, coloured_information
 NAMES = ("MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_THST_HOVER")
 
 #: Terms of the vertical loop over hover throttle: a unit of throttle accelerates by g over that of hover, and
-#: PSC_ACCZ_P is throttle for 10 m/s^2 (AC_PosControl).
+#: PSC_ACCZ_P is throttle for 10 m/s^2 (AC_PosControl), PSC_D_ACC_P, as it is called since ArduCopter 4.7, for 1 m/s^2.
 _CLIMB = {
     "PSC_ACCZ_P": (1.0, "the throttle of hover: an error of acceleration is met by the throttle that cancels it"),
     "PSC_ACCZ_I": (2.0, "twice PSC_ACCZ_P"),
+    "PSC_D_ACC_P": (0.1, "a tenth of the throttle of hover: it meets an error of 1 m/s^2"),
+    "PSC_D_ACC_I": (0.2, "twice PSC_D_ACC_P"),
 }
 
 #: Largest sigma of a curvature, and of the command at which thrust begins, that are set.

@@ -66,7 +66,10 @@ def check_firmware(log: FlightLog) -> None:
 def firmware_version(log: FlightLog) -> tuple[int, int]:
     """Return major and minor version of ArduCopter, or of ArduPlane, whose QuadPlanes have the copter's controller."""
     vehicle = log.vehicle
-    known = f"known are the rate loops of ArduCopter {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
+    known = (
+        f"known are the rate loops of ArduCopter, and of ArduPlane's QuadPlanes, {OLDEST[0]}.{OLDEST[1]} to "
+        f"{NEWEST[0]}.{NEWEST[1]}"
+    )
     if not vehicle.firmware:
         raise LoopError(f"{log.path.name} does not tell its firmware; {known}")
     if vehicle.firmware != "ArduCopter" and (vehicle.firmware != "ArduPlane" or vehicle.other_craft):

@@ -27,6 +27,17 @@ def test_the_same_flight_is_known_by_its_content_or_by_place_and_time(other, sam
     assert same_flight(flown("a"), other) is same
 
 
+def test_hovers_of_one_simulated_place_and_time_are_told_by_their_heights():
+    """A hover at 26 m was taken for a part of one that climbed to 40 m: a simulator starts at one time again."""
+    hover, climbs = flown("a"), flown("b")
+    climbs = dataclasses.replace(
+        climbs, track=tuple((t, north, east, down - min(0.5 * t, 19.0)) for t, north, east, down in climbs.track)
+    )
+    assert not same_flight(hover, climbs)
+    higher = dataclasses.replace(hover, sha256="c", track=tuple((t, n, e, d - 5.0) for t, n, e, d in hover.track))
+    assert same_flight(hover, higher)  # another datum
+
+
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
     bare = dataclasses.replace(flown("d", lat=0.3), experiments=())
     crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare])

@@ -19,11 +19,13 @@ def chirped():
 def test_an_acceleration_without_limit_gets_that_of_half_the_room(chirped):
     """In hover at 0.25 an axis' input has room for 0.5 of its full range."""
     flown = {"MOT_THST_HOVER": 0.25, "ATC_ACCEL_R_MAX": 1000.0, "ATC_ACCEL_P_MAX": 0.0, "ATC_INPUT_TC": 0.15}
+    flown["ATC_ACC_P_MAX"] = 0.0  # in degrees: its name since 4.7
     found = {each.name: each for each in stick_values(*chirped, flown)}
     forward = {each.name: each for each in feed_forward(chirped[1], {})}
     gain = 1.0 / forward["ATC_RAT_PIT_D_FF"].proposed.value
     proposed = {name: each.proposed.value for name, each in found.items() if each.proposed.value is not None}
-    assert proposed == pytest.approx({"ATC_ACCEL_P_MAX": 0.25 * gain * 100.0 * math.degrees(1.0)}, rel=1e-3)
+    most = 0.25 * gain * math.degrees(1.0)
+    assert proposed == pytest.approx({"ATC_ACCEL_P_MAX": 100.0 * most, "ATC_ACC_P_MAX": most}, rel=1e-3)
     assert found["ATC_ACCEL_R_MAX"].right
     assert found["ATC_INPUT_TC"].right
 
