@@ -47,18 +47,6 @@ def test_real_logs_as_pymavlink_reads_them(name: str) -> None:
                 assert ours == value or (np.isnan(ours) and np.isnan(value)), (kind, field)
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the shared logs are not beside the project")
-@pytest.mark.parametrize("name", TEXT)
-def test_real_logs_lie_on_the_boot_clock(name: str) -> None:
-    source = DataflashTextSource((REAL / name).read_bytes())
-    (boot,) = source.boots
-    for kind in source.counts(boot):
-        t = source.decode(kind, boot).index
-        assert t.is_monotonic_increasing, kind
-        assert t[0] >= boot.t_start - 0.01, kind
-        assert t[-1] <= boot.t_end + 0.01, kind
-
-
 def test_only_gps_carries_time() -> None:
     """3.0-era tables: rows without a clock lie between the GPS rows around them, by line."""
     body = "PARM, A, 1\n"

@@ -1,7 +1,6 @@
 """The rigid body with six degrees of freedom on flights of an independent simulator whose truth is known."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from sysid.rigid_body.six_dof.body_record import BodyQuantity, InputKinds
 from sysid.rigid_body.six_dof.fit import fit_six_dof, timing_of
 from sysid.rigid_body.six_dof.shooting import state_errors
 from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
+from tests.paths import SITL
 from tests.sysid.six_dof import flown, papers
 
 LATE = (2, 0, 1, 0)
@@ -221,9 +221,7 @@ def test_no_negative_delay_is_stated(unit, internal, name, stated, refused):
     assert value == pytest.approx(stated)
 
 
-LOG = Path("../shared/logs/sitl/octa07_loiter_sticks.BIN")
-
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not LOG.exists(), reason="the shared logs are not here")]
+LOG = SITL / "octa07_loiter_sticks.BIN"
 
 
 def ahead(model, record, horizon=1.0):
@@ -237,6 +235,8 @@ def ahead(model, record, horizon=1.0):
     return [np.sqrt((each**2).sum(axis=2).mean(axis=0)) for each in errors]
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not LOG.exists(), reason="the shared logs are not here")
 def test_attitude_and_rates_follow_from_the_rate_controllers_outputs():
     """Random sticks in Loiter: the last 30 % are held out; their wind is that of the part fitted.
 
