@@ -63,7 +63,7 @@ def latest(database: Database, craft_id: str, least: LeastTrust, name: str | Non
     elif not said:
         detail = f"No analysis of this craft has {name or 'a model'}."
     else:
-        detail = f"Of {len(said)} analyses none has a model that may be trusted" + (
+        detail = "No analysis of this craft has a model that may be trusted" + (
             "; with `trust=limited` those are answered that may be used with care."
             if "limited" in said and least is LeastTrust.YES
             else "."

@@ -209,9 +209,9 @@ def design(
         raise typer.Exit(NOT_POSSIBLE)
     out = out or folder_of(parted(log)[0])
     prepare(out)
+    for item in result.expected:
+        typer.echo(f"predicted standard deviation of {item}")
     for name, text in result.files.items():
         (out / name).write_text(text, encoding="utf-8")
         typer.echo(out / name)
-    for item in result.expected:
-        typer.echo(f"predicted standard deviation of {item}")
     raise typer.Exit(OK)
