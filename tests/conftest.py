@@ -95,7 +95,6 @@ _LENGTHY = {
         "pipeline/test_bad_fields",
         "pipeline/test_executors",
         "pipeline/test_fleet",
-        "reports/test_report_schema",
         "rotorid/test_front_door",
         "rotorid/test_start",
         "simulation/test_cases",

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+import json
 import math
 import re
 from html import unescape
@@ -28,7 +29,7 @@ from reports.files import folder as files
 from reports.files.folder import rmse_table
 from reports.report_json import read_report, schema
 from reports.views import summary
-from tests.reports.builders import drawn, strict
+from tests.reports.builders import drawn, strict, validator_of
 from tests.reports.conftest import composed
 from tests.reports.made import made
 
@@ -288,3 +289,16 @@ def test_a_report_that_is_nested_too_deep_is_damaged(tmp_path):
     (tmp_path / "report.json").write_text("[" * 99_999)
     with pytest.raises(ConfigError, match=r"report\.json is damaged"):
         read_report(tmp_path)
+
+
+@pytest.mark.parametrize("path", ["report.json", "crafts/craft0/report.json", "flights/flight01/report.json"])
+def test_reports_are_as_their_schema_says(fleet, path):
+    numbers = json.loads((fleet / path).read_text("utf-8"))
+    validator = validator_of(numbers["kind"])
+    validator.validate(numbers)
+    assert not validator.is_valid(numbers | {"undocumented": 1})
+
+
+def test_a_flight_without_models_is_as_the_schema_says(other, tmp_path):
+    reports.write(other, tmp_path)
+    validator_of("flight").validate(json.loads((tmp_path / "report.json").read_text("utf-8")))

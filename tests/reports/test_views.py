@@ -1,6 +1,8 @@
-"""Physical parameters and coherence as pages show them: numbers with their reasons, nothing flattering."""
+"""What pages say of parameters, of how a craft turns and of its loops: numbers with reasons, nothing flattering."""
 
 import dataclasses
+import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -8,10 +10,19 @@ import pytest
 
 import reports
 import sysid
+from core.serialization import as_json, from_json
 from pipeline.flight.identification import coherence_report
 from pipeline.flight.summary import flight_report, models_file
 from pipeline.results.model import ParameterRow
+from reports.pages.loops import TuningReport, loops_page, tuning_report
 from reports.views.parameters import EMPTY, parameters
+from reports.views.rotation import rotation_view
+from sysid.loops.safety import Aim
+from sysid.loops.search import AxisTuning
+from sysid.loops.tuning import Tuning
+from tests.pipeline.builders import margins, turning
+from tests.reports.builders import validator_of
+from tests.reports.conftest import made_flight
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
 
@@ -90,3 +101,47 @@ def test_page_json_and_models_have_both(flight, tmp_path):
     told = numbers.models[0].coherence
     assert told.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
     assert models_file(numbers, models).flights[0].parameters == numbers.parameters
+
+
+def test_the_view_has_margins_and_reasons():
+    view = rotation_view(turning(margins(5.0, None)), "flight.bin")
+    rows = {row.label: row.cells for row in view.loops.rows}
+    assert rows["State"] == ["thin"]
+    assert rows["Gain margin, dB"] == ["5.00 ± 0.10"]
+    assert rows["Phase margin, deg"] == ["–"]
+    assert view.reasons == [("Pitch and yaw", "No chirp.")]
+    assert [figure.id for figure in view.figures] == ["bode-roll"]
+    assert any("nothing moved" in sentence for sentence in view.sentences)
+    assert rotation_view(None, "flight.bin") is None
+
+
+def test_page_and_numbers_hold_it(tmp_path):
+    flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
+    reports.write(flight, tmp_path)
+    page = (tmp_path / "models.html").read_text("utf-8")
+    assert page.count('id="turns"') == page.count('id="loops"') == 1
+    assert 'id="plot-bode-roll"' in page
+    numbers = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    validator_of("flight").validate(numbers)
+    assert numbers["rotation"]["axes"][0]["loop"]["state"] == "good"
+
+
+def test_a_refusal_is_written_and_escaped():
+    tuning = Tuning(
+        logs=("<b>.bin",),
+        aim=Aim(),
+        proposed={},
+        rollback={},
+        flown={},
+        refused="no chirps </script>",
+        axes=(AxisTuning("roll", "no chirps"),),
+        remarks=(),
+        made="2026-03-14",
+    )
+    written = tuning_report(tuning)
+    report = from_json(as_json(written), TuningReport)
+    assert report.axes[0].refused == "no chirps"
+    assert report.axes[0].flown is None
+    page = loops_page(written)
+    assert "<h1>Loops of &lt;b&gt;.bin</h1>" in page
+    assert "no chirps </script>" not in page
