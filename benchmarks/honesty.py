@@ -29,10 +29,12 @@ from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.frequency.survey import survey
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.six_dof.body_record import BodyQuantity
+from sysid.rotors.thrust_regression import vehicle_of
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.honesty import (
     Stated,
     firmware_truth,
+    hover_part,
     simulated_truth,
     stated_by_body,
     stated_side_by_side,
@@ -172,5 +174,7 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
                 found[method, name] = row["value"], float(np.sqrt(max(row["sigma"] ** 2 - row["curve"] ** 2, 1e-30)))
         volts = reference_voltage([seen]) or 1.0
         for key in [key for key in found if key[1] in AT_VOLTAGE]:
-            found[key] = found[key][0] / volts**2, found[key][1] / volts**2
+            # The command flown on average, too, is each half's own.
+            unit = volts**2 * (hover_part(seen, vehicle_of(seen)[0].thrust_expo) if "hover" in key[1] else 1.0)
+            found[key] = found[key][0] / unit, found[key][1] / unit
     return found

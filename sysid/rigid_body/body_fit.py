@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,13 +23,13 @@ from sysid.rigid_body.body_parameters import (
 )
 from sysid.rigid_body.conditions.trim import left_open, trim_prior, whole_trim
 from sysid.rigid_body.conditions.wind import FlightTrim
-from sysid.rigid_body.methods.filter_error import Prior, fit_best_law
+from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, fit_best_law
 from sysid.rigid_body.methods.systematic import with_shared_errors
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
 from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation
-from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
+from sysid.rotors.thrust_regression import blocks_of, conditions_of, mass_unknown, outputs_of, wandering_part
 from sysid.transfer_functions.search import Progress
 
 #: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
@@ -105,7 +106,8 @@ def fit_rigid_body(
     prior, start = _prior(motions, vehicle, priors or {})
     findings += outputs_of(records, vehicle)
     fine, law = fit_best_law(motions, prior, start, begun + time_limit, report)
-    fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0)
+    wandering = wandering_part([blocks_of(record, vehicle, voltage) for record in records])
+    fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0, wandering)
     if not fine.converged:
         findings.append(
             Finding(
@@ -118,6 +120,8 @@ def fit_rigid_body(
     report("paths", 0.7)
     shared, doubt = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
     trims = [whole_trim(flight, shared, law, "fit", WIND_SPACING, doubt) for flight in motions]
+    if not np.isfinite(prior.sigma[0]):
+        fine, trims = _at_level(fine, trims)
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)
     report("rotation", 0.8)
     place = THETA.index("thrust_expo")
@@ -175,6 +179,20 @@ def _prior(
     if not start[0] > 0.0:
         start[0] = STANDARD_GRAVITY / pulls.mean()
     return prior, start
+
+
+def _at_level(fine: FilterErrorFit, trims: Sequence[FlightTrim]) -> tuple[FilterErrorFit, list[FlightTrim]]:
+    """Return the fit with the thrust that carries the craft along the paths of its flights, and trims beside that.
+
+    Gusts that last take the level of thrust away from a fit, which then goes by how thrust varies with its commands: on
+    real flights to 16 % below what carries the weight.
+    """
+    level = float(np.exp(np.mean(np.log([trim.thrust_scale for trim in trims]))))
+    to_level = np.ones(len(fine.values))
+    to_level[0] = level
+    return replace(fine, values=to_level * fine.values, covariance=np.outer(to_level, to_level) * fine.covariance), [
+        replace(trim, thrust_scale=trim.thrust_scale / level) for trim in trims
+    ]
 
 
 def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:

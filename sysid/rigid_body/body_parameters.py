@@ -14,7 +14,7 @@ from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.records.motor_signals import ENOUGH, MOTOR_OUTPUTS
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior
-from sysid.rigid_body.methods.systematic import unlike_motors, usual_speed
+from sysid.rigid_body.methods.systematic import usual_speed
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion
@@ -55,9 +55,6 @@ _LAG_SIGMA = 0.005
 #: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
 #: nearly: on ArduPilot's simulator, where it goes with command times thrust, gains come out 3 % off.
 GAIN_FLOOR = {"roll": 0.01, "pitch": 0.01, "yaw": 0.03}
-
-#: The same for roll and pitch where rows came slower than `ENOUGH`: faster swings fold into the band.
-SLOW_FLOOR = 0.03
 
 #: The same for damping, 1/s: a millisecond of lag that is not of first order damps a swing of 3 Hz by 0.3 1/s; yaw
 #: swings more slowly.
@@ -141,10 +138,12 @@ def _rotational(
     air, found = shared_air(records), dict[str, _Stated]()
     for axis, fit in turning.axes.items():
         reason = rotation_doubt(axis, fit, turning.source, turning.rate)
-        floor = GAIN_FLOOR[axis] if turning.rate >= ENOUGH else max(GAIN_FLOOR[axis], SLOW_FLOOR)
-        # Noise in the command makes the gain too small by up to what is not coherent.
+        # Noise in the command makes the gain too small by up to what is not coherent. Slow rows fold the answer of roll
+        # and pitch to noise into the band, and the noise with it: what goes together biases by the root of its part.
+        left = max(1.0 - fit.coherent, 0.0)
+        noisy = left if axis == "yaw" or turning.rate >= ENOUGH else float(np.sqrt(left))
         bent = turning.per_expo * curved.sigma
-        parts = [fit.gain_sigma, *(part * fit.gain for part in (1.0 - fit.coherent, floor, bent))]
+        parts = [fit.gain_sigma, *(part * fit.gain for part in (noisy, GAIN_FLOOR[axis], bent))]
         found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, air * abs(fit.gain))
         found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
     # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
@@ -152,11 +151,11 @@ def _rotational(
     found["torque_lag"] = _Stated(turning.lag, _LAG_SIGMA, reason)
     found["torque_delay"] = _Stated(turning.delay, _LAG_SIGMA, reason)
     found["yaw_lead"] = _Stated(turning.axes["yaw"].lead, _LAG_SIGMA, found["yaw_gain"].reason)
-    constant, flown = constant_motors(records), replace(vehicle, thrust_expo=curved.expo)
+    constant = constant_motors(records)
     why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
-    unlike = unlike_motors(len(vehicle.motors))
-    for name, (value, spread) in zip(("cg_x", "cg_y"), centre_of_gravity(records, flown, voltage), strict=True):
-        found[name] = _Stated(value, spread, why if constant else "", unlike)
+    places = centre_of_gravity(records, vehicle, voltage, curved)
+    for name, (value, spread) in zip(("cg_x", "cg_y"), places, strict=True):
+        found[name] = _Stated(value, spread, why if constant else "")
     return found
 
 

@@ -67,7 +67,7 @@ ROTATION_UNITS: Mapping[str, str] = {
     "yaw_lead": "s, torque of the rotors' own acceleration over their drag's",
     "torque_lag": "s, first order, between torque command and torque",
     "torque_delay": "s, gyro filters included",
-    "cg_x": "1, centre of gravity ahead of the motors' centre, in arms",
+    "cg_x": "1, centre of gravity ahead of where motors pull that are taken to be alike, in arms",
     "cg_y": "1, to the right",
 }
 

@@ -27,8 +27,8 @@ class BodyParameter:
     si_value: float | None = None
     si_sigma: float | None = None
     si_unit: str = ""
-    #: What comes to `sigma` on another flight, and these do not show: temperature of the air, an attitude that is off
-    #: by a constant, times that are apart, motors that differ.
+    #: What comes to `sigma` on another flight, and these do not show: temperature of the air, other laws of
+    #: drag and climb.
     transfer: float = 0.0
 
     @classmethod

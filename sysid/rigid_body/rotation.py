@@ -28,6 +28,7 @@ from sysid.records.motor_scaling import EXPO_SIGMA, curve_slope, motor_commands
 from sysid.records.motor_signals import LEAST_SLOPE, MOTOR_OUTPUTS, SCALE_SECONDS, motor_geometry, motor_signals
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, thrust_signals
+from sysid.statistics.covariance import wander
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -93,28 +94,39 @@ class TorqueCurve:
 
 
 def centre_of_gravity(
-    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, curve: TorqueCurve
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Offset of the centre of gravity from the motors' centre, forward and right, each with its sigma, in arms.
 
     Over a flight the craft does not turn faster and faster, so that the thrust's moment vanishes on average; motors
-    that pull unequally show in the same way.
+    that pull unequally show in the same way. It wanders, and an offset is as uncertain as the slope of the curve by
+    which its commands are thrust.
     """
-    ahead, right = [], []
+    values = _balances(records, vehicle, voltage, curve.expo)
+    if len(values) < 4:
+        return (0.0, np.inf), (0.0, np.inf)
+    mean = values.mean(axis=0)
+    bent = _balances(records, vehicle, voltage, curve.expo + curve.sigma).mean(axis=0) - mean
+    # The spread of few values is itself not known well: errors in its units are Student's.
+    few = np.sqrt((len(values) - 1) / (len(values) - 3))
+    x, y = (
+        (float(value), float(np.hypot(few * wander(each), change)))
+        for value, each, change in zip(mean, values.T, bent, strict=True)
+    )
+    return x, y
+
+
+def _balances(records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float) -> Floats:
+    """Place of the thrust's centre, forward and right, in arms, over stretches of `SCALE_SECONDS`; shape (S, 2)."""
+    places = []
     for record in records:
-        thrust = thrust_signals(record, Law.COMMAND, vehicle, voltage)
-        arms = motor_geometry(record).levers
+        thrust = thrust_signals(record, Law.COMMAND, vehicle, voltage, expo)
+        geometry = motor_geometry(record)
         size = max(round(SCALE_SECONDS / record.dt), 1)
         for k in range(0, max(len(thrust) - size // 2, 1), size):
             part = thrust[k : k + size].mean(axis=0)
-            ahead.append(float(part @ arms[1] / part.sum()))
-            right.append(float(-part @ arms[0] / part.sum()))
-    if len(ahead) < 4:
-        return (0.0, np.inf), (0.0, np.inf)
-    # The spread of few values is itself not known well: errors in its units are Student's.
-    few = np.sqrt((len(ahead) - 1) / (len(ahead) - 3) / len(ahead))
-    x, y = ((float(np.mean(v)), float(few * np.std(v, ddof=1))) for v in (ahead, right))
-    return x, y
+            places.append(part @ np.column_stack([geometry.forward, geometry.right]) / part.sum())
+    return np.array(places)
 
 
 def fit_rotation(

@@ -107,15 +107,23 @@ def blocks_of(record: Experiment, vehicle: Vehicle, voltage: float | None, law: 
 def unexplained_part(records: Sequence[Experiment], blocks: Sequence[Blocks]) -> float:
     """Return the part by which thrust errs on these flights, whichever method reads it off vertical motion.
 
-    What commands leave unexplained wanders with the battery, the speed through the air and the wind over half minutes,
-    by several percent on real flights, which the scatter of a method does not show; and the air presses (`_pressed`).
+    It wanders (`wandering_part`), and the air presses (`_pressed`).
+    """
+    return float(np.hypot(wandering_part(blocks), _pressed(records)))
+
+
+def wandering_part(blocks: Sequence[Blocks]) -> float:
+    """Return the part by which the mean of thrust wanders beside its commands.
+
+    With the battery, the speed through the air and the wind, over half minutes, by several percent on real flights,
+    which the scatter of a method does not show. 0 where the accelerometer's z is not known.
     """
     sums, forces = summed(blocks), [block.force for block in blocks]
     if sum(map(len, forces)) < 2 or not all(np.isfinite(force).all() for force in forces):
-        return _pressed(records)
+        return 0.0
     values = coefficients(sums, forces)
     left = np.concatenate([force - rows @ values for rows, force in zip(sums, forces, strict=True)])
-    return float(np.hypot(wander(left) / max(abs(float(np.mean(np.concatenate(forces)))), 1e-9), _pressed(records)))
+    return wander(left) / max(abs(float(np.mean(np.concatenate(forces)))), 1e-9)
 
 
 def summed(blocks: Sequence[Blocks]) -> list[Floats]:

@@ -158,7 +158,7 @@ def stated_side_by_side(found: PhysicalParameters, record: Experiment, truth: Tr
     """Yield what all methods state in one table, the rigid body's column excepted."""
     expected = {
         "thrust over mass": truth.parameters["thrust"],
-        "thrust over mass at hover": truth.parameters["thrust"] * _hover_part(record, truth.parameters["thrust_expo"]),
+        "thrust over mass at hover": truth.parameters["thrust"] * hover_part(record, truth.parameters["thrust_expo"]),
         "thrust curve": truth.parameters["thrust_expo"],
         "motor lag": truth.parameters["motor_lag"],
         "roll inertia over mass and arm": truth.lever[0],
@@ -174,7 +174,8 @@ def stated_side_by_side(found: PhysicalParameters, record: Experiment, truth: Tr
             yield Stated(record.name, method, parameter, row["value"], row["sigma"], float(expected[parameter]))
 
 
-def _hover_part(record: Experiment, expo: float) -> float:
+def hover_part(record: Experiment, expo: float) -> float:
+    """Return the part of full thrust at the command flown on average."""
     command = float(np.mean(np.clip(motor_commands(record.u, record.vehicle), 0.0, 1.0)))
     return (1.0 - expo) * command + expo * command**2
 

@@ -2,7 +2,7 @@
 
 An attitude that is off by a constant leans the thrust with it, and blows a wind that was not there: with drag of
 0.25 1/s a milliradian is 0.04 m/s. Equations leave out what rotors really do (inflow, sampling of their commands
-between log lines, unlike motors); what that comes to on craft of known truth is added to what the fit says.
+between log lines); what that comes to on craft of known truth is added to what the fit says.
 """
 
 from __future__ import annotations
@@ -29,9 +29,6 @@ APART = 0.002
 #: Part of the variance of the attitude's error that goes with the craft, with north, and with the speed, each.
 ATTITUDE_PART = 1.0 / 3.0
 
-#: Part to which thrust is known at best: firmware craft that are shaken by chirps err by 1 to 3 times as much.
-THRUST_AT_BEST = 1e-3
-
 #: What the equations of thrust misrepresent: inflow that differs between motors in climb, s/m, and slew and lag of
 #: motors that are not of first order, s (4 ms root mean square on firmware craft).
 CLIMB_FORM, LAG_FORM = 0.003, 0.006
@@ -44,15 +41,14 @@ STEEPNESS = 0.01
 #: gusts are too slow for the height controller to answer as to news, s.
 ANSWER_SECONDS, SLOW_GUSTS = 10.0, 3.0
 
-#: Motors of one kind differ by this part (standard deviation), which cannot be told from a centre of gravity to one
-#: side.
-UNLIKE_MOTORS = 0.04
 
-
-def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_]) -> FilterErrorFit:
+def with_shared_errors(
+    motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_], wandering: float
+) -> FilterErrorFit:
     """Return the fit with thrust in the air of its flights, and what their inputs hide in its covariance.
 
-    What another flight adds, and these do not show, stands beside it. Shapes: `held` (SHARED,).
+    Thrust has a part that is `wandering` beside its commands. What another flight adds, and these do not show, stands
+    beside it. Shapes: `held` (SHARED,).
     """
     places, part = np.flatnonzero(~held), folded(motions, fit.values)
     to_their_air = np.eye(len(fit.values))
@@ -60,6 +56,7 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
         to_their_air[0, SHARED + OWN.index("thrust_scale") :: len(OWN) + 2] = fit.values[0] / len(motions)
     covariance = to_their_air @ fit.covariance @ to_their_air.T
     errors, others = form_and_attitude(motions, fit.values)
+    errors[0] = wandering * fit.values[0]
     errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
     covariance[places, places] += errors[places] ** 2
     curved = np.zeros(SHARED)
@@ -68,15 +65,10 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, held: NDA
     return replace(fit, covariance=covariance, transfer=np.where(held, 0.0, others**2))
 
 
-def unlike_motors(count: int) -> float:
-    """Compute the standard deviation, in arms, of a centre of gravity that unlike motors feign."""
-    return UNLIKE_MOTORS / float(np.sqrt(2.0 * max(count, 1)))
-
-
 def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats, Floats]:
     """Compute standard deviations of errors of laws and attitude: on these flights, and on others; (SHARED,) each."""
     here, others = np.zeros(SHARED), np.zeros(SHARED)
-    here[0], here[LAG], others[THETA.index("climb_loss")] = THRUST_AT_BEST * values[0], LAG_FORM, CLIMB_FORM
+    here[LAG], others[THETA.index("climb_loss")] = LAG_FORM, CLIMB_FORM
     # Estimators start anew in each flight: their errors average.
     tilt = np.sqrt(ATTITUDE_PART * np.mean([np.mean(m.attitude_sigma[:2] ** 2) for m in motions]) / len(motions))
     here[[THETA.index("tilt_x"), THETA.index("tilt_y")]] = tilt
