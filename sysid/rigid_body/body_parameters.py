@@ -20,6 +20,7 @@ from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion
 from sysid.rigid_body.rotation import (
     COHERENT,
+    LAG_SIGMA,
     STILL,
     UNDAMPED,
     AxisFit,
@@ -47,9 +48,6 @@ ABSOLUTE = {
     "cg_y": 0.03,
 }
 _DRAG_RELATIVE = 0.25
-
-#: Standard error that a lag and a delay of rotation are given, s: within it one stands for the other.
-_LAG_SIGMA = 0.005
 
 #: Part of a gain by which one lag and straight lines between samples misrepresent motors, filters and staircases of
 #: commands; the scatter of stretches, which all share it, does not show it. Torque about yaw goes with thrust only
@@ -146,11 +144,13 @@ def _rotational(
         parts = [fit.gain_sigma, *(part * fit.gain for part in (noisy, GAIN_FLOOR[axis], bent))]
         found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, air * abs(fit.gain))
         found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
-    # Both are found together for the axes, in steps no finer than this; what is not coherent blurs them.
-    reason = "" if max(fit.coherent for fit in turning.axes.values()) >= COHERENT else "no axis has a determined gain"
-    found["torque_lag"] = _Stated(turning.lag, _LAG_SIGMA, reason)
-    found["torque_delay"] = _Stated(turning.delay, _LAG_SIGMA, reason)
-    found["yaw_lead"] = _Stated(turning.axes["yaw"].lead, _LAG_SIGMA, found["yaw_gain"].reason)
+    # Both are found together for roll and pitch; what is not coherent blurs them.
+    swung = max(turning.axes[axis].coherent for axis in ("roll", "pitch"))
+    reason = "" if swung >= COHERENT else "neither roll nor pitch has a determined gain"
+    found["torque_lag"] = _Stated(turning.lag, turning.lag_sigma, reason)
+    found["torque_delay"] = _Stated(turning.delay, turning.lag_sigma, reason)
+    yaw = turning.axes["yaw"]
+    found["yaw_lead"] = _Stated(yaw.lead, yaw.lead_sigma, found["yaw_gain"].reason)
     constant = constant_motors(records)
     why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
     places = centre_of_gravity(records, vehicle, voltage, curved)
@@ -224,7 +224,7 @@ def thrust_over(
 def held_against_torque(lag: BodyParameter, turning: RotationFit) -> BodyParameter:
     """Doubt a lag of thrust beyond that of the same motors' torque, in which gyro filters are besides."""
     most = max(turning.lag + turning.delay, 0.0)
-    if lag.value is None or lag.sigma is None or lag.value - most < 2.0 * float(np.hypot(lag.sigma, _LAG_SIGMA)):
+    if lag.value is None or lag.sigma is None or lag.value - most < 2.0 * float(np.hypot(lag.sigma, LAG_SIGMA)):
         return lag
     reason = (
         f"thrust would follow its command by {lag.value:.2g} s, the same motors' torque follows within {most:.2g} s: "

@@ -16,7 +16,7 @@ that the flight shows (`TorqueCurve`), whose slope about the command flown is wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,9 @@ LOWEST, HIGHEST, NYQUIST_PART = 0.4, 10.0, 0.4
 #: Damping so far below zero, in standard errors, is none: the controller's answer to noise is seen, not the craft's.
 UNDAMPED = 4.0
 
+#: Standard error that a lag, a delay and a lead of rotation have at best, s: within it one stands for the other.
+LAG_SIGMA = 0.005
+
 #: Coherent part below which a gain is not believed: noise in the command would bias it by up to the rest.
 COHERENT = 0.9
 
@@ -61,7 +64,9 @@ class AxisFit:
     damping: float
     damping_sigma: float
     coherent: float  #: Part of the angular acceleration's power in the band that the command explains (R^2).
-    lead: float  #: Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
+    #: Torque of the rotors' own acceleration over that of their drag, as a time, s; in yaw only, else 0.
+    lead: float
+    lead_sigma: float
     moved: float  #: Root mean square of the angular rate in the band, rad/s.
 
 
@@ -73,6 +78,7 @@ class RotationFit:
     #: First-order lag and pure delay between command and torque, gyro filters included, s.
     lag: float
     delay: float
+    lag_sigma: float  #: Of each of them.
     source: str  #: As `MotorSignals.source`.
     rate: float  #: Rows of the source a second.
     per_expo: float = 0.0  #: Relative change of the gains with the curvature of the torque commands.
@@ -163,6 +169,7 @@ def fit_rotation(
         bounds=[(0.0, 0.3), (-0.05, 0.2)],
     )
     lag, delay = (float(value) for value in solved.x)
+    lag_sigma = _exchanged(remainder, solved.x, q.shape[0] * q.shape[1] // OVERLAP)
     moved = _band_rates(w, records[0].dt)
     axes = {
         axis: _axis(omega, q[:, :, k], w[:, :, k], lag, delay, axis == "yaw", float(moved[k]))
@@ -171,7 +178,15 @@ def fit_rotation(
     command = float(np.mean([np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).mean() for record in records]))
     # Gain times slope is what the flight shows.
     per_expo = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), LEAST_SLOPE)
-    return RotationFit(axes=axes, lag=lag, delay=delay, source=source, rate=rate, per_expo=per_expo)
+    return RotationFit(
+        axes=axes,
+        lag=lag,
+        delay=delay,
+        lag_sigma=lag_sigma,
+        source=source,
+        rate=rate,
+        per_expo=per_expo,
+    )
 
 
 def rotation_spectra(
@@ -228,6 +243,16 @@ def _remainder(omega: Floats, sums: Sequence[np.ndarray], lag: float, delay: flo
     return float(np.sum(1.0 - explained / np.maximum(sums[2] @ omega**2, 1e-300)))
 
 
+def _exchanged(remainder: Callable[[Floats], float], best: Floats, count: int) -> float:
+    """Return how far lag and delay stand for each other, s: a standard error of either, their sum is surer.
+
+    By how much more of `count` coefficients is left unexplained where one takes from the other; infinite where no more.
+    """
+    least = remainder(best)
+    more = remainder(best + np.array([LAG_SIGMA, -LAG_SIGMA])) - least
+    return LAG_SIGMA * float(np.hypot(1.0, np.sqrt(least / (count * more)))) if more > 0.0 else np.inf
+
+
 def _band_rates(w: np.ndarray, dt: float) -> Floats:
     """Root mean square of the rates in the band, from coefficients (S, F, 3) of Hann-tapered stretches (Parseval)."""
     size = round(STRETCH_SECONDS / dt)
@@ -264,5 +289,6 @@ def _axis(omega: Floats, q: np.ndarray, w: np.ndarray, lag: float, delay: float,
         damping_sigma=float(sigma[1]),
         coherent=coherent,
         lead=float(values[2] / values[0]) if lead and values[0] != 0.0 else 0.0,
+        lead_sigma=float(np.hypot(LAG_SIGMA, sigma[2] / values[0])) if lead and values[0] != 0.0 else 0.0,
         moved=moved,
     )

@@ -8,9 +8,10 @@ Altitude, roll rate and pitch rate are propagated from eq. 3, 7 and 8 and matche
 
 and the mean torque coefficient comes from least squares on eq. 9, ``dr/dt = (Ixx - Iyy)/Izz p q + b/Izz sum_i c_i s_i``
 (c_i = -1 for a clockwise rotor). With attitude and the rates of the products as measured, the outputs are linear in the
-coefficients and the initial states, so that output error needs no search. Two things differ from the paper: altitude is
-propagated in the earth's frame, which needs no small horizontal speeds; and the states start anew every few seconds
-(multiple shooting), because open-loop rates drift with any offset. Motors whose torque coefficients differ turn the
+coefficients and the initial states, so that output error needs no search. Three things differ from the paper: altitude
+is propagated in the earth's frame, which needs no small horizontal speeds; the states start anew every few seconds
+(multiple shooting), because open-loop rates drift with any offset; and the air slows climb and sink by a free part of
+their speed, for which thrust would make up. Motors whose torque coefficients differ turn the
 craft when they roll, pitch or lift it, which the mean coefficient alone would be bent to explain (the paper found four
 times the bench's torque): total thrust and the roll and pitch moments stand beside it in the regression. Without
 inertia and arm, ``l m / Ixx`` and ``l m / Iyy`` are fitted too, and a free multiple of each product of rates.

@@ -65,12 +65,13 @@ class Window:
     """Outputs and sensitivities of a window, initial states projected out.
 
     `outputs` are altitude, p, q, r; `gains` (M, n) what each motor's k/m adds to altitude, and to p and q with a lever
-    of 1; `patterns` and `yaw` (M, 4) what unit torque, thrust, roll and pitch patterns (`motor_patterns`) add to p and
-    q, and to r.
+    of 1; `climb` (M,) what air that slows climb and sink adds to altitude; `patterns` and `yaw` (M, 4) what unit
+    torque, thrust, roll and pitch patterns (`motor_patterns`) add to p and q, and to r.
     """
 
     outputs: tuple[Floats, Floats, Floats, Floats]
     gains: tuple[Floats, Floats, Floats]
+    climb: Floats
     patterns: tuple[Floats, Floats]
     yaw: Floats
 
@@ -152,6 +153,7 @@ def cut_windows(data: FlightData, geometry: MotorGeometry, inertia: tuple[float,
                     _without(spinning[0], -geometry.right * turning),
                     _without(spinning[1], geometry.forward * turning),
                 ),
+                climb=_without(line, integrate(part.altitude - part.altitude[0], data.dt)),
                 patterns=(
                     _without(spinning[0], turning @ motor_patterns(geometry).T),
                     _without(spinning[1], turning @ motor_patterns(geometry).T),
@@ -178,6 +180,8 @@ def output_error(
     free = known is None
     all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
     all_outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
+    climb = _scaled(np.concatenate([w.climb for w in windows])[:, None])[0]
+    all_gains[0], all_outputs[0] = _without(climb, all_gains[0]), _without(climb, all_outputs[0])
     # Sensitivities are combinations of these columns: their triangular factors have all products of all rows.
     triangles = [
         np.asarray(np.linalg.qr(np.column_stack([gain, output]), mode="r"))
