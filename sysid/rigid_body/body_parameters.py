@@ -135,14 +135,9 @@ def _rotational(
     """Name what turns the craft, with all that makes it err."""
     air, found = shared_air(records), dict[str, _Stated]()
     for axis, fit in turning.axes.items():
-        reason = rotation_doubt(axis, fit, turning.source, turning.rate)
-        # Noise in the command makes the gain too small by up to what is not coherent. Slow rows fold the answer of roll
-        # and pitch to noise into the band, and the noise with it: what goes together biases by the root of its part.
-        left = max(1.0 - fit.coherent, 0.0)
-        noisy = left if axis == "yaw" or turning.rate >= ENOUGH else float(np.sqrt(left))
-        bent = turning.per_expo * curved.sigma
-        parts = [fit.gain_sigma, *(part * fit.gain for part in (noisy, GAIN_FLOOR[axis], bent))]
-        found[f"{axis}_gain"] = _Stated(fit.gain, float(np.linalg.norm(parts)), reason, air * abs(fit.gain))
+        error = gain_error(axis, fit, turning.rate, turning.per_expo * curved.sigma)
+        reason = rotation_doubt(axis, fit, turning.source) or _doubt(f"{axis}_gain", fit.gain, error)
+        found[f"{axis}_gain"] = _Stated(fit.gain, error, reason, air * abs(fit.gain))
         found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
     # Both are found together for roll and pitch; what is not coherent blurs them.
     swung = max(turning.axes[axis].coherent for axis in ("roll", "pitch"))
@@ -248,15 +243,19 @@ def _damping_sigma(axis: str, fit: AxisFit) -> float:
     return float(np.hypot(fit.damping_sigma, DAMPING_FLOOR[axis]))
 
 
-def rotation_doubt(axis: str, fit: AxisFit, source: str, rate: float) -> str:
+def gain_error(axis: str, fit: AxisFit, rate: float, bent: float) -> float:
+    """Return the standard error of a gain from so many rows a second, a part `bent` by the thrust curve."""
+    # Noise in the command makes the gain too small by up to what is not coherent. Slow rows fold the answer of roll and
+    # pitch to noise into the band, and the noise with it: what goes together biases by the root of its part.
+    left = max(1.0 - fit.coherent, 0.0)
+    noisy = left if axis == "yaw" or rate >= ENOUGH else float(np.sqrt(left))
+    return float(np.linalg.norm([fit.gain_sigma, *(part * fit.gain for part in (noisy, GAIN_FLOOR[axis], bent))]))
+
+
+def rotation_doubt(axis: str, fit: AxisFit, source: str) -> str:
     """Explain why the effectiveness about an axis is not believed; empty when it is."""
     if fit.coherent < COHERENT:
         return _incoherent(axis, fit.coherent, fit.moved, source)
-    if axis != "yaw" and rate < ENOUGH and fit.moved < STILL:
-        return (
-            f"{axis} was hardly moved ({fit.moved:.2g} rad/s), and at {rate:.0f} rows a second the controller's answer "
-            "to noise folds into what it moved; log RATE faster, or fly sticks or SYSTEMID on it"
-        )
     if fit.damping < -UNDAMPED * _damping_sigma(axis, fit):
         return (
             f"{axis} would be driven by its own rate ({fit.damping:.3g} 1/s): with {fit.moved:.2g} rad/s the answer "
