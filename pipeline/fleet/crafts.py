@@ -39,6 +39,8 @@ from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current,
 from pipeline.storage.store import open_store
 from sysid.autopilot.values import over_flights
 
+_LOG = logging.getLogger("rotorid.pipeline")
+
 
 def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> IdentifiedCrafts:
     """Identify every craft that has several flights from some of them, and judge its models on the others."""
@@ -134,8 +136,6 @@ def _is_there(entry: GroupEntry, run: Run) -> bool:
     same, publish = is_current(run.store, replace(entry, pages="")), run.publish
     return same and publish is not None and drawn_anew(run.store, f"{CRAFTS}/{entry.folder}", entry, publish)
 
-
-_LOG = logging.getLogger("rotorid.pipeline")
 
 #: Rows of free runs that come back of each kind of model: enough for plots, however many flights there are.
 MOST_ROWS = 200_000

@@ -40,17 +40,15 @@ from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.rotation import STILL
 
 if TYPE_CHECKING:
+    import pandas as pd
     from numpy.typing import NDArray
 
     from estimation import Trajectory
-    from logparse import FlightLog
+    from logparse import FlightLog, Tables
     from pipeline.results.flight import ModelResult
     from pipeline.results.span import Span
 
     Floats = NDArray[np.float64]
-    import pandas as pd
-
-    from logparse import Tables
 
 
 #: Rate at which a flight is counted out into bins, Hz: that of motor outputs.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -112,10 +112,11 @@ def replay(
     models, inputs = Path(models), Path(inputs)
     chosen = choose(load_models(models), wanted)
     report = progress or silent
-    if inputs.suffix.lower() == ".csv":
-        results, measured, notes = _from_table(chosen, inputs, report, trim)
-    else:
-        results, measured, notes = _from_log(chosen, inputs, report, trim)
+    table = inputs.suffix.lower() == ".csv"
+    cut = _of_table(inputs, report) if table else _of_log(inputs, report)
+    results, measured, notes = _run(chosen, cut, report, trim)
+    if table and not measured:
+        notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
     if not any(result.predictions for result in results):
         raise MissingDataError(f"{printable(inputs.name)}: no model can be run: {results[0].report.missing}")
     return Replay(
@@ -141,44 +142,56 @@ def _failed(stored: StoredModel, error: Exception) -> ModelResult:
     return model_result(stored.key, _title(stored), Failure(stored.key, reason))
 
 
-def _from_log(
-    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
+#: A model with the record to run it on, and whether its outputs were measured.
+Cut = Callable[[StoredModel], tuple[sysid.Model, sysid.Experiment, bool]]
+
+
+def _run(
+    chosen: Sequence[StoredModel], cut: Cut, progress: Progress, trim: Trim | None
 ) -> tuple[list[ModelResult], bool, list[str]]:
-    progress("reading the log", 0.0)
-    log = logparse.read_log(path)
-    progress("reconstructing the trajectory", 0.1)
-    trajectory = estimation.estimate(log.tables, date=log.start_utc)
-    results, notes = [], []
+    """Run each model on what `cut` makes for it; say whether anything was measured, and what a reader must know."""
+    results, notes, measured = [], [], False
     for number, stored in enumerate(chosen):
         title = _title(stored)
         progress(f"running {title}", 0.5 + 0.5 * number / len(chosen))
         try:
-            kind = next((kind for kind in KINDS if kind.key == stored.key), None)
-            if kind is None:
-                raise MissingDataError(f"what a model {stored.key!r} reads of a log is not known")
-            record = sysid.Experiment.from_flight(
-                log,
-                trajectory,
-                rate=stored.record.rate if isinstance(stored.record, FunctionsRecord) else kind.rate or 10.0,
-                inputs=kind.inputs,
-                outputs="position",
-                frame=kind.frame,
-                name=printable(path.stem),
-            )
-            model = read_model(stored.record, log.vehicle)
-            record, about = _about(record, model, trim or Trim.OWN, title)
+            model, record, known = cut(stored)
+            record, about = _about(record, model, trim or (Trim.OWN if known else Trim.TRAINING), title)
             notes += about
             if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
                 notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
-            results.append(_judged(stored, model, record))
+            results.append(_judged(stored, model, record) if known else _from_rest(stored, model, record))
+            measured = measured or known
         except (RotoridError, *_UNFIT) as error:
             results.append(_failed(stored, error))
-    return results, True, notes
+    return results, measured, notes
 
 
-def _from_table(
-    chosen: Sequence[StoredModel], path: Path, progress: Progress, trim: Trim | None
-) -> tuple[list[ModelResult], bool, list[str]]:
+def _of_log(path: Path, progress: Progress) -> Cut:
+    progress("reading the log", 0.0)
+    log = logparse.read_log(path)
+    progress("reconstructing the trajectory", 0.1)
+    trajectory = estimation.estimate(log.tables, date=log.start_utc)
+
+    def cut(stored: StoredModel) -> tuple[sysid.Model, sysid.Experiment, bool]:
+        kind = next((kind for kind in KINDS if kind.key == stored.key), None)
+        if kind is None:
+            raise MissingDataError(f"what a model {stored.key!r} reads of a log is not known")
+        record = sysid.Experiment.from_flight(
+            log,
+            trajectory,
+            rate=stored.record.rate if isinstance(stored.record, FunctionsRecord) else kind.rate or 10.0,
+            inputs=kind.inputs,
+            outputs="position",
+            frame=kind.frame,
+            name=printable(path.stem),
+        )
+        return read_model(stored.record, log.vehicle), record, True
+
+    return cut
+
+
+def _of_table(path: Path, progress: Progress) -> Cut:
     progress("reading the inputs", 0.0)
     try:
         table = pd.read_csv(path, skipinitialspace=True)
@@ -186,28 +199,19 @@ def _from_table(
         raise ConfigError(f"{printable(path.name)} is not a CSV table ({_what(error)})") from error
     if "t" not in table:
         raise ConfigError(f"{printable(path.name)} has no column t with the time in seconds")
-    notes = []
-    results, measured = [], []
-    for number, stored in enumerate(chosen):
-        progress(f"running {_title(stored)}", (number + 1) / len(chosen))
-        try:
-            model = read_model(stored.record)
-            record, known = _record(table, model, path)
-            record, about = _about(record, model, trim or (Trim.OWN if known else Trim.TRAINING), _title(stored))
-            notes += about
-            if known:
-                results.append(_judged(stored, model, record))
-            else:
-                if isinstance(model, sysid.TransferFunctionModel):
-                    model = model.from_rest(record.name)
-                part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
-                results.append(model_result(stored.key, _title(stored), model, predictions=(part,)))
-            measured.append(known)
-        except (RotoridError, *_UNFIT) as error:
-            results.append(_failed(stored, error))
-    if not any(measured):
-        notes.append("The table has no measured motion: models start at rest at 0, and there is nothing to compare.")
-    return results, any(measured), notes
+
+    def cut(stored: StoredModel) -> tuple[sysid.Model, sysid.Experiment, bool]:
+        model = read_model(stored.record)
+        return model, *_record(table, model, path)
+
+    return cut
+
+
+def _from_rest(stored: StoredModel, model: sysid.Model, record: sysid.Experiment) -> ModelResult:
+    if isinstance(model, sysid.TransferFunctionModel):
+        model = model.from_rest(record.name)
+    part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
+    return model_result(stored.key, _title(stored), model, predictions=(part,))
 
 
 def _about(record: sysid.Experiment, model: sysid.Model, trim: Trim, title: str) -> tuple[sysid.Experiment, list[str]]:

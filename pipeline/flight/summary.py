@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -42,10 +41,6 @@ from pipeline.results.rotation import FittedResponse
 from pipeline.results.span import Span
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.physical import HEADLINE, METHODS
-
-if TYPE_CHECKING:
-    from pipeline.results.flight import FlightResult
-
 
 #: Most rows of a track: they tell whether two logs recorded the same flight, and draw a small map.
 TRACK_ROWS = 200
