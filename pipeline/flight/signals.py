@@ -29,7 +29,7 @@ _RATIO = 0.8
 def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
     """Gather the lines of one flight."""
     tables, messages = log.tables, NumericMessages(log.messages)
-    levels = pwm_range(log.parameters)
+    levels, battery = pwm_range(log.parameters), tables.battery
     return FlightSignals(
         height=_panel("height", "m", _heights(tables, flight)),
         attitude=_asked_and_flown(
@@ -46,8 +46,11 @@ def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
             "rad/s",
         ),
         vibration=_vibration(log, flight),
-        battery=_columns(tables.battery, flight, {"voltage": ("voltage", "V"), "current": ("current", "A")})
-        + _power(tables.battery, flight),
+        battery=_columns(
+            None if battery is None else battery.assign(power=battery["voltage"] * battery["current"]),
+            flight,
+            {"voltage": ("voltage", "V"), "current": ("current", "A"), "power": ("power", "W")},
+        ),
         estimator=_ratios(messages, flight),
         gps=_columns(
             tables.gps,
@@ -148,13 +151,6 @@ def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tupl
         if len(values) and float(values.abs().max()) > 0.0:
             panels += _panel(title, unit, [_line(title, values, flight)])
     return panels
-
-
-def _power(battery: pd.DataFrame | None, flight: Span) -> tuple[Panel, ...]:
-    if battery is None:
-        return ()
-    watts = (battery["voltage"] * battery["current"]).dropna()
-    return _panel("power", "W", [_line("power", watts, flight)]) if len(watts) and float(watts.max()) > 0.0 else ()
 
 
 def _vibration(log: FlightLog, flight: Span) -> tuple[Panel, ...]:
