@@ -164,27 +164,22 @@ def _vibration(log: FlightLog, flight: Span) -> tuple[Panel, ...]:
     return _panel("vibration", "m/s²", lines, limits)
 
 
+#: Columns of test ratios in messages of ArduPilot and of PX4.
+_ARDUPILOT = {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}
+_PX4 = {"vel": "velocity", "pos": "position", "hgt": "height", "hdg": "heading", "mag": "compass"}
+
+
 def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
-    for name in ("XKF4", "NKF4"):
-        if name not in messages:
-            continue
-        frame = messages[name]
-        lane = next((column for column in ("C", "Core") if column in frame), None)
-        if lane is not None:
-            frame = frame[frame[lane] == frame[lane].min()]
-        names = {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass"}
-        lines = [_line(title, frame[column], flight) for column, title in names.items() if column in frame]
-        return _panel("test ratio", "", lines, {"FS_EKF_THRESH": _RATIO})
-    if "estimator_status" in messages:
-        frame = messages["estimator_status"]
-        names = {"vel": "velocity", "pos": "position", "hgt": "height", "hdg": "heading", "mag": "compass"}
-        lines = [
-            _line(title, frame[f"{name}_test_ratio"], flight)
-            for name, title in names.items()
-            if f"{name}_test_ratio" in frame
-        ]
-        return _panel("test ratio", "", lines, {"refused above": 1.0})
-    return ()
+    name = next((each for each in ("XKF4", "NKF4", "estimator_status") if each in messages), "")
+    if not name:
+        return ()
+    frame, px4 = messages[name], name == "estimator_status"
+    lane = next((column for column in ("C", "Core") if column in frame), None)
+    if lane is not None:
+        frame = frame[frame[lane] == frame[lane].min()]
+    columns = {f"{each}_test_ratio": title for each, title in _PX4.items()} if px4 else _ARDUPILOT
+    lines = [_line(title, frame[column], flight) for column, title in columns.items() if column in frame]
+    return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": _RATIO})
 
 
 def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:
