@@ -15,21 +15,12 @@ from urllib.parse import unquote
 
 from core.errors import RotoridError
 from reports.figures.figure import Figure
-from reports.pages.html import plotly_script, script_json
+from reports.pages.html import filled, plotly_script, script_json
 
 ImageFormat = Literal["png", "svg"]
 
 #: Browsers that draw without a window, as they are called on Linux, macOS and Windows.
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge", "microsoft-edge")
-_PAGE = """<!DOCTYPE html><meta charset="utf-8"><script src="plotly.min.js"></script><pre id="drawn"></pre><script>
-const figures = {figures}, format = "{format}";
-(async () => {{
-  for (const {{ data, layout }} of figures) {{
-    const size = {{ format, width: {width}, height: layout.height, scale: {scale} }};
-    document.getElementById("drawn").append(await Plotly.toImage({{ data, layout }}, size), "\\n");
-  }}
-}})();
-</script>"""
 
 
 class NoBrowserError(RotoridError):
@@ -47,7 +38,7 @@ def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFor
     drawn = [each.light() for each in figures]
     # Two pixels of a PNG for each of a page's column of 900.
     scale = 2 if image_format == "png" else 1
-    page = _PAGE.format(figures=script_json(drawn), format=image_format, width=900, scale=scale)
+    page = filled("plot_images.html", figures=script_json(drawn), format=image_format, width=900, scale=scale)
     target = folder / "plots"
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as scratch:

@@ -66,7 +66,7 @@ def script_json(value: object) -> Markup:
 
 
 def filled(template: str, **variables: object) -> str:
-    """Fill a template of XML in."""
+    """Fill a template in that is no page."""
     return _environment().get_template(template).render(**variables).lstrip()
 
 
