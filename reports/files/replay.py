@@ -73,7 +73,7 @@ def _page(replay: Replay) -> str:
         verdicts=[each for each in models if each.model is not None] if replay.measured else [],
         sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
         missing=missing,
-        rmse=views.flight_rmse([], models),
+        rmse=views.flight_rmse(models, views.STORED),
         horizons=views.horizons(models),
         models=models,
         ahead=None,

@@ -173,38 +173,37 @@ def missing_stages(numbers: FlightReport | CraftReport) -> list[tuple[str, str]]
     return rows
 
 
-def flight_rmse(own: Sequence[ModelReport], others: Sequence[ModelReport] = ()) -> Table | None:
-    """Lay out what the flight's own models and those of others achieve on it, beside guesses without a model."""
+#: What heads the errors of a flight's own models, and of stored ones that were run on it.
+_OWN = {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}
+STORED = {
+    "held-out": "Whole flight, by the stored models, which have not seen it",
+    "training": "Whole flight, by the stored models, which were fitted to it too",
+}
+
+
+def flight_rmse(models: Sequence[ModelReport], heads: Mapping[str, str] = _OWN) -> Table | None:
+    """Lay out what models achieve on a flight, beside guesses without a model."""
+    judged = [(result.title, row) for result in models for row in result.rmse]
     lines: list[tuple[Row, Sequence[float | None]]] = []
-    for models, heads in (
-        (own, {"held-out": "Last {}: held out, not used in the fit", "training": "First {}: fitted"}),
-        (
-            others,
-            {
-                part: f"Whole flight, by the stored models, {said}"
-                for part, said in (("held-out", "which have not seen it"), ("training", "which were fitted to it too"))
-            },
-        ),
-    ):
-        judged = [(result.title, row) for result in models for row in result.rmse]
-        for part, said in heads.items():
-            rows = [(title, row) for title, row in judged if row.part == part]
-            if rows:
-                first = rows[0][1]
-                lines.append((Row(said.format(duration(first.duration_s)), kind="part"), ()))
-                lines += [(Row(title), _by(first, row.rmse_m)) for title, row in rows]
-                if part == "held-out" or models is others:
-                    lines.append((Row("… always predicting its mean", kind="baseline"), _by(first, first.rmse_mean_m)))
-                    standing = _by(first, first.rmse_constant_position_m)
-                    lines.append((Row("… standing still", kind="baseline"), standing))
-    if not lines:
-        return None
-    outputs = next(row.rmse_m for result in (*own, *others) for row in result.rmse)
-    return Table.of_numbers(
-        "Model",
-        rmse_heads(outputs),
-        lines,
-        "Root-mean-square error of the free run: position predicted from the inputs and the initial state alone.",
+    for part, said in heads.items():
+        rows = [(title, row) for title, row in judged if row.part == part]
+        if not rows:
+            continue
+        first = rows[0][1]
+        lines.append((Row(said.format(duration(first.duration_s)), kind="part"), ()))
+        lines += [(Row(title), _by(first, row.rmse_m)) for title, row in rows]
+        if part == "held-out" or heads is STORED:
+            lines.append((Row("… always predicting its mean", kind="baseline"), _by(first, first.rmse_mean_m)))
+            lines.append((Row("… standing still", kind="baseline"), _by(first, first.rmse_constant_position_m)))
+    return (
+        Table.of_numbers(
+            "Model",
+            rmse_heads(judged[0][1].rmse_m),
+            lines,
+            "Root-mean-square error of the free run: position predicted from the inputs and the initial state alone.",
+        )
+        if lines
+        else None
     )
 
 
