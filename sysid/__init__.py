@@ -16,11 +16,10 @@ if TYPE_CHECKING:
     from sysid.records.experiment import Experiment, ExperimentError
     from sysid.records.table_export import write_table
     from sysid.rigid_body.body_fit import fit_rigid_body
-    from sysid.rigid_body.conditions.wind import FlightTrim
-    from sysid.rigid_body.export.craft_export import FrameExport, frame_json, write_craft
-    from sysid.rigid_body.export.hover import HoverModel, hover_from_speeds, hover_model
+    from sysid.rigid_body.craft_export import FrameExport, frame_json, write_craft
+    from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
     from sysid.rigid_body.model import RigidBodyModel
-    from sysid.rigid_body.model_record import BodyParameter
+    from sysid.rigid_body.model_record import BodyParameter, FlightTrim
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
     from sysid.rigid_body.six_dof.air import WindTrack, estimate_trim, estimate_wind
     from sysid.rigid_body.six_dof.fit import fit_six_dof

@@ -15,9 +15,8 @@ import logparse.dataflash._decode as dataflash
 import logparse.timebase as timebase
 import sysid.frequency._window_kernels as windows
 import sysid.records._filter_kernels as filters
-import sysid.rigid_body.conditions._carry_kernels as carrying
-import sysid.rigid_body.methods._gust_kernels as gusts
-import sysid.rigid_body.motion._rigid_kernels as rigid_body
+import sysid.rigid_body._filter_kernels as body_filters
+import sysid.rigid_body._rigid_kernels as rigid_body
 import sysid.transfer_functions._kernels as transfer_functions
 from core.compiled import can_be_kept, compile_ahead, is_kept
 from pipeline.execution import executors
@@ -30,7 +29,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     dataflash.follow_chain,
     dataflash.gather,
     rigid_body.accelerations,
-    carrying.carry,
+    body_filters.carry,
     transfer_functions.multiply_out,
     splines.interpolated,
     imu_splines.along_spline,
@@ -39,7 +38,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     filters.filtered_at,
     transfer_functions.recur,
     transfer_functions.recur_few,
-    gusts.whiten,
+    body_filters.whiten,
     filters.filtered,
     dataflash.locate,
     transfer_functions.combine,

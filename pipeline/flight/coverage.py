@@ -36,7 +36,7 @@ from sysid.records.context import resample_frame, shared_context
 from sysid.records.excitation import Coherence
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import VARYING
-from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
+from sysid.rigid_body.model_record import WIND_HEIGHT, FlightTrim
 from sysid.rigid_body.rotation import STILL
 
 if TYPE_CHECKING:

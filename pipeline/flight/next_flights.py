@@ -21,7 +21,7 @@ from pipeline.results.answer import Advice, names_of
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import Exclusion
 from sysid.frequency.axes import SID_AXES
-from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE
+from sysid.rigid_body.model_record import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
     from pipeline.results.coverage import Envelope

@@ -47,7 +47,7 @@ from reports.figures.figure import (
 )
 from reports.figures.models import Board, joint_predictions, model_board, off_by_default, prediction
 from reports.figures.signals import signal_figure, signal_figures
-from sysid.rigid_body.conditions.wind import WIND_HEIGHT
+from sysid.rigid_body.model_record import WIND_HEIGHT
 
 #: Colours of the sources of height.
 _HEIGHTS = {"barometer": "@baro", "autopilot": "@own", "GPS": "@gps"}

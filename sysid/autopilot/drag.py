@@ -23,9 +23,9 @@ from core.parameter import Parameter
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.thrust_curve import REFERENCE_DENSITY, relative_density
-from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
+from sysid.rigid_body.body_motion import motion
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.rigid_body.motion.body_motion import motion
+from sysid.rigid_body.model_record import WIND_HEIGHT, FlightTrim
 
 NAMES = ("EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y", "EK3_DRAG_MCOEF")
 

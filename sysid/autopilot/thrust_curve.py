@@ -20,8 +20,8 @@ from sysid.loops.parameter_file import typed
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.mixer import MIXER_DIFFERS
 from sysid.records.motor_scaling import curve, motor_commands
+from sysid.rigid_body.body_motion import motion
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.rigid_body.motion.body_motion import motion
 from sysid.statistics.covariance import autocovariance, coloured_information
 
 NAMES = ("MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_THST_HOVER")

@@ -13,6 +13,8 @@ from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.thrust_curve import REFERENCE_DENSITY
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
 from sysid.rigid_body.body_parameters import (
     drag_apart,
     in_si,
@@ -21,14 +23,12 @@ from sysid.rigid_body.body_parameters import (
     thrust_over,
     undetermined,
 )
-from sysid.rigid_body.conditions.trim import left_open, trim_prior, whole_trim
-from sysid.rigid_body.conditions.wind import FlightTrim
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior, fit_best_law
-from sysid.rigid_body.methods.systematic import with_shared_errors
+from sysid.rigid_body.filter_error import FilterErrorFit, Prior, fit_best_law
 from sysid.rigid_body.model import RigidBodyModel
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.model_record import FlightTrim
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation
+from sysid.rigid_body.systematic import with_shared_errors
+from sysid.rigid_body.trim import left_open, trim_prior, whole_trim
 from sysid.rotors.thrust_regression import blocks_of, conditions_of, mass_unknown, outputs_of, wandering_part
 from sysid.transfer_functions.search import Progress
 

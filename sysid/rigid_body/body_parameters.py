@@ -13,11 +13,10 @@ from sysid.records.experiment import Experiment, Floats
 from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.records.motor_signals import ENOUGH, MOTOR_OUTPUTS
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rigid_body.methods.filter_error import FilterErrorFit, Prior
-from sysid.rigid_body.methods.systematic import usual_speed
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion
+from sysid.rigid_body.filter_error import FilterErrorFit, Prior
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter
-from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion
 from sysid.rigid_body.rotation import (
     COHERENT,
     LAG_SIGMA,
@@ -28,6 +27,7 @@ from sysid.rigid_body.rotation import (
     TorqueCurve,
     centre_of_gravity,
 )
+from sysid.rigid_body.systematic import usual_speed
 from sysid.rotors.thrust_regression import air_sigma_of
 
 #: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.

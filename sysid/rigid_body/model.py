@@ -31,12 +31,11 @@ from core.serialization import plain, restored
 from core.summary import Summarised, listed
 from logparse import Finding, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
-from sysid.rigid_body.conditions.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states, drift_sigma
-from sysid.rigid_body.conditions.trim import early_trim, left_open, unusual_thrust, whole_trim
-from sysid.rigid_body.conditions.wind import WIND_HEIGHT, FlightTrim
-from sysid.rigid_body.model_record import BodyParameter, RigidBodyRecord
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.motion.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states, drift_sigma
+from sysid.rigid_body.model_record import WIND_HEIGHT, BodyParameter, FlightTrim, RigidBodyRecord
+from sysid.rigid_body.trim import early_trim, left_open, unusual_thrust, whole_trim
 
 #: From how much of a flight that the model has not seen wind and thrust scale are found, s.
 TRIM_SECONDS = 30.0
@@ -175,7 +174,7 @@ class RigidBodyModel(Summarised):
     ) -> Floats:
         """Predict x, y, z [m] of every sample from the state `horizon` seconds before it; shape (N, 3).
 
-        Wind and thrust scale are states that a filter carries forward (`conditions.carried`): every prediction
+        Wind and thrust scale are states that a filter carries forward (`carried`): every prediction
         uses what the flight has told up to its restart, and lets gusts fade as gusts do. How strong gusts and noise
         are comes from the first 30 s. Samples before the first horizon are those of the free run, `simulated` where it
         is

@@ -1,14 +1,78 @@
-"""A rigid body as files hold it: numbers and text, None for what is not finite."""
+"""A rigid body and what differs between its flights, as files hold them: numbers and text, None if not finite.
+
+How the wind grows with height is the weather of a day and belongs to the flight, not to the craft: by day over grass
+the exponent is near 0.1, in the evening 0.4.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import msgspec
 
+from core.lazy import lazy
 from logparse import Finding
-from sysid.rigid_body.conditions.wind import FlightTrim
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from sysid.records.arrays import Floats
+else:
+    np = lazy("numpy")  # pages read winds without it
+
+#: Height to which winds refer, m.
+WIND_HEIGHT = 10.0
+
+#: Exponent of the power law: mean and spread over open and built-up country, by day and night (Counihan 1975;
+#: 0.1 over water, 1/7 the classical value, 0.4 over towns and in stable air).
+WIND_EXPONENT = (0.2, 0.15)
+
+#: Turbulence intensity over open country: how far slow variations go, as a part of the mean.
+TURBULENCE = 0.2
+
+#: Mean wind below which variations are taken as in such a wind, m/s.
+LIGHT = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightTrim:
+    """What differs between flights of one craft: the wind, and how much its thrust departs from the model's."""
+
+    #: Mean velocity of the air 10 m above the place of take-off, towards north and east, m/s.
+    wind_n: float
+    wind_e: float
+    wind_sigma: float  #: Standard error of each, m/s.
+    #: Thrust of this flight over the model's: temperature of the air, battery, mass taken on.
+    thrust_scale: float
+    thrust_scale_sigma: float
+    #: Standard errors of exponent, thrust scale and wind for runs with this craft's parameters and this attitude: a
+    #: thrust that leans feigns a wind, by which such runs do not drift.
+    in_runs: tuple[float, float, float]
+    source: str  #: From what: ``"fit"``, ``"whole flight"``, ``"first 30 s"``.
+    #: Of the power law of the wind with height; what is known of any day where the flight does not tell.
+    wind_exponent: float = WIND_EXPONENT[0]
+    wind_exponent_sigma: float = WIND_EXPONENT[1]
+    #: Time until which the flight's own motion was looked at, s; from there on a free run is free. None where all of it
+    #: was, or none.
+    looked_until: float | None = None
+    #: tuple of (t, n, e): Departures from the mean wind [m/s] at times t [s], straight lines between them; empty for
+    #: constant wind.
+    variation: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def own(self) -> Floats:
+        """Parameters of the flight for the kernels, where the winds north and east are shapes of their own."""
+        return np.array([self.wind_exponent, self.thrust_scale, 1.0, 0.0, 0.0, 1.0])
+
+    def wind(self, t: Floats) -> Floats:
+        """Wind at 10 m at times t [s], north and east; shape (N, 2)."""
+        mean: Floats = np.tile([self.wind_n, self.wind_e], (len(t), 1))
+        if not self.variation:
+            return mean
+        knots, *parts = np.array(self.variation).T
+        return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,23 +1,28 @@
-"""Physical parameters by every method on the same flights, side by side with their uncertainty."""
+"""Physical parameters by every method on the same flights, side by side, and what methods agree on.
+
+Methods share the flight, and most of them the curve in the parameters: what it does to one it does to the others, so
+that only what it does differently counts when they are compared. What is left must explain their differences; else at
+least one of them is wrong by more than it knows, and no average of them is right.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
+from core.quantity import uncertain
 from core.summary import Summarised, listed
-from logparse import Finding, RotoridError, Vehicle
+from logparse import Finding, RotoridError, Severity, Vehicle
 from sysid.records.experiment import Experiment
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
 from sysid.rigid_body.body_parameters import shared_air, thrust_over
-from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
@@ -27,7 +32,7 @@ from sysid.rotors.thrust_regression import vehicle_of
 
 _Fitted = TypeVar("_Fitted")
 
-#: What counts of all of them (`sysid.rigid_body.consensus`), the first column of a report.
+#: What counts of all of them (`consensus`), the first column of a report.
 HEADLINE = "headline"
 
 _TURNING = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
@@ -144,19 +149,16 @@ def physical_parameters(
     rigid_body : RigidBodyModel, optional
         As fitted to these flights (`fit_rigid_body`), for its column.
     """
-    sheet = _Sheet(mass, arm)
+    numbers: _Numbers = {}
 
     def attempt(methods: Sequence[str], fit: Callable[[], _Fitted], rows: Callable[[_Fitted], _Rows]) -> _Fitted | None:
         """Put in what a method finds, or in each place where it would stand why it does not."""
         try:
             model = fit()
         except RotoridError as error:
-            for method in methods:
-                for parameter in _GIVEN[method]:
-                    sheet.put(parameter, method, None, note=str(error))
+            numbers.update(((name, method), _Number(note=str(error))) for method in methods for name in _GIVEN[method])
             return None
-        for row in rows(model):
-            sheet.put(*row)
+        numbers.update(((name, method), _number(*found)) for name, method, *found in rows(model))
         return model
 
     thrust = attempt(METHODS[:1], lambda: fit_thrust(experiments, mass), _of_thrust)
@@ -172,57 +174,68 @@ def physical_parameters(
         lambda: fit_kim2017(experiments, mass, inertia=inertia, arm=arm, time_constant=lag, law=Law.COMMAND),
         lambda model: _of_kim(model, given),
     )
+    if rigid_body is not None:
+        attempt(METHODS[4:], lambda: rigid_body, _of_rigid_body)
     records = [experiments] if isinstance(experiments, Experiment) else experiments
-    for row in () if rigid_body is None else _of_rigid_body(rigid_body):
-        sheet.put(*row)
-    _at_hover(sheet, records, rigid_body)
-    disagree = _conclude(sheet, shared_air(records))
-    return PhysicalParameters(
-        sheet.table(), thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,)
-    )
-
-
-#: Rows as `_Sheet.put` takes them: parameter, method, value, standard error, and a note.
-_Rows = Iterable[tuple[str, str, float | None, float | None, str]]
+    _at_hover(numbers, records, rigid_body)
+    air = shared_air(records)
+    disagree = _conclude(numbers, air)
+    table = _table(numbers, air, mass, arm)
+    return PhysicalParameters(table, thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,))
 
 
 @dataclass(slots=True)
-class _Sheet:
-    mass: float | None
-    arm: float | None
-    rows: dict[tuple[str, str], dict[str, float | str]] = field(default_factory=dict)
-    #: By parameter and method: the part of the standard error by the curve in the parameters, as a part of the value.
-    curved: dict[tuple[str, str], float] = field(default_factory=dict)
+class _Number:
+    """What a method says of a parameter; NaN where it is not determined."""
 
-    def put(self, parameter: str, method: str, value: float | None, sigma: float | None = None, note: str = "") -> None:
-        """Fill in one number, with its SI counterpart where mass and arm allow."""
-        known = value is not None and np.isfinite(value)
-        factor, unit = self._si(parameter)
-        number = float(value) if known and value is not None else float("nan")
-        spread = float(sigma) if known and sigma is not None else float("nan")
-        self.rows[parameter, method] = {
-            "value": number,
-            "sigma": spread,
-            "transfer": 0.0,
-            "curve": 0.0,
-            "unit": UNITS[parameter],
-            "si_value": number * factor,
-            "si_sigma": spread * factor,
-            "si_unit": unit,
-            "note": note,
-        }
+    value: float = float("nan")
+    sigma: float = float("nan")
+    note: str = ""
+    curved: float = 0.0  #: Part of the standard error by the curve in the parameters, as a part of the value.
 
-    def _si(self, parameter: str) -> tuple[float, str]:
-        if self.mass is None or parameter not in _SI:
-            return float("nan"), ""
-        if not parameter.endswith("over mass and arm"):
-            return self.mass, _SI[parameter]
-        return (self.mass, _OVER_ARM) if self.arm is None else (self.mass * self.arm, _SI[parameter])
 
-    def table(self) -> pd.DataFrame:
-        order = [(p, m) for p in UNITS for m in (HEADLINE, *METHODS) if (p, m) in self.rows]
-        index = pd.MultiIndex.from_tuples(order, names=["parameter", "method"])
-        return pd.DataFrame([self.rows[key] for key in order], index=index)
+#: By parameter and method.
+_Numbers = dict[tuple[str, str], _Number]
+
+#: Parameter, method, and what `_number` takes.
+_Rows = Iterable[tuple[str, str, float | None, float | None, str]]
+
+
+def _number(value: float | None, sigma: float | None, note: str) -> _Number:
+    if value is None or not np.isfinite(value):
+        return _Number(note=note)
+    return _Number(float(value), float("nan") if sigma is None else float(sigma), note)
+
+
+def _table(numbers: _Numbers, air: float, mass: float | None, arm: float | None) -> pd.DataFrame:
+    """Arrange numbers, with their SI counterparts where mass and arm allow, and what another air does."""
+    order = [(name, method) for name in UNITS for method in (HEADLINE, *METHODS) if (name, method) in numbers]
+    rows = []
+    for name, method in order:
+        found, (factor, unit) = numbers[name, method], _si(name, mass, arm)
+        rows.append(
+            {
+                "value": found.value,
+                "sigma": found.sigma,
+                "transfer": air * found.value if name in IN_AIR else 0.0,
+                "curve": abs(found.curved * found.value),
+                "unit": UNITS[name],
+                "si_value": found.value * factor,
+                "si_sigma": found.sigma * factor,
+                "si_unit": unit,
+                "note": found.note,
+            }
+        )
+    return pd.DataFrame(rows, index=pd.MultiIndex.from_tuples(order, names=["parameter", "method"]))
+
+
+def _si(parameter: str, mass: float | None, arm: float | None) -> tuple[float, str]:
+    """Return the factor to SI, and the unit there."""
+    if mass is None or parameter not in _SI:
+        return float("nan"), ""
+    if not parameter.endswith("over mass and arm"):
+        return mass, _SI[parameter]
+    return (mass, _OVER_ARM) if arm is None else (mass * arm, _SI[parameter])
 
 
 def _of_thrust(model: ThrustModel) -> _Rows:
@@ -285,24 +298,20 @@ def _of_rigid_body(model: RigidBodyModel) -> _Rows:
         yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
 
-def _at_hover(sheet: _Sheet, records: Sequence[Experiment], body: RigidBodyModel | None) -> None:
+def _at_hover(numbers: _Numbers, records: Sequence[Experiment], body: RigidBodyModel | None) -> None:
     """Put thrust at the command flown on average beside that at full command, to which each method extrapolates."""
     vehicle, _ = vehicle_of(records[0])
     commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
-    command = float(np.mean(np.concatenate(commands)))
-    bent = _curve_sigma(vehicle, body)
-    expo = vehicle.thrust_expo
+    command, expo = float(np.mean(np.concatenate(commands))), vehicle.thrust_expo
+    part = float(curve(np.array(command), expo))
     for method in METHODS:
-        full = sheet.rows.get(("thrust over mass", method))
+        full = numbers.get(("thrust over mass", method))
         if full is None:
             continue
-        value, sigma, note = full["value"], full["sigma"], str(full["note"])
-        if method == "rigid body" and body is not None and np.isfinite(value):
+        value, sigma = full.value * part, full.sigma * part
+        if method == "rigid body" and body is not None and np.isfinite(full.value):
             value, sigma = _thrust_at(body, command)
-        else:
-            part = float(curve(np.array(command), expo))
-            value, sigma = float(value) * part, float(sigma) * part
-        sheet.put("thrust over mass at hover", method, float(value), float(sigma), note)
+        numbers["thrust over mass at hover", method] = _number(value, sigma, full.note)
     # Methods without a curve of their own take the autopilot's as it stands in its parameters, from hover to full
     # command, and for its slope, by which motors turn the craft.
     full_over_hover = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
@@ -313,12 +322,11 @@ def _at_hover(sheet: _Sheet, records: Sequence[Experiment], body: RigidBodyModel
         "pitch inertia over mass and arm": full_over_hover - slope_over_full,
         "yaw torque over inertia": slope_over_full,
     }
-    for (parameter, method), row in list(sheet.rows.items()):
-        value, sigma = float(row["value"]), float(row["sigma"])
-        if parameter in parts and method != "rigid body" and np.isfinite([value, sigma]).all():
-            sheet.curved[parameter, method] = bent * parts[parameter]
-            wider = float(np.hypot(sigma, bent * parts[parameter] * value))
-            sheet.put(parameter, method, value, wider, str(row["note"]))
+    bent = _curve_sigma(vehicle, body)
+    for (parameter, method), found in numbers.items():
+        if parameter in parts and method != "rigid body" and np.isfinite([found.value, found.sigma]).all():
+            found.curved = bent * parts[parameter]
+            found.sigma = float(np.hypot(found.sigma, found.curved * found.value))
 
 
 def _curve_sigma(vehicle: Vehicle, body: RigidBodyModel | None) -> float:
@@ -343,31 +351,99 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
     return thrust * part, float(np.sqrt(max(float(weights @ body.covariance @ weights), 0.0)))
 
 
-def _conclude(sheet: _Sheet, air: float) -> Finding | None:
-    """Put the headline of every parameter in, and what another air does; return the finding where methods disagree."""
+def _conclude(numbers: _Numbers, air: float) -> Finding | None:
+    """Put the headline of every parameter in; return the finding where methods disagree."""
     stated: dict[str, list[Statement]] = {}
-    for (parameter, method), row in sheet.rows.items():
-        value, sigma = float(row["value"]), float(row["sigma"])
-        if np.isfinite([value, sigma]).all() and sigma > 0.0:
-            curved = sheet.curved.get((parameter, method), 0.0) * value
-            stated.setdefault(parameter, []).append(Statement(method, value, sigma, curved))
-    for parameter, found in stated.items():
-        best = consensus(found)
-        if best is not None:
-            note = f"by {best.method}"
-            if parameter in IN_AIR:
-                note += (
-                    f"; ± {100.0 * air:.2g} % more on another day, by the temperature of the air, which no log tells"
-                )
-            if best.against:
-                note += (
-                    f"; {', '.join(best.against)} disagrees"
-                    if len(best.against) == 1
-                    else (f"; {', '.join(best.against)} disagree")
-                )
-            sheet.put(parameter, HEADLINE, best.value, best.sigma, note)
-            sheet.curved[parameter, HEADLINE] = sheet.curved.get((parameter, best.method), 0.0)
-    for (parameter, method), row in sheet.rows.items():
-        row["transfer"] = air * float(row["value"]) if parameter in IN_AIR else 0.0
-        row["curve"] = abs(sheet.curved.get((parameter, method), 0.0) * float(row["value"]))
+    for (parameter, method), found in numbers.items():
+        if np.isfinite([found.value, found.sigma]).all() and found.sigma > 0.0:
+            statement = Statement(method, found.value, found.sigma, found.curved * found.value)
+            stated.setdefault(parameter, []).append(statement)
+    for parameter, statements in stated.items():
+        best = consensus(statements)
+        if best is None:
+            continue
+        note = f"by {best.method}"
+        if parameter in IN_AIR:
+            note += f"; ± {100.0 * air:.2g} % more on another day, by the temperature of the air, which no log tells"
+        if best.against:
+            note += f"; {', '.join(best.against)} disagree{'s' if len(best.against) == 1 else ''}"
+        curved = numbers[parameter, best.method].curved
+        numbers[parameter, HEADLINE] = _Number(best.value, best.sigma, note, curved)
     return disagreement(stated)
+
+
+#: Methods that may be the headline. Left out is the mean of instants, which noise biases.
+TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
+
+#: Standard deviations beyond which two methods disagree.
+_APART = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """What a method states of a parameter: value, standard error, and its part by the curve that others share."""
+
+    method: str
+    value: float
+    sigma: float
+    curve: float = 0.0
+
+    @property
+    def own(self) -> float:
+        """Return the standard error without what others share."""
+        return float(np.sqrt(max(self.sigma**2 - self.curve**2, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Consensus:
+    """The value that counts, its standard error, whose it is, and which methods disagree with it."""
+
+    value: float
+    sigma: float
+    method: str
+    against: tuple[str, ...]
+
+
+def consensus(statements: Sequence[Statement]) -> Consensus | None:
+    """Choose the surest method that at least half of the others agree with; None without any.
+
+    Where methods disagree, the standard error covers them: half of what lies between the farthest.
+    """
+    ranked = sorted((each for each in statements if each.method in TRUSTED), key=lambda each: each.sigma)
+    if not ranked:
+        return None
+    against = [[other for other in ranked if _apart(each, other)] for each in ranked]
+    place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
+    chosen, sigma = ranked[place], ranked[place].sigma
+    if any(against):
+        values = [each.value for each in ranked]
+        sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
+    return Consensus(chosen.value, sigma, chosen.method, tuple(each.method for each in against[place]))
+
+
+def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:
+    """Return a finding that names the parameters on which trusted methods disagree, with their values."""
+    told = []
+    for parameter, found in statements.items():
+        ranked = [each for each in found if each.method in TRUSTED]
+        if any(_apart(one, other) for one in ranked for other in ranked):
+            values = ", ".join(f"{each.method} {uncertain(each.value, each.own)}" for each in ranked)
+            told.append((parameter, values))
+    if not told:
+        return None
+    return Finding(
+        "methods-disagree",
+        Severity.WARNING,
+        "methods find different values from the same flights: "
+        + "; ".join(f"{parameter}: {values}" for parameter, values in told)
+        + "; their standard errors, without what they share, do not explain it",
+        "trust none of them further than they differ; look at wind, motor outputs and battery of the flight, or weigh "
+        "and measure on a bench",
+        {"parameters": ", ".join(parameter for parameter, _ in told)},
+    )
+
+
+def _apart(one: Statement, other: Statement) -> bool:
+    # The curve that only one of the two goes by is an error of that one alone.
+    parts = one.own, other.own, one.curve - other.curve
+    return abs(one.value - other.value) > _APART * float(np.linalg.norm(parts))

@@ -8,7 +8,7 @@ from core.units import STANDARD_GRAVITY
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import fit_rigid_body
-from sysid.rigid_body.motion.body_motion import Motion
+from sysid.rigid_body.body_motion import Motion
 from tests.sysid.flown_craft import flown, record
 
 RATE = 25.0

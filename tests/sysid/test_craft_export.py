@@ -12,8 +12,8 @@ from logparse import MissingDataError, Vehicle
 from logparse.craft.frames import motor_table
 from simulation import kim2017 as paper
 from simulation.controllers import hover_linearisation
-from sysid.rigid_body.export.craft_export import frame_json, write_craft
-from sysid.rigid_body.export.hover import hover_from_speeds, hover_model
+from sysid.rigid_body.craft_export import frame_json, write_craft
+from sysid.rigid_body.hover import hover_from_speeds, hover_model
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
 from sysid.rigid_body.model_record import BodyParameter
 

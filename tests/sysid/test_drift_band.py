@@ -9,8 +9,8 @@ from core.serialization import plain
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import validate
-from sysid.rigid_body.conditions.carried import FIXED, STATES, Wander, drift_sigma
-from sysid.rigid_body.motion.body_motion import SHARED
+from sysid.rigid_body.body_motion import SHARED
+from sysid.rigid_body.carried import FIXED, STATES, Wander, drift_sigma
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted, level, parameters
 

@@ -10,9 +10,9 @@ from simulation.elhesasy2024 import quadcopter
 from simulation.mission import Chirp, Mission, Wait
 from simulation.place import Wind
 from sysid import fit_rigid_body
-from sysid.rigid_body.methods._gust_kernels import whiten
-from sysid.rigid_body.methods.systematic import folded, form_and_attitude
-from sysid.rigid_body.motion.body_motion import SHARED, THETA, motion
+from sysid.rigid_body._filter_kernels import whiten
+from sysid.rigid_body.body_motion import SHARED, THETA, motion
+from sysid.rigid_body.systematic import folded, form_and_attitude
 from tests.sysid.flown_craft import HOVER, flown, record
 
 SHAKEN = Mission(

@@ -12,9 +12,9 @@ from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import ExperimentError, fit_rigid_body, physical_parameters, validate
-from sysid.rigid_body.methods.filter_error import Prior, fit_filter_error, step_within
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations
-from sysid.rigid_body.motion.body_motion import LAG, THETA, motion
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations
+from sysid.rigid_body.body_motion import LAG, THETA, motion
+from sysid.rigid_body.filter_error import Prior, fit_filter_error, step_within
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from tests.sysid.flown_craft import HOVER, flown, record
 from tests.sysid.honesty import simulated_truth

@@ -10,8 +10,8 @@ from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
-from sysid.rigid_body.conditions.carried import STATES, carry_states
-from sysid.rigid_body.motion.body_motion import LAG, THETA, motion
+from sysid.rigid_body.body_motion import LAG, THETA, motion
+from sysid.rigid_body.carried import STATES, carry_states
 from tests.sysid.flown_craft import flown, record
 from tests.sysid.octocopter import RATE, fitted
 

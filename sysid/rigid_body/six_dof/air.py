@@ -2,7 +2,7 @@
 
 A craft that leans into the wind is held by thrust, so that a battery which is fuller than those of the records fitted
 looks like wind: 5 % of thrust at 17 degrees of lean are 0.14 m/s^2. Wind and thrust are therefore followed together by
-the filter of `conditions.carried`; height tells the thrust.
+the filter of `sysid.rigid_body.carried`; height tells the thrust.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.records.experiment import Experiment, ExperimentError, Floats
-from sysid.rigid_body.conditions.carried import ANY_FLIGHT, ANY_SIGMA, SETTLING_SECONDS, follow, smoothed_wind
-from sysid.rigid_body.motion.body_motion import OWN, Increments
+from sysid.rigid_body.body_motion import OWN, Increments
+from sysid.rigid_body.carried import ANY_FLIGHT, ANY_SIGMA, SETTLING_SECONDS, follow, smoothed_wind
 from sysid.rigid_body.six_dof._kernels import ahead
 from sysid.rigid_body.six_dof.body_record import BodyRecord, drives
 from sysid.rigid_body.six_dof.correction import upright_axes

@@ -12,7 +12,7 @@ from logparse import MissingDataError, Motor, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.records.thrust_curve import relative_density
-from sysid.rigid_body.motion.body_motion import MeasuredMotion, measured_states
+from sysid.rigid_body.body_motion import MeasuredMotion, measured_states
 from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.

@@ -9,7 +9,8 @@ import scipy
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Floats
-from sysid.rigid_body.conditions.carried import (
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
+from sysid.rigid_body.carried import (
     ANY_FLIGHT,
     ANY_SIGMA,
     FIXED,
@@ -19,9 +20,8 @@ from sysid.rigid_body.conditions.carried import (
     Carried,
     carry_states,
 )
-from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, FlightTrim
-from sysid.rigid_body.methods.systematic import wind_error
-from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
+from sysid.rigid_body.model_record import LIGHT, TURBULENCE, FlightTrim
+from sysid.rigid_body.systematic import wind_error
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 #: Standard deviations that exponent and wind of a flight have at best: where the ground is and how the wind grows with

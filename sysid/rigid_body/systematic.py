@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods.filter_error import FilterErrorFit
-from sysid.rigid_body.motion.body_motion import LAG, OWN, SHARED, THETA, Motion
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, Motion
+from sysid.rigid_body.filter_error import FilterErrorFit
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
 #: variance is linear, half quadratic.

@@ -16,7 +16,7 @@ from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, MissingDataError, Severity
 from sysid.records.motor_scaling import command_for
-from sysid.rigid_body.export.hover import HoverModel, hover_model
+from sysid.rigid_body.hover import HoverModel, hover_model
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.model_record import RigidBodyRecord
 

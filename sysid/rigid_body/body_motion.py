@@ -15,7 +15,7 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import attitude, column, lagged, relative_density, squared_voltage, velocity_n
-from sysid.rigid_body.motion._rigid_kernels import accelerations, ahead
+from sysid.rigid_body._rigid_kernels import accelerations, ahead
 
 Samples = NDArray[np.int64]
 

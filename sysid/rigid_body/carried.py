@@ -14,11 +14,9 @@ import numpy as np
 import scipy
 
 from sysid.records.experiment import Floats
-from sysid.rigid_body.conditions._carry_kernels import carry
-from sysid.rigid_body.conditions.wind import LIGHT, TURBULENCE, WIND_EXPONENT
-from sysid.rigid_body.methods.filter_error import HUBER
-from sysid.rigid_body.motion._rigid_kernels import accelerations
-from sysid.rigid_body.motion.body_motion import (
+from sysid.rigid_body._filter_kernels import carry
+from sysid.rigid_body._rigid_kernels import accelerations
+from sysid.rigid_body.body_motion import (
     BLOCK_SECONDS,
     LAG,
     OWN,
@@ -28,6 +26,8 @@ from sysid.rigid_body.motion.body_motion import (
     Motion,
     velocity_increments,
 )
+from sysid.rigid_body.filter_error import HUBER
+from sysid.rigid_body.model_record import LIGHT, TURBULENCE, WIND_EXPONENT
 
 #: Memory of gusts and of departures of the thrust scale, s. Half or twice of either changes errors of free runs on
 #: thirty flights by less than 5 % in the mean of logarithms.

@@ -26,9 +26,9 @@ import scipy
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.rigid_body.methods._gust_kernels import whiten
-from sysid.rigid_body.motion._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.motion.body_motion import OWN, SHARED, Motion, mean_accelerations
+from sysid.rigid_body._filter_kernels import whiten
+from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
+from sysid.rigid_body.body_motion import OWN, SHARED, Motion, mean_accelerations
 from sysid.transfer_functions.search import Progress
 
 #: Residuals beyond this many standard deviations pull with constant force (Huber).

@@ -1,6 +1,6 @@
 """Translation of a craft whose attitude is known, and the derivatives of its accelerations by every parameter.
 
-Parameters are numbered as in `THETA` of `sysid.rigid_body.motion.body_motion`: 0 thrust, 1 expo, 2-4 linear drag, 5-7
+Parameters are numbered as in `THETA` of `sysid.rigid_body.body_motion`: 0 thrust, 1 expo, 2-4 linear drag, 5-7
 quadratic drag, 8 climb loss, 9-10 tilt, 11 motor lag; then of the flight 12 wind exponent, 13 thrust scale and the
 wind's coefficients towards north and east in turn.
 

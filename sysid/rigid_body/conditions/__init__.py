@@ -1,1 +1,0 @@
-"""What belongs to a flight and not to the craft: wind, thrust scale, and how they wander."""

@@ -1,1 +1,0 @@
-"""An identified craft for other programs: simulator frame, linear hover model, files."""

@@ -1,1 +1,0 @@
-"""The equations of motion, and what they read of a flight."""
