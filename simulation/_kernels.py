@@ -41,9 +41,6 @@ COMPLETED, DIVERGED, OVERTURNED = 0, 1, 2
 DISARMED, IDLE, FLYING, LANDING, LANDED = 0, 1, 2, 3, 4
 
 
-#: Drag over mass of an axis that holds its place, 1/s.
-_DRIFT_DRAG = 0.3
-
 #: For what only compiled code calls.
 inner = compiled.inner(nogil=True, allocates=True)
 #: The same for parts of the equations of motion: a call would copy the craft's parameters, about a hundred numbers.
@@ -854,7 +851,7 @@ def fly_axis(c: AxisParameters, f: AxisSignals, loop: float) -> tuple[np.ndarray
         if c.velocity_P > 0.0:
             wanted = c.position_P * (f.position_chirp[k] - position) + f.velocity_chirp[k]
             lean += c.velocity_P * (wanted - velocity) / GRAVITY
-            velocity += loop * (GRAVITY * angle - _DRIFT_DRAG * velocity)
+            velocity += loop * (GRAVITY * angle - 0.3 * velocity)  # drag over mass, 1/s
             position += loop * velocity
         leans[k] = lean
         want = c.angle_P * (lean - angle) if c.integrates else lean

@@ -17,7 +17,6 @@ SEA_LEVEL_PRESSURE = 101325.0  # Pa
 SEA_LEVEL_DENSITY = 1.225  # kg/m^3
 #: p ~ T^n in a layer of constant lapse rate.
 PRESSURE_EXPONENT = GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
-TROPOPAUSE = 11000.0  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class Atmosphere:
     @classmethod
     def standard(cls, altitude: float, *, warmer: float = 0.0) -> Self:
         """Return the standard atmosphere, `warmer` [K] than standard, its ground at `altitude` [m above sea level]."""
-        if not -500.0 <= altitude <= TROPOPAUSE:
+        if not -500.0 <= altitude <= 11000.0:  # m: the tropopause
             raise ParameterError(f"altitude {altitude:g} m is outside the standard troposphere (-500 to 11000 m)")
         temperature = SEA_LEVEL_TEMPERATURE - LAPSE_RATE * altitude
         pressure = SEA_LEVEL_PRESSURE * (temperature / SEA_LEVEL_TEMPERATURE) ** PRESSURE_EXPONENT

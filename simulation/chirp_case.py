@@ -42,12 +42,6 @@ GAINS = {
 }
 #: Length of a chirp and of the hover before, between and after [s], and frequencies from and to [Hz].
 _CHIRP, _PAUSE, _BAND = 28.0, 6.0, (0.5, 40.0)
-_MARGINS = {
-    "gain_db": ("gain margin", "dB"),
-    "phase_deg": ("phase margin", "deg"),
-    "crossover_hz": ("crossover", "Hz"),
-    "rejection_hz": ("disturbances rejected up to", "Hz"),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,10 +119,14 @@ def _facts(axis: str, plant: AxisPlant, gains: LoopGains) -> tuple[Fact, ...]:
     true = margins_of(hz, true_loop(plant, gains, hz))
     values = settings_of(plant, gains, axis).parameters()
     flown = ", ".join(f"{term} {values[f'ATC_RAT_{AXES[axis]}_{term}']:.4g}" for term in "PID")
-    margins = tuple(
-        Fact(f"{axis}: {words}", float(getattr(true, field)[0]), unit) for field, (words, unit) in _MARGINS.items()
+    margins = (
+        ("gain margin", true.gain_db, "dB"),
+        ("phase margin", true.phase_deg, "deg"),
+        ("crossover", true.crossover_hz, "Hz"),
+        ("disturbances rejected up to", true.rejection_hz, "Hz"),
     )
-    return (Fact(f"{axis}: flown with", flown), *margins)
+    stated = (Fact(f"{axis}: {words}", float(each[0]), unit) for words, each, unit in margins)
+    return (Fact(f"{axis}: flown with", flown), *stated)
 
 
 def _swings(run: AxisRun) -> bool:

@@ -10,6 +10,7 @@ conversions does not show in a log.
 import dataclasses
 import datetime as dt
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,16 +121,8 @@ SIMSTATE control
 STATUSTEXT texts severity=6 text=short
 """
 
+#: Flight modes of ArduCopter.
 _STABILIZE, _AUTO, _GUIDED, _SYSTEMID = 0, 3, 4, 25
-#: EV.Id of ArduPilot (LogEvent).
-#: ERR.Subsys of ArduPilot (LogErrorSubsystem): the crash check, which disarmed.
-_CRASH_CHECK = 12
-_EVENT_ARMED, _EVENT_DISARMED, _EVENT_AUTO_ARMED, _EVENT_LANDED, _EVENT_NOT_LANDED = 10, 11, 15, 18, 28
-#: MAV_TYPE by number of rotors, MAV_MODE_FLAG and MAV_STATE.
-_TYPES = {4: 2, 6: 13, 8: 14}
-_MODE_CUSTOM, _MODE_ARMED, _STANDBY, _ACTIVE = 1, 128, 3, 4
-
-_MOTORS = frozenset(f"m{k}" for k in range(1, 9))
 
 
 class _Message(NamedTuple):
@@ -246,7 +239,7 @@ def _values(sources: Mapping[str, str], stream: pd.DataFrame) -> dict[str, objec
         if column in stream:
             values[label] = stream[column].to_numpy() * float(factor) if factor else stream[column].to_numpy()
         else:
-            values[label] = 0.0 if column in _MOTORS else float(source)
+            values[label] = 0.0 if re.fullmatch(r"m\d", column) else float(source)
     return values
 
 
@@ -378,13 +371,14 @@ def _decisions(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
     for start, chirp in reference.chirps:
         modes += [(start, _SYSTEMID, 2), (start + chirp.duration, _AUTO, 2)]
     times, numbers, reasons = zip(*modes, strict=True)
-    events = (_EVENT_ARMED, _EVENT_AUTO_ARMED, _EVENT_NOT_LANDED, _EVENT_LANDED, _EVENT_DISARMED)
-    moments = (reference.arm, reference.takeoff, flight.airborne[0], flight.disarm, flight.disarm)
-    crash = {"errors": _frame([flight.disarm], subsystem=_CRASH_CHECK, code=1)} if flight.crashed else {}
+    # EV.Id of ArduPilot (LogEvent): armed, auto armed, not landed, landed, disarmed.
+    events = {10: reference.arm, 15: reference.takeoff, 28: flight.airborne[0], 18: flight.disarm, 11: flight.disarm}
+    # ERR.Subsys of ArduPilot (LogErrorSubsystem) 12 is the crash check, which disarmed.
+    crash = {"errors": _frame([flight.disarm], subsystem=12, code=1)} if flight.crashed else {}
     return crash | {
         "modes": _frame(times, mode=numbers, reason=reasons),
         "arming": _frame([reference.arm, flight.disarm], state=[1, 0], method=[2, 12 if flight.crashed else 13]),
-        "events": _frame(moments, event=events),
+        "events": _frame(list(events.values()), event=list(events)),
     }
 
 
@@ -514,9 +508,10 @@ def _ground_station(log: InstrumentedFlight) -> dict[str, pd.DataFrame]:
         ),
         "heartbeats": _frame(
             beats.index,
-            kind=_TYPES[len(log.vehicle.rotors)],
-            base_mode=np.where(armed, _MODE_CUSTOM | _MODE_ARMED, _MODE_CUSTOM),
+            # MAV_TYPE, MAV_MODE_FLAG (custom mode, armed) and MAV_STATE (active, standby).
+            kind={4: 2, 6: 13, 8: 14}[len(log.vehicle.rotors)],
+            base_mode=np.where(armed, 129, 1),
             mode=np.where(beats.index >= flight.reference.takeoff, _AUTO, _STABILIZE),
-            status=np.where(beats["state"].isin((FLYING, LANDING)), _ACTIVE, _STANDBY),
+            status=np.where(beats["state"].isin((FLYING, LANDING)), 4, 3),
         ),
     }

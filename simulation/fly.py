@@ -43,10 +43,6 @@ RECORD_COLUMNS = (
 )
 
 
-#: Time recorded after the motors stop, s.
-AFTER = 3.0
-
-
 def attitude(x: np.ndarray) -> tuple[float, float, float]:
     """Return roll, pitch and yaw [rad] of a state."""
     w, i, j, k = x[6:10]
@@ -280,7 +276,7 @@ def fly(setup: Setup, *, rate: float = 100.0) -> Flight:
         down = float(force.index.to_numpy()[np.argmax((force * force).sum(axis=1))])
     return Flight(
         setup=setup,
-        truth=truth.loc[: disarm + AFTER],
+        truth=truth.loc[: disarm + 3.0],
         reference=reference,
         navigation=navigation,
         hover_thrust=hover_thrust,

@@ -15,9 +15,6 @@ from simulation.place import Place
 from simulation.sensors import Sensors
 from simulation.vehicle import Multirotor
 
-#: What the logs say in place of a firmware version.
-FIRMWARE = "ArduCopter V4.7.0-sim (simulated by rotorid)"
-
 #: Parameters in the order of the log; those of the craft are put in their places.
 _PARAMETERS = """
 FORMAT_VERSION=120 FRAME_CLASS=0 FRAME_TYPE=0 MOT_PWM_TYPE=0 MOT_PWM_MIN=0 MOT_PWM_MAX=0 MOT_SPIN_ARM=0 MOT_SPIN_MIN=0
@@ -31,7 +28,6 @@ BATT_MONITOR=4 BATT_CAPACITY=0 BARO1_GND_PRESS=0 SCHED_LOOP_RATE=400 LOG_DISARME
 RATE_FILTERS = {"IMAX": 1.0, "FF": 0.0, "FLTT": 0.0, "FLTE": 0.0, "FLTD": 20.0}
 
 _GPS_EPOCH = dt.datetime(1980, 1, 6, tzinfo=dt.UTC)
-_LEAP_SECONDS = 18
 
 Column = npt.NDArray[np.float64]
 
@@ -92,7 +88,7 @@ class Instruments:
     def messages(self) -> list[tuple[float, str]]:
         """Texts of the autopilot with their times on the simulation's clock."""
         return [
-            (0.0, FIRMWARE),
+            (0.0, "ArduCopter V4.7.0-sim (simulated by rotorid)"),
             (0.0, f"simulated, not flown: {self.place.name}, seed {self.seed}"),
             (0.0, f"Frame: {self.vehicle.frame}"),
         ]
@@ -120,7 +116,7 @@ class Instruments:
 
     def gps_time(self, t: Column) -> tuple[Column, npt.NDArray[np.int64]]:
         """Second of the GPS week and GPS week at times on the simulation's clock."""
-        offset = (self.start_utc - _GPS_EPOCH).total_seconds() + _LEAP_SECONDS
+        offset = (self.start_utc - _GPS_EPOCH).total_seconds() + 18.0  # leap seconds
         week = ((offset + t) // 604800.0).astype(np.int64)
         return offset + t - 604800.0 * week, week
 

@@ -36,9 +36,6 @@ VOLTAGES, TRIM_SPEEDS = _PRINTED["voltages"], _PRINTED["trim"]
 THRUST_COEFFICIENTS, TORQUE_COEFFICIENTS = _PRINTED["thrust"], _PRINTED["torque"]
 #: Input rows of eq. 23 (p, q, r per speed of motor 1 to 4) at 16 V, and the gain of eq. 25.
 PRINTED_INPUT, PRINTED_GAIN = _PRINTED["input"], _PRINTED["gain"]
-#: Eq. 24: weights of roll, pitch, p, q, r and the integrals of roll and pitch; and of each motor's speed.
-STATE_WEIGHTS = np.diag((1.4e7, 1.4e7, 1e-3, 1e-3, 1.0, 0.9e5, 0.9e5))
-INPUT_WEIGHTS = 1.33 * np.eye(4)
 
 
 def at_voltage(table: np.ndarray, voltage: float) -> np.ndarray:
@@ -77,7 +74,9 @@ def gain(voltage: float = 16.0) -> np.ndarray:
     At 16 V it agrees with eq. 25 to 0.2 % in the angles and 0.6 % in the rates.
     """
     A, B = hover_linearisation(quadcopter(voltage), at_voltage(TRIM_SPEEDS, voltage))
-    return lqr(*with_integrals(A, B), STATE_WEIGHTS, INPUT_WEIGHTS)
+    # Eq. 24: weights of roll, pitch, p, q, r and the integrals of roll and pitch; and of each motor's speed.
+    of_states = np.diag((1.4e7, 1.4e7, 1e-3, 1e-3, 1.0, 0.9e5, 0.9e5))
+    return lqr(*with_integrals(A, B), of_states, 1.33 * np.eye(4))
 
 
 def with_integrals(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,11 +12,8 @@ from simulation.errors import ParameterError
 #: Usual length of a position-control tick, s; attitude is controlled five times, physics computed ten times in it.
 TICK: Final = 0.0125
 
-#: Speed of a landing, m/s, and how much longer than the height takes it sinks, s.
-DESCENT, SINKING = 0.5, 6.0
-
-#: Greatest rate of a turn, rad/s.
-TURN_RATE = 0.5
+#: Speed of a landing, m/s.
+DESCENT = 0.5
 
 #: Longest mission, s.
 LONGEST: Final = 3600.0
@@ -252,7 +249,7 @@ class _Planner:
 
     def turn(self, yaw: float) -> None:
         change = math.remainder(yaw - self.yaw, 2.0 * math.pi)
-        n = self.ticks(1.875 * abs(change) / TURN_RATE)
+        n = self.ticks(1.875 * abs(change) / 0.5)  # at 0.5 rad/s at most
         s = np.arange(n) / n
         samples = self.still(n)
         samples[:, 9] += change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
@@ -260,7 +257,7 @@ class _Planner:
         self.yaw += change
 
     def sink(self) -> None:
-        n = round((-self.position[2] / DESCENT + SINKING) / self.tick)
+        n = round((-self.position[2] / DESCENT + 6.0) / self.tick)  # longer than the height takes
         samples = self.still(n)
         samples[:, 2] += DESCENT * self.tick * np.arange(n)
         samples[:, 5] = DESCENT

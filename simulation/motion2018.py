@@ -20,16 +20,13 @@ from simulation.outcome import CaseOutcome, CasePlot, Fact, rotor_speeds, with_u
 from simulation.papers import write_paper_log
 from simulation.vehicle import Multirotor, Vector, mounts
 
-#: Limits of section 2.3: rotor speed [rad/s] and acceleration [rad/s^2]; arrival within [m] and below [m/s].
-SPEED_LIMIT, ACCELERATION_LIMIT = 490.0, 500.0
-ARRIVAL_DISTANCE, ARRIVAL_SPEED = 0.1, 0.1
+#: Limits of section 2.3: rotor speed [rad/s] and acceleration [rad/s^2]; arrival within [m].
+SPEED_LIMIT, ACCELERATION_LIMIT, ARRIVAL_DISTANCE = 490.0, 500.0, 0.1
 #: Base step of the paper, s.
 STEP = 1e-4
 
 #: The body is a ball, the motors are points on weightless beams.
-BALL_RADIUS = 0.1
-MOTOR_MASS = 0.05
-BEAM = 0.25
+MOTOR_MASS, BEAM = 0.05, 0.25
 
 #: Poles at 25 rad/s and a pair at 80 rad/s of damping 0.7, a zero at 50 rad/s.
 DRIVE = ThirdOrder(
@@ -90,7 +87,7 @@ def inertia(mass: float) -> np.ndarray:
     ``J = 2 m R^2 / 5 + 2 r^2 m_d`` about the horizontal axes and twice the second term about the vertical one, with
     m of the ball alone.
     """
-    ball = 0.4 * (mass - 4.0 * MOTOR_MASS) * BALL_RADIUS**2
+    ball = 0.4 * (mass - 4.0 * MOTOR_MASS) * 0.1**2
     beams = 2.0 * BEAM**2 * MOTOR_MASS
     return np.diag((ball + beams, ball + beams, ball + 2.0 * beams))
 
@@ -203,7 +200,7 @@ def fly_to_point(flight: Flight = VERTICAL) -> pd.DataFrame:
 
     def arrived(t: float, x: np.ndarray) -> bool:
         offset, velocity = target - x[0:3], x[3:6]
-        return float(offset @ offset) < ARRIVAL_DISTANCE**2 and float(velocity @ velocity) < ARRIVAL_SPEED**2
+        return float(offset @ offset) < ARRIVAL_DISTANCE**2 and float(velocity @ velocity) < 0.1**2
 
     hold = round(CONTROL_STEP / flight.step)
     path = propagate(

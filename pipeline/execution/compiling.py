@@ -41,7 +41,6 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     body_filters.whiten,
     filters.filtered,
     dataflash.locate,
-    transfer_functions.combine,
     timebase.is_orderly,
     dataflash.count,
 )

@@ -152,8 +152,7 @@ def bench(
     """
     from core.serialization import as_json as strict_json
     from reports.pages.bench import bench_page
-    from sysid.bench.levels import NoTrim
-    from sysid.bench.stand import analyse_bench
+    from sysid.bench.stand import NoTrim, analyse_bench
     from sysid.bench.table import read_bench
 
     if weight == 0.0:
@@ -179,7 +178,7 @@ def bench(
 
 def _summary(numbers: BenchReport) -> str:
     from core.quantity import uncertain
-    from sysid.bench.levels import NoTrim
+    from sysid.bench.stand import NoTrim
 
     lines = []
     for row in numbers.coefficients:

@@ -20,9 +20,6 @@ from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.bench.table import BenchError
 
-#: What a stop-watch shows, s: however alike the times are, their mean is known to 1/sqrt(12) of it only.
-RESOLUTION = 0.01
-
 #: An inertia whose standard uncertainty exceeds this part of it is not determined.
 DETERMINED = 0.5
 
@@ -38,8 +35,8 @@ class BifilarResult(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     #: Of the inertias of the single repetitions, as in Table 1: how well swings repeat.
     std: float
     variance: float
-    #: Standard uncertainty of `inertia`: repetition over the root of their number (or `RESOLUTION`, where that is
-    #: larger), mass, lengths and g together.
+    #: Standard uncertainty of `inertia`: repetition over the root of their number (or what a stop-watch shows, where
+    #: that is larger), mass, lengths and g together.
     sigma: float
     parts: dict[str, float]  #: Relative contributions: ``period``, ``mass``, ``length``, ``distance``, ``gravity``.
     period: float  #: Mean, s.
@@ -111,7 +108,8 @@ def bifilar(
     inertia = factor * period**2
     repetition = float(periods.std(ddof=1)) / math.sqrt(len(periods))
     parts = {
-        "period": 2.0 * max(repetition, RESOLUTION / math.sqrt(12.0) / oscillations) / period,
+        # A stop-watch shows 0.01 s: however alike the times are, their mean is known to 1/sqrt(12) of it only.
+        "period": 2.0 * max(repetition, 0.01 / math.sqrt(12.0) / oscillations) / period,
         "mass": mass_sigma / mass,
         "length": threads.length_sigma / threads.length,
         "distance": 2.0 * threads.distance_sigma / threads.distance,

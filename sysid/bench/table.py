@@ -63,16 +63,10 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "motor": ("motor number", "motor no", "motor id", "motor", "engine"),
 }
 
-#: Words of columns that are something else although they contain one of the above.
-_NOT = ("efficiency", "power", "limit", "cutoff", "max", "min", "std", "tare", "command rate", "kv", "temperature")
-
 _UNIT = re.compile(r"[(\[]\s*([^)\]]*)\s*[)\]]")
 
 #: Thrust below this part of the largest is noise about zero.
 NOISE = 0.01
-
-#: Plausible PWM, us.
-PWM_RANGE = (700.0, 2300.0)
 
 
 class BenchError(RotoridError):
@@ -197,6 +191,8 @@ def _cells(line: str, header: str) -> list[str]:
 def _assign(header: Sequence[str]) -> dict[str, int]:
     """Find the column of each quantity."""
     plain = [re.sub(r"\s+", " ", _UNIT.sub(" ", name).replace("_", " ").strip().lower()) for name in header]
+    # Words of columns that are something else although they name a quantity.
+    others = re.compile("efficiency|power|limit|cutoff|max|min|std|tare|command rate|kv|temperature")
     result: dict[str, int] = {}
     for quantity, words in _WORDS.items():
         for word in words:
@@ -204,7 +200,7 @@ def _assign(header: Sequence[str]) -> dict[str, int]:
                 k
                 for k, name in enumerate(plain)
                 if re.search(rf"\b{word}\b", name)
-                and not any(other in name for other in _NOT)
+                and not others.search(name)
                 and k not in result.values()
                 and (quantity != "motor" or (name.split()[0] in ("motor", "engine") and len(name.split()) <= 2))
             ]
@@ -278,7 +274,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
             rows = rows[~bad]
 
     pwm = rows["pwm"].to_numpy()
-    outside = (pwm < PWM_RANGE[0]) | (pwm > PWM_RANGE[1])
+    outside = (pwm < 700.0) | (pwm > 2300.0)
     leave_out(outside, "table-doubtful", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM")
     if len(rows) and float(rows["thrust"].median()) < 0.0:
         rows = rows.assign(thrust=-rows["thrust"])

@@ -10,6 +10,7 @@ Arrays are copied element by element: numba takes seconds to compile the error t
 from __future__ import annotations
 
 from math import exp, log, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,18 @@ AXIS_DRAG = 2
 #: Below this height the wind's profile is level, m.
 _LOWEST = 0.5
 
+
+class MotionSignals(NamedTuple):
+    """What the equations of motion read of a flight, sample by sample."""
+
+    states: Matrix  #: shape (N, 18): As of `MeasuredMotion`.
+    density: Vector  #: shape (N,)
+    #: shape (N, 4): Sums of c and of c^2 times the square of the relative voltage, behind the motors' lag, and their
+    #: derivatives by it.
+    late: Matrix
+    heights: Vector  #: shape (N,): Above the place of take-off, m.
+
+
 #: Signals of a sample: rotation matrix by rows, relative density, sum of c and of c^2 times the square of the relative
 #: voltage, and the derivatives of these two by the motors' lag.
 _SIGNALS = 14
@@ -38,8 +51,9 @@ _FAST = {"contract"}
 
 
 @inner(nogil=True, fastmath=_FAST)
-def _blend(states: Floats, density: Floats, late: Floats, k: int, part: float, out: Floats) -> None:
+def _blend(signals: MotionSignals, k: int, part: float, out: Floats) -> None:
     """Signals between samples k and k + 1."""
+    states, density, late = signals.states, signals.density, signals.late
     following = k if part == 0.0 else k + 1
     for i in range(9):
         out[i] = states[k, 6 + i] + part * (states[following, 6 + i] - states[k, 6 + i])
@@ -101,9 +115,7 @@ def _acceleration(theta: Floats, s: Floats, u: tuple[float, float, float], law: 
 def _derivatives(
     theta: Floats,
     s: Floats,
-    shapes: Floats,
-    k: int,
-    part: float,
+    shape: Floats,
     wind: tuple[float, float],
     above: float,
     u: tuple[float, float, float],
@@ -114,7 +126,8 @@ def _derivatives(
 ) -> None:
     """Differentiate the acceleration (world axes) by velocity (3, 3) and parameters (3, q).
 
-    `wind` is that at the reference height, `above` the logarithm of the height over it; `body` (3, 3) is scratch.
+    `wind` is that at the reference height, `shape` (w,) its shapes, `above` the logarithm of the height over it; `body`
+    (3, 3) is scratch.
     """
     profile = exp(theta[12] * above)
     density = s[9]
@@ -166,32 +179,21 @@ def _derivatives(
         by_theta[a, 11] = pull * lag
         by_theta[a, 12] = -blown * by_log
         by_theta[a, 13] = pull * per_scale
-        for i in range(shapes.shape[1]):
-            shape = shapes[k, i] if part == 0.0 else (1.0 - part) * shapes[k, i] + part * shapes[k + 1, i]
-            by_theta[a, 14 + 2 * i] = -by_velocity[a, 0] * profile * shape
-            by_theta[a, 15 + 2 * i] = -by_velocity[a, 1] * profile * shape
+        for i in range(len(shape)):
+            by_theta[a, 14 + 2 * i] = -by_velocity[a, 0] * profile * shape[i]
+            by_theta[a, 15 + 2 * i] = -by_velocity[a, 1] * profile * shape[i]
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def accelerations(
-    theta: Vector,
-    states: Matrix,
-    density: Vector,
-    late: Matrix,
-    shapes: Matrix,
-    heights: Vector,
-    law: int,
-    stride: int,
-    out: Matrix,
-    jacobian: Stack,
+    theta: Vector, signals: MotionSignals, shapes: Matrix, law: int, stride: int, out: Matrix, jacobian: Stack
 ) -> None:
     """Mean accelerations at measured velocities and heights, and their derivatives by the parameters.
 
     Means are by trapezoids from every `stride`-th sample to the next. Accelerations of all samples are not kept: with
     their derivatives those of a long flight would be larger than all that is known of it.
 
-    Shapes: `theta` (q,); `states`, `density`, `late` (N, 18), (N,) and (N, 4); `shapes` (N, w); `heights` (N,); `out`
-    (n, 3); `jacobian` (n, 3, q).
+    Shapes: `theta` (q,); `shapes` (N, w); `out` (n, 3); `jacobian` (n, 3, q).
     """
     s, push, q = np.empty(_SIGNALS), np.empty(3), len(theta)
     body, by_velocity, by_theta = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, q))
@@ -206,13 +208,13 @@ def accelerations(
             # What is between two means belongs to both by half.
             weight = (0.5 if n == 0 or n == stride else 1.0) / stride
             if row == 0 or n > 0:
-                _blend(states, density, late, k, 0.0, s)
+                _blend(signals, k, 0.0, s)
                 wind = _wind(theta, shapes, k, 0.0)
-                above = _above(heights[k])
+                above = _above(signals.heights[k])
                 profile = exp(theta[12] * above)
-                u = _relative(s, profile * wind[0], profile * wind[1], states[k])
+                u = _relative(s, profile * wind[0], profile * wind[1], signals.states[k])
                 _acceleration(theta, s, u, law, push)
-                _derivatives(theta, s, shapes, k, 0.0, wind, above, u, law, body, by_velocity, by_theta)
+                _derivatives(theta, s, shapes[k], wind, above, u, law, body, by_velocity, by_theta)
             for a in range(3):
                 total[a] += weight * push[a]
             for c in range(3 * q):
@@ -226,28 +228,25 @@ def accelerations(
 @inner(nogil=True, fastmath=_FAST)
 def _step(
     theta: Floats,
-    states: Floats,
-    density: Floats,
-    late: Floats,
+    signals: MotionSignals,
     shapes: Floats,
-    k: int,
-    j: int,
+    at: tuple[int, int],
     dt: float,
     ground: float,
     law: int,
     x: Floats,
     work: Floats,
 ) -> None:
-    """Advance positions and velocities from sample k to k + 1 (Runge-Kutta, fourth order); work is (6, 14).
+    """Advance positions and velocities by a sample (Runge-Kutta, fourth order); work is (6, 14).
 
-    The wind's shapes begin where j is 0.
+    `at` are where that begins among the signals and among the wind's shapes.
     """
     s, stage = work[0], work[1, :6]
     for i in range(4):
         part = 0.0 if i == 0 else (1.0 if i == 3 else 0.5)
         if i != 2:
-            _blend(states, density, late, k, part, s)
-        north, east = _wind(theta, shapes, j, part)
+            _blend(signals, at[0], part, s)
+        north, east = _wind(theta, shapes, at[1], part)
         for a in range(6):
             stage[a] = x[a] + (part * dt * work[1 + i, a] if i > 0 else 0.0)
         rate = work[2 + i]
@@ -262,9 +261,7 @@ def _step(
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def ahead(
     thetas: Matrix,
-    states: Matrix,
-    density: Vector,
-    late: Matrix,
+    signals: MotionSignals,
     shapes: Matrix,
     dt: float,
     ground: float,
@@ -281,10 +278,10 @@ def ahead(
     x, work = np.empty(6), np.empty((6, _SIGNALS))
     for s in range(len(starts)):
         for a in range(6):
-            x[a] = states[starts[s], a]
+            x[a] = signals.states[starts[s], a]
         theta, mark = thetas[s], 0
         for k in range(marks[-1]):
-            _step(theta, states, density, late, shapes, starts[s] + k, k, dt, ground, law, x, work)
+            _step(theta, signals, shapes, (starts[s] + k, k), dt, ground, law, x, work)
             if k + 1 == marks[mark]:
                 for a in range(6):
                     out[s, mark, a] = x[a]

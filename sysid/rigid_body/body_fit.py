@@ -49,13 +49,6 @@ PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "motor_lag": (0.03, 0.03, 0.0, 0.3),
 }
 
-#: Time between the points of a varying wind, s: shorter than the long gusts (Dryden: about 100 m at 15 m height, 20 to
-#: 50 s in light wind), so that free runs of a fitted flight follow them; longer than a window.
-WIND_SPACING = 20.0
-
-#: Length of the runs whose error a fit states, s.
-WINDOW_SECONDS = 10.0
-
 
 def fit_rigid_body(
     experiments: Experiment | Sequence[Experiment],
@@ -119,7 +112,9 @@ def fit_rigid_body(
         )
     report("paths", 0.7)
     shared, doubt = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
-    trims = [whole_trim(flight, shared, law, "fit", WIND_SPACING, doubt) for flight in motions]
+    # Points of a varying wind stand nearer to one another than the long gusts last (Dryden: about 100 m at 15 m height,
+    # 20 to 50 s in light wind), so that free runs of a fitted flight follow them.
+    trims = [whole_trim(flight, shared, law, "fit", 20.0, doubt) for flight in motions]
     if not np.isfinite(prior.sigma[0]):
         fine, trims = _at_level(fine, trims)
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)
@@ -196,11 +191,11 @@ def _at_level(fine: FilterErrorFit, trims: Sequence[FlightTrim]) -> tuple[Filter
 
 
 def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:
-    """Root mean square error of positions over runs of `WINDOW_SECONDS` from measured states, m."""
+    """Root mean square error of positions over runs of ten seconds from measured states, m."""
     missed = []
     for flight, trim in zip(motions, trims, strict=True):
         theta, shapes = np.concatenate([shared, trim.own]), np.ascontiguousarray(trim.wind(flight.t))
-        size = round(WINDOW_SECONDS / flight.dt)
+        size = round(10.0 / flight.dt)
         for start in range(0, len(flight.t) - 1, size):
             stop = min(start + size, len(flight.t))
             run = flight.run(theta, shapes, law, start, stop)

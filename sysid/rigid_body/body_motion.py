@@ -15,7 +15,7 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.resampling import join_rows, logged_rate
 from sysid.records.thrust_curve import attitude, column, lagged, relative_density, squared_voltage, velocity_n
-from sysid.rigid_body._rigid_kernels import accelerations, ahead
+from sysid.rigid_body._rigid_kernels import MotionSignals, accelerations, ahead
 
 Samples = NDArray[np.int64]
 
@@ -110,13 +110,14 @@ class Motion(MeasuredMotion):
     #: Time between the motor outputs that were logged, s.
     input_interval: float
 
-    def signals(self, lag: float) -> tuple[Floats, Floats, Floats]:
-        """Return states, density, and (N, 4) `linear` and `square` behind a lag [s] with their derivatives by it."""
+    def signals(self, lag: float) -> MotionSignals:
+        """Return what the equations of motion read, behind a lag [s] of the motors."""
         lag = max(lag, 0.0)
         thrust = np.column_stack([self.linear, self.square])
         now = lagged(thrust, lag, self.dt)
         later = lagged(thrust, lag + _LAG_STEP, self.dt)
-        return self.states, self.density, np.hstack([now, (later - now) / _LAG_STEP])
+        late = np.hstack([now, (later - now) / _LAG_STEP])
+        return MotionSignals(self.states, self.density, late, self.ground - self.position[:, 2])
 
     def run(self, theta: Floats, shapes: Floats, law: int, start: int = 0, stop: int | None = None) -> Floats:
         """Positions and velocities from the measured state at sample `start`, in a wind of `shapes` (N, w)."""
@@ -131,7 +132,7 @@ class Motion(MeasuredMotion):
         """
         out = np.empty((len(starts), len(marks), 6))
         signals = self.signals(thetas[0, LAG])
-        ahead(thetas, *signals, shapes, self.dt, self.ground, law, starts, marks, out)
+        ahead(thetas, signals, shapes, self.dt, self.ground, law, starts, marks, out)
         return out
 
 
@@ -225,7 +226,5 @@ def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, 
     """
     means = (len(flight.t) - 1) // stride
     model, jacobian = np.empty((means, 3)), np.empty((means, 3, len(theta)))
-    heights = flight.ground - flight.position[:, 2]
-    signals = flight.signals(theta[LAG])
-    accelerations(theta, *signals, shapes, heights, law, stride, model, jacobian)
+    accelerations(theta, flight.signals(theta[LAG]), shapes, law, stride, model, jacobian)
     return model, jacobian

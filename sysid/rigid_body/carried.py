@@ -15,7 +15,7 @@ import scipy
 
 from sysid.records.experiment import Floats
 from sysid.rigid_body._filter_kernels import carry
-from sysid.rigid_body._rigid_kernels import accelerations
+from sysid.rigid_body._rigid_kernels import MotionSignals, accelerations
 from sysid.rigid_body.body_motion import (
     BLOCK_SECONDS,
     LAG,
@@ -42,15 +42,6 @@ MEMORY = 20.0
 #: States of a flight: its parameters (`OWN`, mean wind), gusts, and departure of the thrust scale.
 FIXED = len(OWN) + 2
 STATES = FIXED + 3
-
-#: White noise of accelerations, m^2/s^3, horizontally and vertically; gusts over `TURBULENCE` times the wind;
-#: departures of the thrust scale: what is expected of any flight, and the factor that it may differ by (one standard
-#: deviation of the logarithm).
-_EXPECTED = (1e-3, 1e-3, 1.0, 0.003)
-_FACTORS = (3.0, 3.0, 2.0, 2.0)
-
-#: Evaluations of the likelihood in one search, and how near the best it has to end.
-_MOST_EVALUATIONS, _NEAR = 300, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +81,10 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
 
     `mean` and `sigma`, (4,), are known beforehand of the flight's parameters, the former counted from the blocks'.
     """
-    design, known = own_design(blocks.by_flight), np.log(_EXPECTED)
-    known[2] += np.log(TURBULENCE * max(wind, LIGHT))
+    design = own_design(blocks.by_flight)
+    # What is expected of any flight, in the order of `Wander`, and the factors that it may differ by (one standard
+    # deviation of the logarithm).
+    known, factors = np.log((1e-3, 1e-3, TURBULENCE * max(wind, LIGHT), 0.003)), (3.0, 3.0, 2.0, 2.0)
     means, covariances = np.empty((len(design) + 1, STATES)), np.empty((len(design) + 1, STATES, STATES))
     first = np.concatenate([mean, np.zeros(STATES - FIXED)])
 
@@ -100,7 +93,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
         decay, driven = wander.step(blocks.seconds)
         noise, start = wander.noise(blocks.seconds), wander.start(sigma)
         likelihood = carry(decay, driven, design, blocks.missed, noise, GATE, MEMORY, first, start, means, covariances)
-        return -likelihood + 0.5 * float(np.sum(((logarithms - known) / _FACTORS) ** 2))
+        return -likelihood + 0.5 * float(np.sum(((logarithms - known) / factors) ** 2))
 
     # A simplex may close on a ridge: it is opened again where it ended.
     found = known
@@ -110,7 +103,7 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
             cost,
             found,
             method="Nelder-Mead",
-            options={"maxfev": _MOST_EVALUATIONS, "xatol": _NEAR, "fatol": _NEAR, "initial_simplex": simplex},
+            options={"maxfev": 300, "xatol": 0.05, "fatol": 0.05, "initial_simplex": simplex},
         ).x
     return Wander(*map(float, np.exp(found)))
 
@@ -118,20 +111,15 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
 #: Winds in which multirotors fly: standard deviation of each component, m/s.
 WIND_SIGMA = 6.0
 
-#: Standard deviation of the thrust scale of any flight, payloads, batteries and propellers included. Gravity tells the
-#: scale of a flight in seconds, so that what air temperature explains must not hold it.
-SCALE_SIGMA = 0.3
-
-#: Parameters of any flight before it begins: exponent, thrust scale, wind north and east; and their limits.
+#: Parameters of any flight before it begins: exponent, thrust scale, wind north and east; and their limits. The scale's
+#: spread includes payloads, batteries and propellers: gravity tells it in seconds, so that what the air's temperature
+#: explains must not hold it.
 ANY_FLIGHT = np.array([WIND_EXPONENT[0], 1.0, 0.0, 0.0])
-ANY_SIGMA = np.array([WIND_EXPONENT[1], SCALE_SIGMA, WIND_SIGMA, WIND_SIGMA])
+ANY_SIGMA = np.array([WIND_EXPONENT[1], 0.3, WIND_SIGMA, WIND_SIGMA])
 LOWEST, HIGHEST = np.array([0.0, 0.3, -50.0, -50.0]), np.array([1.0, 3.0, 50.0, 50.0])
 
 #: Time at the beginning of a flight from which the strengths of gusts and noise are found, s.
 SETTLING_SECONDS = 30.0
-
-#: Parameters of the craft that are below zero in none.
-_POSITIVE = np.array([name.startswith(("drag", "climb")) for name in THETA])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,7 +157,8 @@ def carry_states(
 
     doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt
     told = follow(blocks_of, (ANY_FLIGHT, ANY_SIGMA) if known is None else known, doubt, like)
-    return replace(told, craft=np.maximum(told.craft, np.where(_POSITIVE, -shared, -np.inf)))
+    positive = [name.startswith(("drag", "climb")) for name in THETA]
+    return replace(told, craft=np.maximum(told.craft, np.where(positive, -shared, -np.inf)))
 
 
 class BlocksOf(Protocol):
@@ -326,14 +315,14 @@ def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
     # The kernel takes means between neighbours: here of a sample and itself.
     twice = np.repeat(edges, 2)
-    states, density, late = (each[twice] for each in flight.signals(theta[LAG]))
-    heights = np.ascontiguousarray(flight.ground - run[twice, 2])
+    signals = MotionSignals(*(each[twice] for each in flight.signals(theta[LAG])))
+    signals.heights[:] = flight.ground - run[twice, 2]
     shapes, room = np.ones((len(twice), 1)), np.empty((len(twice) - 1, 3, len(theta)))
 
     def at(move: Floats) -> Floats:
         found = np.empty((len(twice) - 1, 3))
-        states[:, 3:6] = run[twice, 3:] + move
-        accelerations(theta, states, density, late, shapes, heights, law, 1, found, room)
+        signals.states[:, 3:6] = run[twice, 3:] + move
+        accelerations(theta, signals, shapes, law, 1, found, room)
         return found[::2]
 
     moved = [at(_STEP * unit) - at(-_STEP * unit) for unit in np.eye(3)]

@@ -16,17 +16,10 @@ from core.serialization import as_json
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, MissingDataError, Severity
 from sysid.records.motor_scaling import command_for
+from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.hover import HoverModel, hover_model
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.model_record import RigidBodyRecord
-
-_SEA_LEVEL = 1.225
-
-#: Outflow velocity of the simulator's default craft in hover, m/s: 2 x 12.09 V x 29.3 A over 3 kg.
-_OUTFLOW = 24.08
-
-#: The simulator's default momentum drag coefficient; it acts only in a product with the root of disc_area.
-_MDRAG = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +117,8 @@ def _power(sheet: _Sheet, model: RigidBodyModel, mass: float) -> None:
     sheet.put("refTempC", 15.0, "standard atmosphere; the simulator does not use it", False)
     loss = model.parameters["climb_loss"]
     known = loss.determined and loss.used > 0.0
-    outflow = math.sqrt(STANDARD_GRAVITY / loss.used) if known else _OUTFLOW
+    # The simulator's default craft in hover: 2 x 12.09 V x 29.3 A over 3 kg are 24.08 m/s.
+    outflow = math.sqrt(STANDARD_GRAVITY / loss.used) if known else 24.08
     sheet.put("refVoltage", volts, "with refCurrent: power in hover")
     sheet.put(
         "refCurrent",
@@ -172,17 +166,17 @@ def _drag(sheet: _Sheet, model: RigidBodyModel, mass: float, disc_area: float | 
         model.parameters[f"drag_{law}_{axis}"].determined for law in ("linear", "quadratic") for axis in ("x", "y")
     )
     # mdrag sqrt(disc_area) is all that acts; m d = mdrag sqrt(rho disc_area m g).
-    product = mass * linear / math.sqrt(_SEA_LEVEL * mass * STANDARD_GRAVITY)
+    product = mass * linear / math.sqrt(REFERENCE_DENSITY * mass * STANDARD_GRAVITY)
     if disc_area is not None:
         area, coefficient, how = disc_area, product / math.sqrt(disc_area), "as given"
     elif product > 0.0:
-        area, coefficient, how = (product / _MDRAG) ** 2, _MDRAG, "so that mdrag_coef is the simulator's default"
+        area, coefficient, how = (product / 0.2) ** 2, 0.2, "so that mdrag_coef is the simulator's default"
     else:
         area, coefficient, how = 0.385, 0.0, "the simulator's default"
     sheet.put("disc_area", area, f"{how}; acts only in the product mdrag_coef sqrt(disc_area)", disc_area is not None)
     note = "linear drag, mean of body x and y, at hover thrust" if known else "no drag was determined"
     sheet.put("mdrag_coef", coefficient, note, known)
-    area_cd = 2.0 * mass * quadratic / _SEA_LEVEL
+    area_cd = 2.0 * mass * quadratic / REFERENCE_DENSITY
     speed, angle = _reference_flight(mass, area_cd, coefficient, area)
     sheet.put("refSpd", speed, "chosen")
     sheet.put(
@@ -200,10 +194,9 @@ def _reference_flight(mass: float, area_cd: float, mdrag: float, disc_area: floa
 
     def surplus(angle: float) -> float:
         cosine = math.cos(angle)
-        momentum = (
-            cosine * mdrag * speed * cosine * math.sqrt(mass * STANDARD_GRAVITY / cosine * _SEA_LEVEL * disc_area)
-        )
-        return mass * STANDARD_GRAVITY * math.tan(angle) - momentum - 0.5 * _SEA_LEVEL * area_cd * speed**2
+        lift = mass * STANDARD_GRAVITY / cosine
+        momentum = cosine * mdrag * speed * cosine * math.sqrt(lift * REFERENCE_DENSITY * disc_area)
+        return mass * STANDARD_GRAVITY * math.tan(angle) - momentum - 0.5 * REFERENCE_DENSITY * area_cd * speed**2
 
     while surplus(math.radians(60.0)) < 0.0:
         speed *= 0.7

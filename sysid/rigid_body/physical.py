@@ -93,10 +93,6 @@ _SI: Mapping[str, str] = {
 #: Unit of an inertia of which only the mass is known.
 _OVER_ARM = "kg m (inertia over arm)"
 
-#: Why numbers stand without a standard error.
-WIND_WITHIN = "wind and linear drag are in it, by as much as nobody knows"
-NOISY = "noise of the rates makes inertia too small, by half on craft of known truth, which no scatter shows"
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class PhysicalParameters(Summarised):
@@ -158,7 +154,8 @@ def physical_parameters(
         except RotoridError as error:
             numbers.update(((name, method), _Number(note=str(error))) for method in methods for name in _GIVEN[method])
             return None
-        numbers.update(((name, method), _number(*found)) for name, method, *found in rows(model))
+        for name, method, value, sigma, note in rows(model):
+            numbers[name, method] = _number(value, sigma, note)
         return model
 
     thrust = attempt(METHODS[:1], lambda: fit_thrust(experiments, mass), _of_thrust)
@@ -266,12 +263,14 @@ def _of_refinement(model: Refinement2020Model) -> _Rows:
         if mean is not None:
             note = mean.reason or f"spread {mean.spread:.2g} of {mean.used} instants; median {mean.median:.4g}"
             if name[0] in "Jb" and mean.mean is not None:
-                note += f"; {NOISY}"
+                note += "; noise of the rates makes inertia too small, by half on craft of known truth, "
+                note += "which no scatter shows"
             if name in ("Jx", "Jy") and mean.mean is not None:
                 note += "; one value for roll and pitch, as the paper takes them"
             yield parameter, METHODS[2], mean.mean, None, note
         stacked = model.stacked[name]
-        sigma, note = (None, WIND_WITHIN) if name == "C" else (stacked.sigma, "")
+        within = "wind and linear drag are in it, by as much as nobody knows"
+        sigma, note = (None, within) if name == "C" else (stacked.sigma, "")
         yield parameter, METHODS[3], stacked.value, sigma, stacked.reason or note
 
 
@@ -375,9 +374,6 @@ def _conclude(numbers: _Numbers, air: float) -> Finding | None:
 #: Methods that may be the headline. Left out is the mean of instants, which noise biases.
 TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
 
-#: Standard deviations beyond which two methods disagree.
-_APART = 3.0
-
 
 @dataclass(frozen=True, slots=True)
 class Statement:
@@ -446,4 +442,4 @@ def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | Non
 def _apart(one: Statement, other: Statement) -> bool:
     # The curve that only one of the two goes by is an error of that one alone.
     parts = one.own, other.own, one.curve - other.curve
-    return abs(one.value - other.value) > _APART * float(np.linalg.norm(parts))
+    return abs(one.value - other.value) > 3.0 * float(np.linalg.norm(parts))

@@ -24,14 +24,6 @@ from sysid.rigid_body.model_record import LIGHT, TURBULENCE, FlightTrim
 from sysid.rigid_body.systematic import wind_error
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
-#: Standard deviations that exponent and wind of a flight have at best: where the ground is and how the wind grows with
-#: height above it are not known better. The wind's is in parts of its speed, but for this, m/s: winds carried through
-#: 13 firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm.
-_EXPONENT_AT_BEST, _WIND_AT_BEST, _CALM_AT_BEST = 0.02, 0.02, 0.002
-
-#: The same of the thrust scale: firmware craft that are shaken by chirps err by 1 to 3 times as much.
-_SCALE_AT_BEST = 1e-3
-
 #: Place of the first wind coefficient among the parameters of a flight.
 _WIND = len(OWN)
 
@@ -159,8 +151,11 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
 
 def known_at_best(wind: Floats) -> Floats:
     """Return the least standard deviations of exponent, thrust scale and wind, (4,), in a wind [m/s], (2,)."""
-    best = float(np.hypot(_CALM_AT_BEST, _WIND_AT_BEST * np.hypot(*wind)))
-    return np.array([_EXPONENT_AT_BEST, _SCALE_AT_BEST, best, best])
+    # Where the ground is and how the wind grows with height above it are not known better. Winds carried through 13
+    # firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm;
+    # firmware craft that are shaken by chirps miss their thrust scale by 1 to 3 times as much as is said here.
+    best = float(np.hypot(0.002, 0.02 * np.hypot(*wind)))
+    return np.array([0.02, 1e-3, best, best])
 
 
 def unusual_thrust(flight: str, trim: FlightTrim) -> Finding | None:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 
 #: Powers of the time over which values are averaged, with which the Allan variance of each kind of noise goes.
 _KINDS = np.array([-1.0, 0.0, 1.0, 2.0])
@@ -66,6 +67,42 @@ def wander(values: Floats) -> float:
         sizes, _ = scipy.optimize.nnls(kinds * (weight / model)[:, None], allan * weight / model)
         model = kinds @ sizes
     return float(np.sqrt(sizes @ float(len(values)) ** _KINDS))
+
+
+def residual_colour(residuals: Sequence[Floats]) -> Floats:
+    """Estimate the autocovariance of residuals by an autoregressive model whose order Akaike's criterion chooses.
+
+    A fit takes out of its residuals just what resembles its regressors. A sample autocovariance over many lags shows
+    that hole in the spectrum and promises errors that are too small, worst for models that integrate; a model of the
+    few orders that white or wind-blown residuals need passes over it (den Haan and Levin 1997).
+    """
+    lengths = tuple(map(len, residuals))
+    samples, longest = sum(lengths), max(lengths)
+    highest = int(min(round(10.0 * np.log10(samples)), min(lengths) // 4))
+    products = [[residual[k:] @ residual[: len(residual) - k] for k in range(highest + 1)] for residual in residuals]
+    gamma: Floats = np.sum(products, axis=0) / samples
+    if gamma[0] <= 0.0:
+        return gamma[:1]
+    # Levinson's recursion gives the models of all orders.
+    a, variance = np.zeros(0), float(gamma[0])
+    best = (samples * np.log(variance), a)
+    for order in range(1, highest + 1):
+        reflection = -(gamma[order] + a @ gamma[order - 1 : 0 : -1]) / variance
+        a = np.concatenate([a + reflection * a[::-1], [reflection]])
+        variance *= 1.0 - reflection**2
+        if variance <= 1e-12 * gamma[0]:
+            break
+        best = min(best, (samples * np.log(variance) + 2.0 * order, a), key=lambda one: one[0])
+    a = best[1]
+    order = len(a)
+    if order == 0:
+        return gamma[:1]
+    # Beyond its order the model's autocovariance follows its own difference equation.
+    past = [-sum(a[i] * gamma[order + j - i] for i in range(j, order)) for j in range(order)]
+    following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), np.array(past))
+    whole = np.concatenate([gamma[: order + 1], following])[:longest]
+    lasting = np.flatnonzero(np.abs(whole) > 1e-4 * gamma[0])
+    return np.asarray(whole[: lasting[-1] + 1])
 
 
 def independent_samples(residuals: Sequence[Floats]) -> float:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from core.compiled import njit
-from core.kernel_types import Matrix, Stack
+from core.kernel_types import Int64s, Matrix, Stack
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
@@ -69,24 +69,14 @@ def recur_few(
     return states
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
-def combine(states: Stack, weights: Stack, result: Matrix) -> None:
-    """Add ``sum_q states[t, q, lane] weights[q, p, lane]`` to column ``p lanes + lane`` of `result`."""
-    samples, terms, lanes = states.shape
-    for t in range(samples):
-        for p in range(weights.shape[1]):
-            for q in range(terms):
-                for lane in range(lanes):
-                    result[t, p * lanes + lane] += states[t, q, lane] * weights[q, p, lane]
-
-
 @njit(cache=True, nogil=True)
-def multiply_out(theta: Matrix) -> tuple[Matrix, Stack]:
+def multiply_out(theta: Matrix, orders: Int64s) -> tuple[Matrix, Stack]:
     """Multiply sections out and differentiate the product; see `sysid.transfer_functions.problem.denominators`."""
-    groups, n = theta.shape
-    sections = (n + 1) // 2
-    a, slope, rest = np.zeros((groups, n)), np.zeros((groups, n, n)), np.empty(n + 1)
+    groups, most = theta.shape
+    a, slope, rest = np.zeros((groups, most)), np.zeros((groups, most, most)), np.empty(most + 1)
     for g in range(groups):
+        n = orders[g]
+        sections = (n + 1) // 2
         # The product without each section in turn, which its derivative multiplies; at last the whole one.
         for without in range(sections + 1):
             for k in range(1, n + 1):
@@ -131,5 +121,4 @@ def compile_kernels() -> None:
     drive = np.zeros((2, 1, 1))
     recur(cube, cube, lane, lane, lane, pair, drive)
     recur_few(cube, cube, lane, lane, lane, pair, drive)
-    combine(cube, cube, lane)
-    multiply_out(lane)
+    multiply_out(lane, np.ones(1, np.int64))

@@ -37,15 +37,11 @@ from sysid.records.experiment import (
     require_alike,
     require_signals,
 )
-from sysid.transfer_functions.disturbance import fit_disturbance
 from sysid.transfer_functions.model_record import ClosedLoopRecord, FitReport
 from sysid.transfer_functions.pem import fit_transfer_functions
-from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
+from sysid.transfer_functions.response import INITIAL_SECONDS, discretise, fit_disturbance
 from sysid.transfer_functions.search import Progress
 from sysid.transfer_functions.transfer_function import FunctionsModel, TransferFunction, held_alike
-
-#: Outputs that share a transfer function, by the last letter of their names.
-_SHARED = {"x": "horizontal", "y": "horizontal", "z": "vertical"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -124,8 +120,9 @@ def fit_closed_loop(
             f"{', '.join(first.input_names)} to {', '.join(first.output_names)} (use inputs='reference')"
         )
     groups: dict[str, list[int]] = {}
+    shared = {"x": "horizontal", "y": "horizontal", "z": "vertical"}  # by the last letter of the outputs
     for column, name in enumerate(first.output_names):
-        groups.setdefault(_SHARED.get(name.rpartition("_")[2], name), []).append(column)
+        groups.setdefault(shared.get(name.rpartition("_")[2], name), []).append(column)
     report = progress or (lambda stage, fraction: None)
     begun = time.monotonic()
     functions: dict[str, TransferFunction] = {}

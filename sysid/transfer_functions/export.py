@@ -22,9 +22,6 @@ else:
     control = lazy("control")
 
 
-#: Order of the approximation of delays for tools that have none.
-PADE_ORDER = 3
-
 #: Models that are a matrix of transfer functions.
 TransferMatrix = TransferFunctionModel | ClosedLoopModel
 
@@ -108,7 +105,7 @@ def functions_to_control(rows: Sequence[Sequence[TransferFunction]], **named: ob
     """Return transfer functions by output and input to python-control, delays as Padé approximations."""
     tool, num, den = python_control(), [], []
     for row in rows:
-        late = [tool.pade(f.delay, PADE_ORDER if f.delay > 0.0 else 0) for f in row]
+        late = [tool.pade(f.delay, 3 if f.delay > 0.0 else 0) for f in row]
         num.append([np.polymul(f.num, pade[0]) for f, pade in zip(row, late, strict=True)])
         den.append([np.polymul(f.den, pade[1]) for f, pade in zip(row, late, strict=True)])
     return tool.TransferFunction(num, den, **named)
@@ -117,7 +114,7 @@ def functions_to_control(rows: Sequence[Sequence[TransferFunction]], **named: ob
 def to_control(model: TransferMatrix) -> control.TransferFunction:
     """Return a model to python-control, as one system with named inputs and outputs.
 
-    That package has no delays in continuous time; they become Padé approximations of order `PADE_ORDER`.
+    That package has no delays in continuous time; they become Padé approximations of third order.
 
     Raises
     ------

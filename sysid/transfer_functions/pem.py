@@ -19,13 +19,12 @@ from threadpoolctl import ThreadpoolController
 from sysid.records.excitation import Excitation, examine
 from sysid.records.experiment import Experiment, Floats, ModelOrderError, require_alike
 from sysid.transfer_functions._kernels import compile_kernels
-from sysid.transfer_functions.disturbance import fit_disturbance
 from sysid.transfer_functions.fit_findings import few_samples, remarks
 from sysid.transfer_functions.model_record import Disturbance, FitReport
-from sysid.transfer_functions.problem import Problem, denominators_of_orders, resolvable_band
-from sysid.transfer_functions.response import INITIAL_SECONDS
-from sysid.transfer_functions.search import FIRST_RESIDUAL, Found, Plan, Progress, expected_energy, search
-from sysid.transfer_functions.separable import initial_states, reduced_information, squared_residual
+from sysid.transfer_functions.problem import Problem, denominators, resolvable_band
+from sysid.transfer_functions.response import INITIAL_SECONDS, fit_disturbance
+from sysid.transfer_functions.search import Found, Plan, Progress, expected_energy, search
+from sysid.transfer_functions.separable import reduced_information
 from sysid.transfer_functions.transfer_function import (
     TransferFunction,
     TransferFunctionModel,
@@ -77,7 +76,7 @@ def fit_transfer_functions(
         How the inputs ran between samples.
     ridge : float, optional
         Regularisation of the numerators relative to the information in the data; by default the one of
-        `sysid.transfer_functions.regularisation.RIDGES` that predicts held-out flight time best, or next to none
+        `sysid.transfer_functions.uncertainty.RIDGES` that predicts held-out flight time best, or next to none
         where the data determine the parameters so well that it could win nothing.
     starts : int
         Sets of poles to start from where one cannot be found directly (`sysid.transfer_functions.starts`).
@@ -284,7 +283,7 @@ def _fit_output(
         hold=task.hold,
         band=resolvable_band(longest, records[0].dt),
         ridge=1e-3 if task.ridge is None else task.ridge,
-        initial=FIRST_RESIDUAL**2 / expected_energy(longest, 1),
+        initial=0.1**2 / expected_energy(longest, 1),  # a residual of a tenth, before the first fit tells it
         integrators=task.integrators,
         counts=() if alike else task.counts,
         delays=tuple(map(float, task.delays)) if task.delays.any() else (),
@@ -309,7 +308,7 @@ def _fit_output(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_energy=initial_energy,
-        initial_states=tuple(scale * local for local in initial_states(found.descent.point)),
+        initial_states=tuple(scale * part.local for part in found.descent.point.parts),
         report=report,
     )
 
@@ -342,7 +341,8 @@ def _without_inputs(
 
 def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
     problem, point = found.problem, found.descent.point
-    information, squares = reduced_information(problem, point)[0], scale**2 * squared_residual(point)
+    information = reduced_information(problem, point)[0]
+    squares = scale**2 * sum(float(residual @ residual) for residual in point.residuals)
     variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
     estimated = np.flatnonzero(np.diag(information) > 0.0)
     information = information[np.ix_(estimated, estimated)]
@@ -378,7 +378,7 @@ def _transfer_functions(
     problem, point = found.problem, found.descent.point
     nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
     covariance = parameter_covariance(problem, point)
-    a, slope = denominators_of_orders(point.theta, [order - k for order in problem.all_orders])
+    a, slope = denominators(point.theta, [order - k for order in problem.all_orders])
     functions = {name: TransferFunction(np.zeros(1), np.ones(1)) for name in names}
     undetermined = 0
     for lane, (j, g) in enumerate(zip(active, problem.group, strict=True)):

@@ -83,21 +83,13 @@ def take(theta: Floats, order: int) -> Floats:
     return np.concatenate([sections[: order // 2].ravel(), single[: order % 2]])
 
 
-def denominators_of_orders(theta: Floats, orders: Sequence[int]) -> tuple[Floats, Floats]:
-    """Do the same as `denominators` where orders differ: in the others' places parameters are idle, results zero."""
+def denominators(theta: Floats, orders: Sequence[int] = ()) -> tuple[Floats, Floats]:
+    """Multiply sections (groups, n) out: a, ascending without the leading 1, and ``d a / d theta`` (groups, n, n).
+
+    Beyond the order of a denominator, where they differ, parameters are idle and results zero.
+    """
     groups, n = theta.shape
-    if min(orders, default=n) == n:
-        return denominators(theta)
-    a, slope = np.zeros((groups, n)), np.zeros((groups, n, n))
-    for order in set(orders) - {0}:
-        of = np.flatnonzero(np.array(orders) == order)
-        a[of, :order], slope[of, :order, :order] = denominators(theta[of, :order])
-    return a, slope
-
-
-def denominators(theta: Floats) -> tuple[Floats, Floats]:
-    """Multiply sections (groups, n) out: a, ascending without the leading 1, and ``d a / d theta`` (groups, n, n)."""
-    return multiply_out(np.ascontiguousarray(theta))
+    return multiply_out(np.ascontiguousarray(theta), np.array(orders or (n,) * groups, np.int64))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,8 +16,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions._kernels import combine
-from sysid.transfer_functions.problem import Problem, denominators_of_orders
+from sysid.transfer_functions.problem import Problem, denominators
 from sysid.transfer_functions.response import Discretised, delayed, discretise, trends, whole_and_part
 
 
@@ -84,7 +83,7 @@ class Part:
 def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
     """Discretise the denominators, and respond to initial states as long as the longest record."""
     k = problem.integrators
-    a, slope = denominators_of_orders(theta, [order - k for order in problem.all_orders])
+    a, slope = denominators(theta, [order - k for order in problem.all_orders])
     a = np.hstack([np.zeros((len(a), k)), a]) if k else a
     system = discretise(a, problem.dt, problem.hold, problem.all_orders)
     return Basis(theta, delays, system, slope, system.free(max(problem.lengths)), initial_prior(problem, system))
@@ -137,25 +136,22 @@ def jacobian(
     """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`."""
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
     forced, weights = slopes
-    initial = part.local[1 + k :].reshape(lags, groups)
-    free = np.einsum("pg,gpqi->qig", initial, weights[:, k:], order="C")
-    samples, squares = len(part.states), squares_of(problem, basis, u, part)
-    result = np.zeros((samples, lags * groups + problem.delay_parameters))
-    poles = result[:, : lags * groups]
-    if groups == len(problem.group) and groups > 1:
-        combine(part.states, forced[:n], result)
-        combine(squares, forced[n:], result)
-    else:
-        spread = np.zeros((2 * n, len(problem.group), lags, groups))
-        for j, g in enumerate(problem.group):
-            spread[:, j, :, g] = forced[:, :, j]
-        for states, weights_of in ((part.states, spread[:n]), (squares, spread[n:])):
-            poles += states.reshape(samples, -1) @ weights_of.reshape(n * len(problem.group), lags * groups)
-    if groups > 1:
-        combine(basis.free[:samples], free[:n], result)
-        combine(basis.free_squares[:samples], free[n:], result)
-    else:
-        poles += basis.free[:samples, :, 0] @ free[:n, :, 0] + basis.free_squares[:samples, :, 0] @ free[n:, :, 0]
+    free = np.einsum("pg,gpqi->qig", part.local[1 + k :].reshape(lags, groups), weights[:, k:])
+    samples, lanes = len(part.states), np.arange(len(problem.group))
+    by_input, by_start = np.zeros((2 * n, len(lanes), lags, groups)), np.zeros((2 * n, groups, lags, groups))
+    by_input[:, lanes, :, problem.group] = forced.transpose(2, 0, 1)
+    by_start[:, np.arange(groups), :, np.arange(groups)] = free.transpose(2, 0, 1)
+    result = np.empty((samples, lags * groups + problem.delay_parameters))
+    # Most weights are zero; to multiply by them takes no longer than to leave them out.
+    result[:, : lags * groups] = sum(
+        states.reshape(samples, -1) @ weight.reshape(-1, lags * groups)
+        for states, weight in (
+            (part.states, by_input[:n]),
+            (squares_of(problem, basis, u, part), by_input[n:]),
+            (basis.free[:samples], by_start[:n]),
+            (basis.free_squares[:samples], by_start[n:]),
+        )
+    )
     if problem.delay_parameters:
         result[:, lags * groups :] = _by_delay(problem, basis, numerators, u, part.states)
     return result
@@ -263,11 +259,6 @@ def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
     taken = backward(part.factor, forward(part.factor, along))
     rest = np.hstack([part.forced * part.used, columns])
     return np.asarray(rest - part.trends[:, :first] @ taken[:first] - part.free @ taken[first:])
-
-
-def autoproducts(residual: Floats, lags: int) -> Floats:
-    """Sum products with the values 0 to `lags` samples later; shape (lags + 1,)."""
-    return np.array([residual[k:] @ residual[: len(residual) - k] for k in range(lags + 1)])
 
 
 def sum_of(parts: Sequence[Floats]) -> Floats:

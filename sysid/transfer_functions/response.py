@@ -1,4 +1,4 @@
-"""Exact responses of continuous-time denominators to sampled inputs, and of whole transfer functions.
+"""Exact responses of continuous-time denominators to sampled inputs, and what they leave unexplained carried on.
 
 A denominator of order n enters as ``a``, shape (n,), ascending powers without the leading 1:
 ``A(s) = s^n + a[n-1] s^(n-1) + ... + a[0]``. Leading zeros of ``a`` are integrators. Inside, every denominator has its
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from sysid.records.experiment import Floats
+from sysid.records.filtering import lfilter
 from sysid.transfer_functions._kernels import recur, recur_few
+from sysid.transfer_functions.model_record import Disturbance
 
 #: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
 INITIAL_SECONDS = 3.0
@@ -63,11 +65,11 @@ class Discretised:
         """
         groups, k = len(self.unit), self.integrators
         n = self.order - k
-        precision = np.zeros((n, groups, n, groups))
+        precision, orders = np.zeros((n, groups, n, groups)), np.array(self.orders) - k
+        blocks = self.gramians if k == 0 else gramians(self.a[:, k:], orders, 0)
         for g in range(groups):
-            block = self.gramians[g] if k == 0 else _stable_gramian(self.a[g, k : self.orders[g]], n)
-            precision[:, g, :, g] = (self.orders[g] - k) * block / self.unit[g]
-            unused = np.arange(self.orders[g] - k, n)
+            precision[:, g, :, g] = orders[g] * blocks[g] / self.unit[g]
+            unused = np.arange(orders[g], n)
             precision[unused, g, unused, g] = 1.0
         return precision.reshape(n * groups, n * groups)
 
@@ -201,24 +203,18 @@ def _companions(
     return pattern, np.arange(len(orders)), of - 1, np.maximum(of[:, None] - np.arange(n), 0)
 
 
-def gramians(a: Floats, orders: Sequence[int], integrators: int) -> Floats:
+def gramians(a: Floats, orders: Sequence[int] | NDArray[np.int64], integrators: int) -> Floats:
     """Inner products of the impulse responses of ``p^k / A`` over a finite time; zero where orders are lower."""
     groups, n = a.shape
-    if integrators == 0 and min(orders) == n:
+    if integrators == 0 and min(orders) == n > 0:
         return _gramian(a)
     result = np.zeros((groups, n, n))
     leaking = np.poly(np.full(integrators, -0.1))
     for g, order in enumerate(orders):
+        if not order:
+            continue
         stable = np.concatenate([[1.0], a[g, integrators:order][::-1]])
         result[g, :order, :order] = _gramian(np.convolve(stable, leaking)[None, :0:-1])[0]
-    return result
-
-
-def _stable_gramian(a: Floats, size: int) -> Floats:
-    """Gramian of one denominator, padded with zeros to `size`."""
-    result = np.zeros((size, size))
-    if len(a):
-        result[: len(a), : len(a)] = _gramian(a[None])[0]
     return result
 
 
@@ -259,61 +255,48 @@ def trends(samples: int, integrators: int) -> Floats:
     return np.asarray(time[:, None] ** np.arange(1 + integrators))
 
 
-def free_run(
-    numerators: Sequence[Floats],
-    denominators: Sequence[Floats],
-    u: Floats,
-    y: Floats,
-    origin: float,
-    dt: float,
-    hold: str,
-    *,
-    shared: bool,
-    sigma: float,
-    initial_energy: float,
-    initial: Floats | None = None,
-    delays: Sequence[float] | None = None,
-) -> Floats:
-    """Simulate one output from inputs about trim (N, m) and an initial state, by default of `INITIAL_SECONDS` of y.
+def carried_on(disturbance: Disturbance, residual: Floats, dt: float, steps: int) -> Floats:
+    """Predict the residual at every sample from the samples up to `steps` before it, shape (N,)."""
+    alpha, beta, fade = disturbance.alpha, disturbance.beta, disturbance.fade_seconds
+    # Level and slope are filtered by one denominator, and so is their sum.
+    slopes = fade * (1.0 - np.exp(-steps * dt / fade)) * beta / dt
+    start = residual[0]
+    denominator = [1.0, alpha + beta - 2.0, 1.0 - alpha]
+    ahead = lfilter([alpha + slopes, beta - alpha - slopes], denominator, residual - start)
+    result = np.zeros_like(residual)
+    kept = 1.0 if disturbance.memory_seconds is None else float(np.exp(-steps * dt / disturbance.memory_seconds))
+    result[steps:] = kept * (start + ahead)[:-steps]
+    return result
 
-    `initial` holds the polynomial in time (`trends`) and the coefficients of the normalised initial responses,
-    power-major; it is empty for a start at rest.
+
+def steady_gains(index: float) -> Disturbance:
+    """Return the steady Kalman gains of a constant-velocity track for a tracking index (Kalata 1984).
+
+    That is the disturbance's drive over one step against the noise of one measurement.
     """
-    samples = len(y)
-    active = [j for j, den in enumerate(denominators) if len(den) > 1]
-    if not active:
-        return np.full(samples, origin + float(np.mean(y[: _early(samples, dt)] - origin)))
-    orders = [len(denominators[j]) - 1 for j in active]
-    a = np.zeros((len(active), max(orders)))
-    for lane, j in enumerate(active):
-        a[lane, : orders[lane]] = denominators[j][:0:-1]
-    system = discretise(a, dt, hold, orders)
-    late = None if delays is None else np.asarray(delays, dtype=np.float64)[active]
-    states = system.forced(u[:, active], range(len(active)), delays=late)
-    forced = np.full(samples, origin)
-    for lane, j in enumerate(active):
-        b = numerators[j][::-1] / system.unit[lane] ** (orders[lane] - np.arange(len(numerators[j])))
-        forced += states[:, : len(b), lane] @ b
-    if initial is not None and initial.size == 0:
-        return forced
-    if shared:
-        system = system.first()
-    free = system.free(samples)[:, system.integrators :]
-    shapes = np.hstack([trends(samples, system.integrators), free.reshape(samples, -1)])
-    if initial is None:
-        # Maximum a posteriori: offset and integrators are free, the initial responses as small as those of the training
-        # records, and the input's trim is taken as it is given.
-        k = system.integrators
-        early = np.delete(shapes[: _early(samples, dt)], [k] if k else [], axis=1)
-        normal = early.T @ early
-        first = max(k, 1)
-        normal[first:, first:] += sigma**2 / initial_energy * system.initial_precision()
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        rhs = early.T @ (y - forced)[: len(early)]
-        found = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
-        initial = found if k == 0 else np.insert(found, k, 0.0)
-    return np.asarray(forced + shapes @ initial)
+    r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
+    alpha = 1.0 - r**2
+    beta = 2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha)
+    return Disturbance(float(alpha), float(beta))
 
 
-def _early(samples: int, dt: float) -> int:
-    return min(round(INITIAL_SECONDS / dt) + 1, samples)
+def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
+    """Choose the gains and the memory that predict the training residuals best a second ahead."""
+    steps = max(round(1.0 / dt), 1)
+    long = [residual for residual in residuals if len(residual) > steps]
+    drifting = [steady_gains(10.0**half) for half in np.arange(-3.0, 1.1, 0.5)]
+    # A level without a slope suits what wanders without direction.
+    wandering = [Disturbance(candidate.alpha, 0.0) for candidate in drifting] + [Disturbance(1.0, 0.0)]
+    best, least = drifting[0], np.inf
+    for candidate in (*drifting, *wandering):
+        predicted = [carried_on(candidate, residual, dt, steps)[steps:] for residual in long]
+        size = sum(float(p @ p) for p in predicted)
+        along = sum(float(p @ r[steps:]) for p, r in zip(predicted, long, strict=True))
+        # What is left of the level after the horizon, by least squares, gives the memory.
+        kept = min(max(along / size, 1e-9), 1.0) if size > 0.0 else 1.0
+        kept = 1.0 if kept > 0.98 else kept
+        error = sum(float(r[steps:] @ r[steps:]) for r in long) - 2.0 * kept * along + kept**2 * size
+        if error < (1.0 - 1e-3) * least:
+            least = error
+            best = replace(candidate, memory_seconds=None if kept == 1.0 else float(-steps * dt / np.log(kept)))
+    return best

@@ -10,20 +10,9 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.transfer_functions.problem import Band, Problem, take
-from sysid.transfer_functions.regularisation import RIDGES, Division, choose_ridge, divide
 from sysid.transfer_functions.separable import Descent, Point, descend, solve
 from sysid.transfer_functions.starts import likeliest_initial, separate, srivc
-from sysid.transfer_functions.uncertainty import effective_parameters
-
-#: Prior size of the response to the initial state, in standard deviations of the output: records begin near hover. Own
-#: denominators have n initial states for every input; left free, they explain a record without its inputs.
-INITIAL_SIZE = 0.2
-
-#: Part of a record for which the response to the initial state is expected to last.
-INITIAL_PART = 0.05
-
-#: Residual assumed before the first fit, in standard deviations of the output.
-FIRST_RESIDUAL = 0.1
+from sysid.transfer_functions.uncertainty import RIDGES, Division, choose_ridge, divide, effective_parameters
 
 #: Steps for comparing starts, and steps at most for the one that is followed to the end: sixty predicted 108 held-out
 #: outputs of 37 flights no better than twenty (free run +0.5 ± 0.6 %), nor did the records of table A1 need more.
@@ -32,24 +21,12 @@ SCOUT_STEPS, MOST_STEPS = 10, 20
 #: Steps of every start; then the better half goes on to SCOUT_STEPS.
 FIRST_STEPS = 4
 
-#: A start whose cost after those steps is so many times the best one's does not go on. Of 107 searches on 11 flights
-#: one that was farther behind won twice, by 16 and 40 % of the cost where the refinement starts.
-FAR = 4.0
-
-#: Regularisation of own denominators that many data determine. Relative to the information in the data, the noise may
-#: be as little as a millionth of the output's variance, and initial states would make up for what a ridge takes away.
-NEXT_TO_NONE = 1e-10
-
 #: Separated channels are good where they leave at most this many times the variance that shared modes leave.
 WORTHWHILE = 1.1
 
 #: Regularisation is not looked for where the errors of the parameters cost less than this part of the squared residual:
 #: it could not win more than that whole cost.
 COSTLY = 0.01
-
-#: Samples for each coefficient, and at least, with which starts and regularisation are looked for; less than twice as
-#: many are all used.
-SEARCHED, LEAST_SEARCHED = 40, 2000
 
 #: Called with a stage in words and the part done so far, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -77,7 +54,9 @@ class Found:
 
 def expected_energy(duration: float, groups: int) -> float:
     """Energy expected of the initial response of each denominator, in variances of the output times s."""
-    return INITIAL_SIZE**2 * INITIAL_PART * duration / groups
+    # Records begin near hover, a fifth of the output's standard deviation away, which a twentieth of them forgets. Own
+    # denominators have n initial states for every input; left free, they explain a record without its inputs.
+    return 0.2**2 * 0.05 * duration / groups
 
 
 def search(
@@ -90,7 +69,7 @@ def search(
     """Find starts and regularisation without the flight time held back, then fit to all of it."""
     own = plan.own and len(common.group) > 1
     steps, by_channel = 0, None
-    few = portion(common, max(SEARCHED * _coefficients(common, plan), LEAST_SEARCHED))
+    few = portion(common, max(40 * _coefficients(common, plan), 2000))  # where starts and regularisation are looked for
     # What inputs that always move together did cannot be told apart by any start.
     if own and plan.independent >= len(common.group):
         report("own denominators, channel by channel", 0.0)
@@ -178,7 +157,9 @@ def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadli
     Also whether no more is left than the modes shared by all channels leave. The data are then many, and explained:
     other starts and regularisation could win nothing.
     """
-    problem = _with_own(replace(common, ridge=NEXT_TO_NONE if plan.ridge is None else plan.ridge), plan)
+    # Next to no regularisation: the noise may be as little as a millionth of the output's variance, and initial states
+    # would make up for what a ridge takes away.
+    problem = _with_own(replace(common, ridge=1e-10 if plan.ridge is None else plan.ridge), plan)
     now = time.monotonic()
     limit = now + 0.7 * (deadline - now)
     best: tuple[Descent, float] | None = None
@@ -318,7 +299,9 @@ def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) ->
     ranked = sorted(first, key=lambda descent: descent.point.cost)
     best, steps = ranked[0], sum(descent.iterations for descent in first)
     for descent in ranked[: (len(ranked) + 1) // 2]:
-        if time.monotonic() > deadline or descent.point.cost > FAR * ranked[0].point.cost:
+        # Of 107 searches on 11 flights one that was farther behind won twice, by 16 and 40 % of the cost where the
+        # refinement starts.
+        if time.monotonic() > deadline or descent.point.cost > 4.0 * ranked[0].point.cost:
             break
         if not descent.converged:
             point = descent.point

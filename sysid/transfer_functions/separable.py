@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem, clip, denominators_of_orders
+from sysid.transfer_functions.problem import Problem, clip, denominators
 from sysid.transfer_functions.reduction import (
     Basis,
     Part,
@@ -37,10 +37,6 @@ from sysid.transfer_functions.response import Discretised, gramians
 
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
-
-#: What is left of the damping after a step that was as good as foreseen (Nielsen 1999). With a tenth, a third of the
-#: steps was refused, and fits of eight denominators took a third more solutions.
-MOST_RELIEF = 1.0 / 3.0
 
 #: A step is the last when it lowers the cost by less than this part of one residual's variance: the noise in a single
 #: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
@@ -136,26 +132,11 @@ def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
 
 def reduced_information(
     problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
-) -> tuple[Floats, Floats]:
-    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated."""
-    information, gradient, _, _ = _linearised(problem, point, jacobians)
-    return information, gradient
-
-
-def squared_residual(point: Point) -> float:
-    """Sum of squared residuals over all records."""
-    return sum(float(residual @ residual) for residual in point.residuals)
-
-
-def initial_states(point: Point) -> list[Floats]:
-    """Return what each record has of its own, shape (1 + integrators + lags groups,)."""
-    return [part.local for part in point.parts]
-
-
-def _linearised(
-    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sum over the records what `sysid.transfer_functions.reduction.linearise` gives."""
+    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated, and gradient.
+
+    What `sysid.transfer_functions.reduction.linearise` gives, summed over the records.
+    """
     jacobians = sensitivities(problem, point) if jacobians is None else jacobians
     each = [
         linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
@@ -206,7 +187,9 @@ def descend(
                 return Descent(point, iteration, damping > 1e8 or not step.any())
         gain = (point.cost - trial.cost) / max(point.cost, 1e-300)
         quality = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
-        damping, growth = damping * max(MOST_RELIEF, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
+        # Nielsen 1999. With a tenth as the least, a third of the steps was refused, and fits of eight denominators
+        # took a third more solutions.
+        damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
         damping = max(damping, 1e-9)
         point = trial
         small = small + 1 if gain * independent < ENOUGH else 0
@@ -218,7 +201,7 @@ def descend(
 def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
     """Return Hessian and gradient of the reduced problem in poles and delays."""
     shared = point.numerators.size
-    information, gradient, outer, following = _linearised(problem, point)
+    information, gradient, outer, following = reduced_information(problem, point)
     gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)
     factor, scale = _normalised(information[:shared, :shared], point.penalty)
     coupling = forward(factor, information[:shared, shared:] * scale[:, None])
@@ -259,7 +242,7 @@ def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
     moved[np.arange(lags), :, np.arange(lags)] += step
     moved[lags + np.arange(lags), :, np.arange(lags)] -= step
     orders = [order - k for order in problem.all_orders] * (2 * lags)
-    seconds = denominators_of_orders(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
+    seconds = denominators(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
     a: Floats = (seconds / system.unit[:, None] ** missing_powers(problem)).reshape(-1, lags)
     free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
     free = (free[0] - free[1]) / (2.0 * step)

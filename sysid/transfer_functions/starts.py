@@ -38,24 +38,14 @@ from sysid.transfer_functions.problem import Band, Problem, clip, denominators, 
 from sysid.transfer_functions.response import Discretised, discretise
 from sysid.transfer_functions.separable import Descent, Point, descend, instruments, solve
 
-#: Weight of the initial responses, relative to the problem's, when records begin at rest and when they do not.
-AT_REST, IN_MOTION = 100.0, 1e-4
-
-#: Part of the output's variance below which a fit from rest explains the records, and above which nothing does.
-EXPLAINED, HOPELESS = 0.01, 0.1
+#: Part of the output's variance below which a fit from rest explains the records.
+EXPLAINED = 0.01
 
 #: Steps of the shared modes with half of the records and then with all, and of a channel with one record and with all.
 MODES_STEPS, CHANNEL_STEPS = (14, 8), (15, 10)
 
 #: Shared modes are settled when a step lowers the cost by less than this part: they are a basis, not the answer.
 MODES_SETTLED = 2e-3
-
-#: How often channels may be drawn where the poles found do not explain what the shared modes do: of 30 fits of table A1
-#: one needed four.
-DRAWS = 6
-
-#: Damping ratios that channels start with, and those of the grid of shared modes: the second where the first is stuck.
-CHANNEL_DAMPING, GRID_DAMPING = (0.01, 2.0), (0.2, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +67,12 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     sections = max((sum(problem.all_orders) + 1) // 2, 8)
     if problem.integrators or not _enough(problem, sections):
         return
-    for damping in GRID_DAMPING:
+    for damping in (0.2, 0.1):  # the second where a grid of the first is stuck
         modes, rough = _shared_modes(problem, sections, band, damping, deadline)
         residuals = rough.point.residuals
         left = rough.point.cost / sum(map(len, residuals))
-        if left > HOPELESS:
-            return
+        if left > 10.0 * EXPLAINED:
+            return  # nothing explains them
         # What modes leave is noise, or something else moves the craft (wind) and hides in what is ascribed to inputs.
         if independent_samples(residuals) >= 4 * sections * len(problem.group):
             break
@@ -99,7 +89,7 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     ]
     carried = [np.sqrt(sum(np.var(part[:, :, j], axis=0) for part in parts)) for j in range(len(channels))]
     variance = float(np.mean(np.concatenate(fit.point.residuals) ** 2))
-    for _ in range(DRAWS):
+    for _ in range(6):  # of 30 fits of table A1 one needed four
         theta = np.zeros((len(channels), problem.order))
         for j, channel in enumerate(channels):
             theta[j, : channel.order] = _fit_channel(channel, fit.point.theta, carried[j], band, rng, deadline)
@@ -154,11 +144,11 @@ def _shared_modes(
     )
     half = replace(modes, inputs=modes.inputs[::2], outputs=modes.outputs[::2])
     few = half if _enough(half, sections) else modes
-    rough = replace(few, initial=AT_REST * problem.initial)
+    rough = replace(few, initial=100.0 * problem.initial)
     best = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
     initial = rough.initial
     if best.point.cost > EXPLAINED * few.samples and time.monotonic() < deadline:
-        rough = replace(few, initial=IN_MOTION * problem.initial)
+        rough = replace(few, initial=1e-4 * problem.initial)
         moving = descend(rough, grid, MODES_STEPS[0], deadline, settled=MODES_SETTLED)
         if moving.point.cost < 0.5 * best.point.cost:
             best, initial = moving, rough.initial
@@ -200,7 +190,7 @@ def _fit_channel(
     best: Point | None = None
     for _ in range(8):
         drawn = modes[rng.choice(len(modes), channel.order // 2, replace=False, p=weights / weights.sum())]
-        drawn[:, 1] = np.clip(drawn[:, 1], *np.log(CHANNEL_DAMPING))
+        drawn[:, 1] = np.clip(drawn[:, 1], *np.log((0.01, 2.0)))
         # An odd order ends in a real pole, of which the sections tell nothing.
         single = rng.uniform(np.log(band.lowest), np.log(band.highest), channel.order % 2)
         point = descend(scout, np.concatenate([drawn.ravel(), single])[None], CHANNEL_STEPS[0], deadline).point

@@ -15,7 +15,6 @@ from scipy.special import chdtri as chi2_isf
 from core.summary import Summarised, listed
 from logparse import Finding
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
-from sysid.transfer_functions.disturbance import carried_on
 from sysid.transfer_functions.model_record import (
     Disturbance,
     FitReport,
@@ -23,7 +22,7 @@ from sysid.transfer_functions.model_record import (
     FunctionsRecord,
     TransferFunctionsRecord,
 )
-from sysid.transfer_functions.response import INITIAL_SECONDS, free_run
+from sysid.transfer_functions.response import INITIAL_SECONDS, carried_on, discretise, trends
 
 #: What has a standard deviation above this part of its value is reported as not determined.
 DETERMINED = 0.5
@@ -208,22 +207,46 @@ def run_freely(
     initial_energy: float,
     initial: Floats | None = None,
 ) -> Floats:
-    """Simulate one output of a record with the functions from its inputs; see `response.free_run`."""
-    functions = [row[name] for name in record.input_names]
-    return free_run(
-        [function.num for function in functions],
-        [function.den for function in functions],
-        record.u - record.input_trim,
-        record.y[:, column],
-        record.output_trim[column],
-        record.dt,
-        hold,
-        shared=shared,
-        sigma=max(rmse, 1e-9),
-        initial_energy=initial_energy,
-        initial=initial,
-        delays=[function.delay for function in functions],
-    )
+    """Simulate one output of a record with the functions from its inputs, from an initial state.
+
+    `initial` holds the polynomial in time (`trends`) and the coefficients of the normalised initial responses,
+    power-major; it is empty for a start at rest. Without it the state is found in `INITIAL_SECONDS` of the output.
+    """
+    samples, origin = len(record.t), record.output_trim[column]
+    early = min(round(INITIAL_SECONDS / record.dt) + 1, samples)
+    active = [j for j, name in enumerate(record.input_names) if len(row[name].den) > 1]
+    if not active:
+        return np.full(samples, origin + float(np.mean(record.y[:early, column] - origin)))
+    functions = [row[record.input_names[j]] for j in active]
+    orders = [len(function.den) - 1 for function in functions]
+    a = np.zeros((len(active), max(orders)))
+    for lane, function in enumerate(functions):
+        a[lane, : orders[lane]] = function.den[:0:-1]
+    system = discretise(a, record.dt, hold, orders)
+    late = np.array([function.delay for function in functions])
+    states = system.forced((record.u - record.input_trim)[:, active], range(len(active)), delays=late)
+    forced = np.full(samples, origin)
+    for lane, function in enumerate(functions):
+        count = len(function.num)
+        b = function.num[::-1] / system.unit[lane] ** (orders[lane] - np.arange(count))
+        forced += states[:, :count, lane] @ b
+    if initial is not None and initial.size == 0:
+        return forced
+    if shared:
+        system = system.first()
+    k = system.integrators
+    shapes = np.hstack([trends(samples, k), system.free(samples)[:, k:].reshape(samples, -1)])
+    if initial is None:
+        # Maximum a posteriori: offset and integrators are free, the initial responses as small as those of the training
+        # records, and the input's trim is taken as it is given.
+        known = np.delete(shapes[:early], [k] if k else [], axis=1)
+        normal, first = known.T @ known, max(k, 1)
+        normal[first:, first:] += max(rmse, 1e-9) ** 2 / initial_energy * system.initial_precision()
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        rhs = known.T @ (record.y[:, column] - forced)[:early]
+        found = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
+        initial = found if k == 0 else np.insert(found, k, 0.0)
+    return np.asarray(forced + shapes @ initial)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -284,8 +307,7 @@ class FunctionsModel(Summarised):
 class TransferFunctionModel(FunctionsModel):
     """Sum over inputs of one transfer function each, for every output: ``y_i = c_i + sum_j G_ij (u_j - trim_j)``."""
 
-    #: For each output the energy that the response to an initial state is expected to have; see
-    #: `sysid.transfer_functions.response.free_run`.
+    #: For each output the energy that the response to an initial state is expected to have; see `run_freely`.
     initial_energy: Mapping[str, float]
     #: ``[record][output]``: offset and initial response of each training record as the fit found them, from which
     #: `simulate` starts such a record; empty for one that starts at rest.

@@ -1,17 +1,21 @@
-"""Covariance of a solution's parameters under coloured residuals, and what their errors cost."""
+"""Covariance of a solution's parameters under coloured residuals, what their errors cost, and regularisation.
+
+How strongly numerators are held back is chosen by flight time that the trial fits have not seen.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.records.experiment import Floats
-from sysid.records.filtering import lfilter
-from sysid.statistics.covariance import coloured_information
+from sysid.statistics.covariance import coloured_information, residual_colour
 from sysid.transfer_functions.problem import Problem
-from sysid.transfer_functions.reduction import autoproducts, own_eliminated, sum_of
-from sysid.transfer_functions.separable import Point, reduced_information, sensitivities
+from sysid.transfer_functions.reduction import basis_at, eliminate, own_eliminated, sum_of
+from sysid.transfer_functions.response import INITIAL_SECONDS
+from sysid.transfer_functions.separable import Point, descend, reduced_information, sensitivities, solve, solve_again
 
 
 def parameter_covariance(problem: Problem, point: Point) -> Floats:
@@ -35,46 +39,10 @@ def effective_parameters(problem: Problem, point: Point) -> float:
     return float(np.sum(inverse * filling)) / max(variance, 1e-300)
 
 
-def residual_colour(residuals: Sequence[Floats]) -> Floats:
-    """Estimate the autocovariance of residuals by an autoregressive model whose order Akaike's criterion chooses.
-
-    A fit takes out of its residuals just what resembles its regressors. A sample autocovariance over many lags shows
-    that hole in the spectrum and promises errors that are too small, worst for models that integrate; a model of the
-    few orders that white or wind-blown residuals need passes over it (den Haan and Levin 1997).
-    """
-    lengths = tuple(map(len, residuals))
-    samples, longest = sum(lengths), max(lengths)
-    highest = int(min(round(10.0 * np.log10(samples)), min(lengths) // 4))
-    products = sum_of([autoproducts(residual, highest) for residual in residuals])
-    gamma = products / samples
-    if gamma[0] <= 0.0:
-        return gamma[:1]
-    # Levinson's recursion gives the models of all orders.
-    a, variance = np.zeros(0), float(gamma[0])
-    best = (samples * np.log(variance), a)
-    for order in range(1, highest + 1):
-        reflection = -(gamma[order] + a @ gamma[order - 1 : 0 : -1]) / variance
-        a = np.concatenate([a + reflection * a[::-1], [reflection]])
-        variance *= 1.0 - reflection**2
-        if variance <= 1e-12 * gamma[0]:
-            break
-        best = min(best, (samples * np.log(variance) + 2.0 * order, a), key=lambda one: one[0])
-    a = best[1]
-    order = len(a)
-    if order == 0:
-        return gamma[:1]
-    # Beyond its order the model's autocovariance follows its own difference equation.
-    past = [-sum(a[i] * gamma[order + j - i] for i in range(j, order)) for j in range(order)]
-    following = lfilter([1.0], np.concatenate([[1.0], a]), np.zeros(longest), np.array(past))
-    whole = np.concatenate([gamma[: order + 1], following])[:longest]
-    lasting = np.flatnonzero(np.abs(whole) > 1e-4 * gamma[0])
-    return np.asarray(whole[: lasting[-1] + 1])
-
-
 def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
     jacobians = sensitivities(problem, point)
-    information, _ = reduced_information(problem, point, jacobians)
+    information = reduced_information(problem, point, jacobians)[0]
     colour = residual_colour(point.residuals)
     estimated = np.diag(information) > 0.0
     freedom = max(problem.samples - int(estimated.sum()), 1)
@@ -87,3 +55,94 @@ def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, f
     filling = coloured_information(reduced, colour)
     filling = filling * size * size[:, None] + colour[0] * trace
     return np.asarray(np.linalg.inv(bread)), np.asarray(filling), size, float(colour[0])
+
+
+#: Candidates, weakest first. The strongest leaves next to nothing of the inputs' effect: what a black box should say
+#: of an output that the inputs do not explain.
+RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """A problem without the flight time held back, and that flight time."""
+
+    seen: Problem
+    #: Inputs about their mean over each part held back, and outputs; None where there is too little to hold any back.
+    held_back: Problem | None
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A ridge, and the poles and delays that went with it."""
+
+    ridge: float
+    theta: Floats  #: shape (groups, lags)
+    delays: Floats  #: shape (m,): s.
+    steps: int  #: Taken on the way.
+
+
+def divide(problem: Problem) -> Division:
+    """Hold back every third record, or the last part of each when there are fewer than three."""
+    count = len(problem.outputs)
+    seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]
+    unseen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
+    if count < 3:
+        cuts = [round(0.7 * len(y)) for y in problem.outputs]
+        if min(len(y) - at for y, at in zip(problem.outputs, cuts, strict=True)) * problem.dt < 4.0 * INITIAL_SECONDS:
+            return Division(problem, None)
+        seen = [(r, slice(0, at)) for r, at in enumerate(cuts)]
+        unseen = [(r, slice(at, None)) for r, at in enumerate(cuts)]
+    parts = [(problem.inputs[r][rows], problem.outputs[r][rows]) for r, rows in unseen]
+    return Division(
+        replace(
+            problem,
+            inputs=tuple(problem.inputs[r][rows] for r, rows in seen),
+            outputs=tuple(problem.outputs[r][rows] for r, rows in seen),
+        ),
+        replace(problem, inputs=tuple(u - u.mean(axis=0) for u, _ in parts), outputs=tuple(y for _, y in parts)),
+    )
+
+
+def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: float) -> Choice:
+    """Keep the candidate whose free run is best on the part held back.
+
+    There, offset and initial state are the likeliest ones, and an initial state has its price, so that numerators and
+    poles are judged and not how well three seconds tell the initial state. At given poles all candidates share one sum
+    of normal equations over what was seen, and one over what was not. Poles follow one candidate after the other,
+    weakest first, until none stronger would be better there.
+    """
+    if division.held_back is None:
+        # Too little data to hold any back.
+        return Choice(1e-2, theta, delays, 0)
+    best, least = Choice(RIDGES[0], theta, delays, 0), np.inf
+    place, steps, most = 0, 0, 6
+    while True:
+        ridge = RIDGES[place]
+        descent = descend(replace(division.seen, ridge=ridge), theta, most, deadline, delays)
+        theta, delays, steps = descent.point.theta, descent.point.delays, steps + descent.iterations
+        errors = _errors(division, theta, delays)
+        # Ties go to the weaker candidate: regularisation that does not improve must not bias.
+        if errors[place] < (1.0 - 1e-3) * least:
+            best, least = Choice(ridge, theta, delays, steps), errors[place]
+        foreseen = int(np.argmin(errors))
+        if foreseen <= place or time.monotonic() > deadline:
+            return replace(best, steps=steps)
+        # One after the other, for poles move with the candidate; but not through many that are far from any good.
+        place = foreseen if foreseen > place + 3 else place + 1
+        most = 4
+
+
+def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:
+    """Return for each candidate at these poles squared residual plus price of the unseen division's initial states."""
+    assert division.held_back is not None
+    seen = division.seen
+    held = replace(division.held_back, initial=seen.initial, group=seen.group, orders=seen.orders)
+    point = solve(seen, theta, delays)
+    basis = basis_at(held, theta, held.start_delays if delays is None else delays)
+    judged = sum_of([eliminate(held, basis, u, y).information for u, y in zip(held.inputs, held.outputs, strict=True)])
+    errors = []
+    for ridge in RIDGES:
+        numerators = solve_again(replace(seen, ridge=ridge), point.basis, point.information).numerators
+        error = np.append(numerators.ravel(), -1.0)
+        errors.append(float(error @ judged @ error))
+    return errors

@@ -25,15 +25,8 @@ from sysid.validation.report import DriftBand, ModelRecord, ValidationReport
 #: How far ahead predictions are compared with the baselines, s.
 HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
 
-#: Predictions a second that a horizon's error is averaged over, at most: more are no further news of so slow a motion.
-RESTARTS = 10.0
-
-#: Steps that such predictions may integrate over for one horizon of one record: on a long flight hundreds of restarts
-#: tell the error of a long horizon as well as thousands.
-MOST_STEPS = 100_000
-
-#: Part of a free run's errors that its drift band should hold, and times at which the band is listed.
-BAND, BAND_POINTS = 0.9, 41
+#: Part of a free run's errors that its drift band should hold.
+BAND = 0.9
 
 #: A model beats a baseline when its error is at least this part smaller; less is chance.
 MARGIN = 0.05
@@ -130,10 +123,10 @@ class Validation(Summarised):
         )
 
     def _drift(self) -> Iterator[DriftBand]:
-        """Yield the bands, thinned to `BAND_POINTS` times."""
+        """Yield the bands, thinned to 41 times."""
         for flight, widths in self.drift.items():
             outputs = self.table.loc[self.table["flight"] == flight, "output"]
-            at = np.unique(np.linspace(0, len(widths) - 1, BAND_POINTS).round().astype(int))
+            at = np.unique(np.linspace(0, len(widths) - 1, 41).round().astype(int))
             for column, output in enumerate(outputs):
                 yield DriftBand(
                     flight=flight,
@@ -254,7 +247,9 @@ _HORIZON_COLUMNS = [
 
 def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:
     """Predict so far ahead; a model that integrates anew from every restart does so as often as is worth it."""
-    every = max(round(1.0 / (RESTARTS * record.dt)), len(record.t) * steps // MOST_STEPS, 1)
+    # Ten predictions a second: more are no further news of so slow a motion. On a long flight hundreds of restarts tell
+    # the error of a long horizon as well as thousands.
+    every = max(round(0.1 / record.dt), len(record.t) * steps // 100_000, 1)
     if isinstance(model, RigidBodyModel):
         every = every if steps > 1 else 1
         return model.predict(record, horizon, every, simulated), every

@@ -68,8 +68,8 @@ def test_sensitivities_are_the_derivatives_of_the_accelerations(law):
 
     def at(values):
         out, jacobian = np.empty((samples - 1, 3)), np.empty((samples - 1, 3, len(theta)))
-        heights = np.full(samples, 20.0)
-        accelerations(values, *flight.signals(values[LAG]), shapes, heights, law, 1, out, jacobian)
+        signals = flight.signals(values[LAG])._replace(heights=np.full(samples, 20.0))
+        accelerations(values, signals, shapes, law, 1, out, jacobian)
         return out, jacobian
 
     for column in range(len(theta)):

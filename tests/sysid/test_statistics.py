@@ -8,8 +8,8 @@ from core.serialization import as_json, from_json
 from sysid import TransferFunction, frequency_response, poles, zeros
 from sysid.statistics.covariance import coloured_information, lagged_information, wander
 from sysid.statistics.residuals import examine_residuals
-from sysid.transfer_functions.disturbance import carried_on, fit_disturbance, steady_gains
 from sysid.transfer_functions.model_record import Disturbance
+from sysid.transfer_functions.response import carried_on, fit_disturbance, steady_gains
 
 
 def inputs(rng, samples=600, count=2):

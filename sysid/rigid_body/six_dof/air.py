@@ -19,15 +19,6 @@ from sysid.rigid_body.six_dof.body_record import BodyRecord, drives
 from sysid.rigid_body.six_dof.correction import upright_axes
 from sysid.rigid_body.six_dof.model import SixDofModel, substeps
 
-#: Length of the blocks over which velocity changes, and of the windows of a trim, s: manoeuvres, during which the model
-#: errs this way and that, are shorter than these.
-BLOCK_SECONDS, TRIM_SECONDS = 0.2, 5.0
-
-#: Standard deviation of the horizontal acceleration that all of a record may miss, m/s^2: by a law of drag that does
-#: not hold at every speed, and by a level that is off by 0.3 deg where no trim is given. In a tunnel, flown by two
-#: controllers, known winds of 0 to 12 m/s were 0.2 m/s off with a trim, 0.25 without; 0.1 m/s^2 are 0.24 m/s there.
-_LAW, _LEVEL = 0.1, 0.05
-
 #: Of a record before it begins: standard deviations of exponent, thrust over the model's, as `fit.FAMILIES` has it of a
 #: battery's charge, and wind, m/s.
 _SIGMA = np.array([ANY_SIGMA[0], 0.1, 15.0, 15.0])
@@ -68,7 +59,7 @@ def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
     missed, thrust = (
         np.einsum("nji,nj->ni", level, each) / blocks.seconds for each in (blocks.missed, blocks.by_flight[:, :, 1])
     )
-    size = round(TRIM_SECONDS / blocks.seconds)
+    size = round(5.0 / blocks.seconds)  # manoeuvres, during which the model errs this way and that, are shorter
     _require(record, len(missed) >= size)
     leans = []
     for window in np.split(np.arange(len(missed) // size * size), len(missed) // size):
@@ -112,7 +103,10 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | Non
     blocks = blocks_of(told.about, beginning=False)
     wind, covariances = smoothed_wind(told, blocks.seconds)
     to_wind = np.linalg.pinv(blocks.by_flight[:, :2, len(OWN) :].mean(axis=0) / blocks.seconds)
-    missed = _LAW if trim is not None else float(np.hypot(_LAW, _LEVEL))
+    # What all of a record may miss, m/s^2: by a law of drag that does not hold at every speed, and without a trim by a
+    # level that is off by 0.3 deg. In a tunnel, flown by two controllers, known winds of 0 to 12 m/s were 0.2 m/s
+    # off with a trim, 0.25 without; 0.1 m/s^2 are 0.24 m/s there.
+    missed = 0.1 if trim is not None else float(np.hypot(0.1, 0.05))
     feigned = np.diag(to_wind @ to_wind.T) * missed**2
     noise = np.diag(to_wind @ to_wind.T) * told.wander.horizontal_noise / (record.t[-1] - record.t[0])
     return WindTrack(
@@ -132,7 +126,7 @@ def _require(record: BodyRecord, enough: bool) -> None:
 def _increments(model: SixDofModel, record: BodyRecord, own: Floats, lean: Floats) -> Increments:
     """Hold changes of velocity against the model's about a thrust and a wind, under a lean that the model misses."""
     dt, drive = record.dt, drives(record, model.kinds, model.shape)
-    size = min(max(round(BLOCK_SECONDS / dt), 1), len(record.t) - 1)
+    size = min(max(round(0.2 / dt), 1), len(record.t) - 1)
     edges = np.arange(0, len(record.t), size)
     starts, marks, push = edges[:-1], np.array([size]), np.zeros((len(edges) - 1, 6))
     push[:, :3] = upright_axes(record, starts)[:, :, :2] @ lean

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -17,7 +17,6 @@ from sysid.rigid_body.six_dof._kernels import DRIVES, shifted_and_lagged
 
 #: Names of inputs that are the commands of a mixer rather than single motors.
 MIXER = ("thrust", "roll", "pitch", "yaw")
-_MIXER_ALIASES = {"throttle": "thrust"}
 
 
 class BodyQuantity(StrEnum):
@@ -45,6 +44,11 @@ class InputKinds:
         return self.motors or tuple(at for _, at in self.mixer)
 
     @property
+    def thrusting_names(self) -> tuple[str, ...]:
+        """Names of the inputs that thrust or turn the craft through its rotors."""
+        return tuple(self.names[at] for at in self.thrusting)
+
+    @property
     def further_names(self) -> tuple[str, ...]:
         """Names of the further inputs."""
         return tuple(self.names[at] for at in self.further)
@@ -63,17 +67,12 @@ class BodyRecord(MeasuredMotion):
 class InputShape:
     """Parameters between inputs and drives, which enter the equations of motion nonlinearly."""
 
-    #: shape (thrusting inputs,): s; a telemetry that is late has a negative delay.
-    delays: Floats
-    lags: Floats
-    #: shape (thrusting inputs,): Thrust and torque of each motor over the mean motor's, at equal speed or command; 1 in
-    #: the mean.
-    shares: Floats
-    further_lag: float  #: First-order lag of further inputs, s.
-    expo: float  #: Curvature of thrust over command; 1 for rotor speeds, whose square it is.
-    #: Change of thrust over thrust per second, 1/s, about the middle of each record: a battery runs down, and not every
-    #: record holds its voltage. 0 for rotor speeds, whose thrust does not depend on it.
-    drift: float
+    #: Of the fit by name: ``delay_NAME`` [s; below zero of a telemetry that is late] and ``lag_NAME`` [s] of the inputs
+    #: that thrust, or ``delay`` and ``lag`` of all; ``share_NAME`` of thrust and torque of each motor over the mean
+    #: motor's, at equal speed or command; ``lag_further`` [s] of further inputs; ``expo``, curvature of thrust over
+    #: command; ``thrust_drift``, change of thrust over thrust per second about the middle of each record, 1/s, as a
+    #: battery runs down.
+    values: Mapping[str, float] = field(default_factory=dict)
     #: Thrust of the same commands in each record over that of the mean record: batteries are not equally full.
     charges: Mapping[str, float] = field(default_factory=dict)
     scale: float  #: Strength of a rotor that counts as 1 over the number of rotors.
@@ -81,15 +80,18 @@ class InputShape:
     centre: Floats  #: Trim of the further inputs, in their unit.
     width: Floats  #: Change of each further input that counts as 1.
 
+    def of_each(self, kind: str, names: Sequence[str], usual: float = 0.0) -> Floats:
+        """Return what each of the named inputs has of a kind, or all have."""
+        return np.array([self.values.get(f"{kind}_{name}", self.values.get(kind, usual)) for name in names])
+
 
 def input_kinds(record: Experiment) -> InputKinds:
     """Sort the inputs of a record into motors, commands of a mixer, and the rest."""
     names = record.input_names
     known = {f"m{motor.number}": motor for motor in (record.vehicle.motors if record.vehicle is not None else ())}
     motors = tuple(k for k, name in enumerate(names) if name in known)
-    mixer = tuple(
-        (_MIXER_ALIASES.get(name, name), k) for k, name in enumerate(names) if _MIXER_ALIASES.get(name, name) in MIXER
-    )
+    called = ["thrust" if name == "throttle" else name for name in names]
+    mixer = tuple((name, k) for k, name in enumerate(called) if name in MIXER)
     lost = [name for name in names if name.startswith("m") and name[1:].isdigit() and name not in known]
     if lost:
         raise MissingDataError(
@@ -154,7 +156,8 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
     if kinds.motors:
         # The mean of the squares over the records is that of the strengths, which `scale` makes 1 in all.
         whole = shape.reference_speed**2 / shape.scale if record.speeds else 1.0 / moved.shape[1]
-        strengths = moved**2 * whole * shape.shares * held[:, None]
+        shares = shape.of_each("share", kinds.thrusting_names, 1.0)
+        strengths = moved**2 * whole * (shares - shares.mean() + 1.0) * held[:, None]
         # Rotors that thrust less from the same commands turn as much slower.
         moved, *ends = (each * np.sqrt(charge)[:, None] for each in (moved, *ends))
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
@@ -173,9 +176,10 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         out[:, 5] = (ends[1][:, yaw] - ends[0][:, yaw]) / dt
         out[:, 6] = np.sqrt(np.maximum(out[:, 0], 0.0))
     out[:, 7] = charge
+    lag = shape.values.get("lag_further", 0.0)
     for k, at in enumerate(kinds.further):
         value = (record.inputs[:, at] - shape.centre[k]) / shape.width[k]
-        out[:, len(DRIVES) + k] = shifted_and_lagged(value, 0.0, shape.further_lag / dt)
+        out[:, len(DRIVES) + k] = shifted_and_lagged(value, 0.0, lag / dt)
     return out
 
 
@@ -183,7 +187,7 @@ def battery(record: BodyRecord, shape: InputShape) -> Floats:
     """Thrust of the same commands over that of the mean record at its middle, (N,); 1 for rotor speeds."""
     if record.speeds:
         return np.ones(len(record.t))
-    run_down = 1.0 + shape.drift * (record.t - 0.5 * (record.t[0] + record.t[-1]))
+    run_down = 1.0 + shape.values.get("thrust_drift", 0.0) * (record.t - 0.5 * (record.t[0] + record.t[-1]))
     return np.asarray(shape.charges.get(record.name, 1.0) * run_down)
 
 
@@ -194,12 +198,13 @@ def _moved(record: BodyRecord, kinds: InputKinds, shape: InputShape, later: floa
     """
     inputs, dt = record.inputs[:, list(kinds.thrusting)], record.dt
     if kinds.motors and not record.speeds:
-        inputs = np.sqrt(np.maximum(curve(inputs, shape.expo) / shape.scale * inputs.shape[1], 0.0))
+        inputs = np.sqrt(np.maximum(curve(inputs, shape.values["expo"]) / shape.scale * inputs.shape[1], 0.0))
     elif kinds.motors:
         inputs = inputs / shape.reference_speed
+    times = [shape.of_each(kind, kinds.thrusting_names) / dt for kind in ("delay", "lag")]
     return np.column_stack(
         [
-            shifted_and_lagged(np.ascontiguousarray(column), shape.delays[k] / dt - later, shape.lags[k] / dt)
-            for k, column in enumerate(inputs.T)
+            shifted_and_lagged(np.ascontiguousarray(column), delay - later, lag)
+            for column, delay, lag in zip(inputs.T, *times, strict=True)
         ]
     )

@@ -51,10 +51,6 @@ def pushes(observer: Observer, missed: Floats, dt: float) -> Floats:
     return out
 
 
-#: Time constants of the means of what was missed before a start, in parts of the memory.
-_MEANS = (1 / 40, 1 / 16, 1 / 6, 1 / 2.5)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CorrectionRecord:
     """What files hold of a `HorizonCorrection`."""
@@ -159,7 +155,7 @@ def features(
         parts.append(strength[np.minimum(starts[:, None] + np.arange(steps), n - 1)].reshape(len(starts), -1))
     if missed is not None and memory > 0.0:
         slow = _mean(missed, memory)
-        for part in _MEANS:
+        for part in (1 / 40, 1 / 16, 1 / 6, 1 / 2.5):
             quick = (_mean(missed, part * memory) - slow)[starts]
             parts.append(np.einsum("nji,nj->ni", upright, quick[:, :3]))
             if not given:

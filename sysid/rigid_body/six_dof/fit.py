@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.units import STANDARD_GRAVITY
+from logparse import Finding, Severity
 from sysid.records.experiment import Experiment, ExperimentError, Floats, require_alike
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof._kernels import PER_INPUT, SHARED, THETA, ahead
@@ -24,13 +25,9 @@ from sysid.rigid_body.six_dof.body_record import (
 )
 from sysid.rigid_body.six_dof.model import UNITS, SixDofModel, substeps
 from sysid.rigid_body.six_dof.shooting import ShootingFit, minimise, spreads, state_errors
-from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 
 #: Horizons at which runs are compared with the record, s.
 HORIZONS = (0.05, 0.15, 0.3, 0.5)
-
-#: Length of the blocks whose errors count as independent, s.
-BLOCK_SECONDS = 4.0
 
 
 class Family(NamedTuple):
@@ -79,17 +76,8 @@ FAMILIES: Mapping[str, Family] = {
     "force": Family(0.0, 10.0, -100.0, 100.0, limit=0.1, unit="m/s^2 for the usual change of the input"),
     "torque": Family(0.0, 50.0, -1e3, 1e3, step=1e-2, limit=1.0, unit="rad/s^2 for the usual change of the input"),
 }
-#: Error that the equations make of delays and lags, samples.
-FLOOR_SAMPLES = 0.025
-
 #: Rate at which faster records are fitted, Hz: no motion is faster, and delays and lags are in seconds.
 FASTEST = 250.0
-
-#: Place of a delay or lag that all rotors share.
-ALL = slice(None)
-
-#: Where parameters of rotation begin in theta.
-ROTATION = THETA.index("roll_gain")
 
 _FURTHER = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -99,9 +87,8 @@ class _Unknown:
     """One number that is estimated: its name, and how it enters."""
 
     name: str
-    kind: str  #: ``theta``, a wind, or what of `InputShape` it is.
-    at: int | slice = 0
-    record: str = ""
+    at: int | None = None  #: Place in theta, or 0 north and 1 east of a wind; None for one of `InputShape`.
+    record: str = ""  #: Whose wind or charge it is.
     family: str = ""
 
     @property
@@ -173,12 +160,11 @@ def fit_six_dof(
     def unpack(values: Floats) -> tuple[Floats, InputShape, dict[str, Floats]]:
         return _unpack(values, unknowns, kinds, shape, known)
 
-    cache: dict[bytes, list[Floats]] = {}
+    cache: dict[tuple[float, ...], list[Floats]] = {}
 
     def errors_from(starts: Sequence[np.ndarray], values: Floats) -> list[Floats]:
         theta, moved, wind = unpack(values)
-        single = [moved.further_lag, moved.expo, moved.drift, *moved.charges.values()]
-        key = np.concatenate([moved.delays, moved.lags, moved.shares, single]).tobytes()
+        key = (*moved.values.values(), *moved.charges.values())
         if key not in cache:
             if len(cache) > 2:
                 cache.pop(next(iter(cache)))
@@ -199,7 +185,7 @@ def fit_six_dof(
     for runs, iterations in ((max(most_runs // 6, 300), 12), (most_runs, 6)):
         every = max(total // runs, 1)
         starts = [np.arange(0, max(len(body.t) - int(marks[-1]), 0), every) for body in bodies]
-        block = max(round(BLOCK_SECONDS / dt / every), 1)
+        block = max(round(4.0 / dt / every), 1)  # errors of four seconds count as independent of others
         errors_of = partial(errors_from, starts)
         found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
         start = found.values
@@ -236,31 +222,30 @@ def _unknowns(
     if speeds or kinds.mixer:
         left_out.add("thrust_offset")
     if given:
-        left_out |= set(THETA[ROTATION:])
-    out = [_Unknown(name, "theta", at) for at, name in enumerate(THETA) if name not in left_out]
+        left_out |= set(THETA[THETA.index("roll_gain") :])
+    out = [_Unknown(name, at) for at, name in enumerate(THETA) if name not in left_out]
     for k, further in enumerate(kinds.further_names):
         out += [
-            _Unknown(f"{further}_{part}", "theta", SHARED + PER_INPUT * k + j, family="force" if j < 3 else "torque")
+            _Unknown(f"{further}_{part}", SHARED + PER_INPUT * k + j, family="force" if j < 3 else "torque")
             for j, part in enumerate(_FURTHER[:3] if given else _FURTHER)
         ]
-    names = [kinds.names[at] for at in kinds.thrusting]
     if given:
         # Translation sees the sum of the rotors only.
-        out += [_Unknown(each, each, ALL) for each in (("delay",) if speeds else ("delay", "lag"))]
+        out += [_Unknown(each) for each in (("delay",) if speeds else ("delay", "lag"))]
     else:
         moving = ["delay"] + ["lag"] * (not speeds) + ["share"] * (len(kinds.motors) > 1)
-        out += [_Unknown(f"{each}_{name}", each, k, family=each) for each in moving for k, name in enumerate(names)]
+        out += [_Unknown(f"{each}_{name}", family=each) for each in moving for name in kinds.thrusting_names]
     if kinds.further:
-        out.append(_Unknown("lag_further", "further_lag", family="lag"))
+        out.append(_Unknown("lag_further", family="lag"))
     if kinds.quantity is BodyQuantity.PWM and kinds.motors:
-        out.append(_Unknown("expo", "expo"))
+        out.append(_Unknown("expo"))
     if not speeds:
-        out.append(_Unknown("thrust_drift", "drift", family="drift"))
+        out.append(_Unknown("thrust_drift", family="drift"))
         if len(bodies) > 1:
-            out += [_Unknown(f"charge_{body.name}", "charge", record=body.name, family="charge") for body in bodies]
+            out += [_Unknown(f"charge_{body.name}", record=body.name, family="charge") for body in bodies]
     for body in bodies:
         if not indoors and body.name not in winds:
-            out += [_Unknown(f"wind_{part}", "wind", j, body.name, "wind") for j, part in enumerate(("n", "e"))]
+            out += [_Unknown(f"wind_{part}", j, body.name, "wind") for j, part in enumerate(("n", "e"))]
     return out
 
 
@@ -282,12 +267,7 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
         scale, reference = float(np.mean(inputs[:, thrust])), 1.0
     extra = inputs[:, further]
     return InputShape(
-        delays=np.zeros(len(used)),
-        lags=np.zeros(len(used)),
-        shares=np.ones(len(used)),
-        further_lag=0.0,
-        expo=expo,
-        drift=0.0,
+        values={"expo": expo},
         scale=max(scale, 1e-12),
         reference_speed=max(reference, 1e-12),
         centre=extra.mean(axis=0),
@@ -305,32 +285,19 @@ def _expo(kinds: InputKinds, records: Sequence[Experiment]) -> float:
 def _unpack(
     values: Floats, unknowns: Sequence[_Unknown], kinds: InputKinds, shape: InputShape, winds: Mapping[str, Floats]
 ) -> tuple[Floats, InputShape, dict[str, Floats]]:
-    theta = np.zeros(SHARED + PER_INPUT * len(kinds.further))
-    moved = {"delay": shape.delays.copy(), "lag": shape.lags.copy(), "share": shape.shares.copy()}
-    single = {"further_lag": shape.further_lag, "expo": shape.expo, "drift": shape.drift}
+    theta, moved = np.zeros(SHARED + PER_INPUT * len(kinds.further)), dict(shape.values)
     wind, charges = {name: np.array(value) for name, value in winds.items()}, dict[str, float]()
-    for value, unknown in zip(values, unknowns, strict=True):
-        if unknown.kind == "theta":
-            theta[unknown.at] = value
-        elif unknown.kind in moved:
-            moved[unknown.kind][unknown.at] = value
-        elif unknown.kind == "charge":
-            charges[unknown.record] = float(value)
-        elif unknown.kind == "wind":
+    for value, unknown in zip(values.tolist(), unknowns, strict=True):
+        if unknown.family == "charge":
+            charges[unknown.record] = value
+        elif unknown.family == "wind":
             wind.setdefault(unknown.record, np.zeros(2))[unknown.at] = value
+        elif unknown.at is None:
+            moved[unknown.name] = value
         else:
-            single[unknown.kind] = float(value)
-    shape = replace(
-        shape,
-        delays=moved["delay"],
-        lags=moved["lag"],
-        shares=moved["share"] - moved["share"].mean() + 1.0,
-        charges={name: value - float(np.mean(list(charges.values()))) + 1.0 for name, value in charges.items()},
-        further_lag=single["further_lag"],
-        expo=single["expo"],
-        drift=single["drift"],
-    )
-    return theta, shape, wind
+            theta[unknown.at] = value
+    charges = {name: value - float(np.mean(list(charges.values()))) + 1.0 for name, value in charges.items()}
+    return theta, replace(shape, values=moved, charges=charges), wind
 
 
 def _parameters(
@@ -350,7 +317,8 @@ def _parameters(
         if unknown.record:
             continue
         family, name, value = unknown.shared, unknown.name, float(found.values[k])
-        floor = FLOOR_SAMPLES * dt if family.unit == "s" else family.part * abs(value) + family.amount
+        # The equations err by a fortieth of a sample in delays and lags.
+        floor = 0.025 * dt if family.unit == "s" else family.part * abs(value) + family.amount
         error = float(np.hypot(spread[k], floor))
         limit, reason = max(0.2 * abs(value), family.limit), ""
         if np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0:
@@ -362,7 +330,7 @@ def _parameters(
             if abs(value) < 0.01 * error and family.limit == 0.0:
                 asked = "and what was found is nothing beside it"
             reason = f"its standard error is {error:.2g}, {asked}"
-        if unknown.kind == "delay":
+        if unknown.at is None and name.startswith("delay"):
             name, value, lead = timing_of(name, value, error, kinds, dt)
             reason = lead or reason
         found_one = BodyParameter.of(name, UNITS.get(unknown.name, family.unit), value, error, reason)
@@ -376,8 +344,8 @@ def _parameters(
 
 def _centred(found: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
     """Make the shares of the motors, and the charges of the records, 1 in the mean: only what they differ by enters."""
-    for kind in ("share", "charge"):
-        alike = np.array([unknown.kind == kind for unknown in unknowns])
+    for family in ("share", "charge"):
+        alike = np.array([unknown.family == family for unknown in unknowns])
         if alike.any():
             values = found.values.copy()
             values[alike] += 1.0 - values[alike].mean()
@@ -419,6 +387,54 @@ def _wind_sigma(unknowns: Sequence[_Unknown], found: ShootingFit) -> dict[str, F
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     out: dict[str, Floats] = {}
     for k, unknown in enumerate(unknowns):
-        if unknown.kind == "wind":
+        if unknown.family == "wind":
             out.setdefault(unknown.record, np.zeros(2))[unknown.at] = spread[k]
     return out
+
+
+#: Standard errors below zero beyond which chance does not explain a sign.
+_BEYOND = 2.0
+
+
+def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, BodyParameter]:
+    """Return the parameters, those of the air that are below zero not determined, with the reason."""
+    out = dict(parameters)
+    # Both laws of drag stand for one effect: where one is impossible, what the other came out as leans on it.
+    effects = [(f"drag_rotor_{axis}", f"drag_quadratic_{axis}") for axis in "xyz"]
+    for names in (*effects, *((f"{axis}_damping",) for axis in ("roll", "pitch", "yaw"))):
+        wrong = [name for name in names if name in out and _below_zero(out[name])]
+        for name in names:
+            if not wrong or name not in out:
+                continue
+            if name in wrong:
+                came = f"{out[name].value:.2g} ± {out[name].sigma:.2g}"
+                reason = f"it came out below zero ({came}), which no air does: wind or an unknown force passes for it"
+            else:
+                reason = f"{wrong[0]} came out below zero, and the two are not told apart"
+            out[name] = out[name].refused(reason)
+    return out
+
+
+def wrong_turns(parameters: Mapping[str, BodyParameter], spread: Mapping[str, float]) -> tuple[Finding, ...]:
+    """Point out gains of the wrong sign: motors permuted, a wrong frame, or a record that its controller made."""
+    gains = {axis: parameters[f"{axis}_gain"] for axis in ("roll", "pitch", "yaw")}
+    wrong = [axis for axis, gain in gains.items() if gain.used < -_BEYOND * spread.get(gain.name, 0.0)]
+    if not wrong:
+        return ()
+    sure = any(gains[axis].value is not None for axis in wrong)
+    return (
+        Finding(
+            "motor-order",
+            Severity.ERROR if sure else Severity.WARNING,
+            f"motors {'turn' if sure else 'seem to turn'} the craft the wrong way in {', '.join(wrong)}: "
+            + ", ".join(f"{gains[axis].used:.3g} rad/s^2" for axis in wrong)
+            + " where it must be positive"
+            + ("" if sure else "; the record turns too little to be sure"),
+            "check the order of the motor columns, the frame and the signs of the rates",
+            {axis: float(gains[axis].used) for axis in wrong},
+        ),
+    )
+
+
+def _below_zero(each: BodyParameter) -> bool:
+    return each.value is not None and each.sigma is not None and each.value < -_BEYOND * each.sigma

@@ -13,23 +13,7 @@ from sysid.rigid_body.six_dof.correction import HorizonCorrection, Observer, fea
 from sysid.rigid_body.six_dof.model import SixDofModel
 from sysid.rigid_body.six_dof.shooting import state_errors
 
-#: Reweighting passes, and the part of the usual error below which all runs count alike.
-_PASSES, _FLOOR = 3, 0.3
-
-#: Runs that are learned from, and those of them by which a correction is accepted; and errors of all runs together,
-#: which take 8 bytes each.
-_RUNS, _TRIED, _ERRORS = 60_000, 15_000, 40_000_000
-
-#: By what part thrust at the same command differs from flight to flight.
-CHARGE_SIGMA = 0.1
-
-#: Horizontal, vertical, and all of a position.
-_PARTS = (slice(0, 2), slice(2, 3), slice(0, 3))
-
 _STATES = ("position", "velocity", "attitude", "rates")
-
-#: Memories of an observer that are tried, s, and starts of each record that they are tried on.
-_MEMORIES, _STARTS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), 300
 
 
 def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Experiment], horizon: float) -> SixDofModel:
@@ -53,8 +37,9 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
     stranger = model.as_for_a_stranger()
     records = [model.record(experiment) for experiment in require_alike(experiments)]
     if len(records) == 1 and not records[0].speeds:
-        # One record has one load and one battery, and does not show what an observer is for: another has others.
-        stranger = replace(stranger, shape=replace(stranger.shape, charges={records[0].name: 1.0 + CHARGE_SIGMA}))
+        # One record has one load and one battery, and does not show what an observer is for: another has others,
+        # of which thrust at the same command differs by a tenth.
+        stranger = replace(stranger, shape=replace(stranger.shape, charges={records[0].name: 1.1}))
     steps = horizon_steps(horizon, records[0].dt)
     records = [record for record in records if len(record.t) > 2 * steps]
     if not records:
@@ -64,13 +49,14 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
         """Mean errors of position, horizontally, vertically and in all."""
         watching, total = stranger.with_observer(observer), np.zeros(3)
         for record in records:
-            starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(_STARTS, steps)).astype(np.int64)
+            starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(300, steps)).astype(np.int64)
             found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
             left = found - record.states[starts + steps, :3]
-            total += [float(np.mean(np.linalg.norm(left[:, part], axis=1))) for part in _PARTS]
+            parts = (left[:, :2], left[:, 2:], left)
+            total += [float(np.mean(np.linalg.norm(part, axis=1))) for part in parts]
         return total
 
-    memories = np.array([0.0, *_MEMORIES])
+    memories = np.array([0.0, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0])
     level, height, _ = memories[np.argmin([errors(Observer(memory, 0.0)) for memory in memories], axis=0)].tolist()
     turn = 0.0
     if not model.attitude_given:
@@ -120,12 +106,13 @@ def learn_correction(
     total = sum(max(len(record.t) - steps - 1, 0) for record in records)
     if total < 4 * steps:
         raise ExperimentError(f"{total} samples are too few to learn corrections of {horizon:g} s")
-    table, goals = [], []
-    remembered = 0.0
+    table, goals, remembered = [], [], 0.0
+    # Errors of all runs together take 8 bytes each.
+    every = max(total // min(60_000, 40_000_000 // (12 * steps)), 1)
     for experiment in records:
         record = model.record(experiment)
         remembered = memory / record.dt
-        starts = np.arange(0, max(len(record.t) - steps - 1, 0), max(total // min(_RUNS, _ERRORS // (12 * steps)), 1))
+        starts = np.arange(0, max(len(record.t) - steps - 1, 0), every)
         missed = stranger.missed(record) if memory > 0.0 else None
         table.append(features(record, starts, steps, remembered, missed, model.attitude_given))
         measured = record.states[starts[:, None] + np.arange(1, steps + 1)]
@@ -162,7 +149,7 @@ def gains_of_order(
 
     Shapes: each of `table` (S, F), of `goals` (S, steps, states, 3).
     """
-    every = max(sum(map(len, table)) // _TRIED, 1)
+    every = max(sum(map(len, table)) // 15_000, 1)
     gains = np.zeros((len(table), len(states)))
     for out in np.array_split(np.arange(len(table)), min(4, len(table))):
         known = [k for k in range(len(table)) if k not in out]
@@ -189,14 +176,14 @@ def _solve(x: Floats, goal: Floats, ridge: float) -> Floats:
     """Weights (F, steps, 3) of errors (S, steps, 3); runs that err more than usual count less, as in `shooting`."""
     target = goal.reshape(len(goal), -1)
     count = np.ones(len(x))
-    solution = np.zeros((x.shape[1], target.shape[1]))
-    for at in range(_PASSES):
+    for last in (False, False, True):
         weighted = x * count[:, None]
         lhs = weighted.T @ x
         lhs[np.diag_indices_from(lhs)] += ridge * count.sum() * np.r_[np.ones(x.shape[1] - 1), 1e-6]
         solution = cho_solve(cho_factor(lhs), weighted.T @ target)
-        if at < _PASSES - 1:
-            left = np.linalg.norm((target - x @ solution).reshape(goal.shape), axis=2).mean(axis=1)
-            count = 1.0 / np.maximum(left, _FLOOR * max(float(np.median(left)), 1e-12))
-            count /= count.mean()
+        if last:
+            break
+        left = np.linalg.norm((target - x @ solution).reshape(goal.shape), axis=2).mean(axis=1)
+        count = 1.0 / np.maximum(left, 0.3 * max(float(np.median(left)), 1e-12))
+        count /= count.mean()
     return np.asarray(solution.reshape(x.shape[1], *goal.shape[1:]))

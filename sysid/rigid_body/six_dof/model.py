@@ -258,7 +258,7 @@ class SixDofModel(Summarised):
     def with_rest(self, first: Experiment, rest: Experiment) -> SixDofModel:
         """Return the model with wind and battery of what follows a record that was fitted, as they were in it."""
         later = 0.5 * float(rest.t[0] + rest.t[-1] - first.t[0] - first.t[-1])
-        charge = self.shape.charges.get(first.name, 1.0) * (1.0 + self.shape.drift * later)
+        charge = self.shape.charges.get(first.name, 1.0) * (1.0 + self.shape.values.get("thrust_drift", 0.0) * later)
         shape = replace(self.shape, charges={**self.shape.charges, rest.name: charge})
         return replace(self, shape=shape).with_wind({rest.name: self.winds.get(first.name, np.zeros(2))})
 

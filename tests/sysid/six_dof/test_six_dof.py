@@ -13,9 +13,8 @@ from sysid import ExperimentError, validate_states
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.six_dof import _kernels as kernels
 from sysid.rigid_body.six_dof.body_record import BodyQuantity, InputKinds
-from sysid.rigid_body.six_dof.fit import fit_six_dof, timing_of
+from sysid.rigid_body.six_dof.fit import fit_six_dof, refuse_impossible, timing_of, wrong_turns
 from sysid.rigid_body.six_dof.shooting import state_errors
-from sysid.rigid_body.six_dof.signs import refuse_impossible, wrong_turns
 from tests.paths import SITL
 from tests.sysid.six_dof import flown, papers
 
