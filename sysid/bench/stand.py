@@ -205,22 +205,16 @@ class Bench:
         """Return the rigid body what the stand knows: mean and standard deviation by its parameters' names.
 
         ``thrust`` [m/s^2, one motor at full command] for a mass [kg] and voltage [V], and ``thrust_expo``. Motors
-        differ from
-        each other and propellers in flight from those on a stand by some percent, so that no standard deviation is
-        below 3 % of
-        thrust and 0.05 of curvature.
+        differ from each other and propellers in flight from those on a stand by some percent, so that no standard
+        deviation is below 3 % of thrust and 0.05 of curvature.
         """
         if not mass > 0.0:
             raise BenchError(f"mass must be positive, not {mass:g} kg")
         curve = self.command_curve(vehicle, voltage)
-        assert curve.full_thrust.value is not None
-        assert curve.full_thrust.sigma is not None
-        assert curve.expo.value is not None
-        assert curve.expo.sigma is not None
-        thrust = curve.full_thrust.value / mass
+        (full, full_sigma), (expo, expo_sigma) = (_known(each) for each in (curve.full_thrust, curve.expo))
         return {
-            "thrust": (thrust, float(np.hypot(curve.full_thrust.sigma / mass, 0.03 * thrust))),
-            "thrust_expo": (curve.expo.value, float(np.hypot(curve.expo.sigma, 0.05))),
+            "thrust": (full / mass, float(np.hypot(full_sigma, 0.03 * full)) / mass),
+            "thrust_expo": (expo, float(np.hypot(expo_sigma, 0.05))),
         }
 
     def coefficient_table(self) -> pd.DataFrame:
@@ -228,10 +222,8 @@ class Bench:
         rows: dict[float, dict[tuple[str, str], float]] = {}
         for voltage in self.voltages or (float("nan"),):
             found = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
-            rows[voltage] = {
-                **{("k", m): _or_nan(each.thrust.value) for m, each in found.items()},
-                **{("b", m): _or_nan(each.torque.value) for m, each in found.items()},
-            }
+            rows[voltage] = {("k", m): _known(each.thrust)[0] for m, each in found.items()}
+            rows[voltage] |= {("b", m): _known(each.torque)[0] for m, each in found.items()}
         table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("voltage")
         pairs = [(coefficient, motor) for coefficient in ("k", "b") for motor in self.motors]
         table.columns = pd.MultiIndex.from_tuples(pairs, names=["coefficient", "motor"])
@@ -428,5 +420,6 @@ def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:
     return findings
 
 
-def _or_nan(value: float | None) -> float:
-    return float("nan") if value is None else value
+def _known(found: Parameter) -> tuple[float, float]:
+    """Return value and standard error; NaN where they are not determined."""
+    return (np.nan if found.value is None else found.value), (np.nan if found.sigma is None else found.sigma)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -239,13 +240,10 @@ def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]
 
 
 def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        try:
-            return float(cell.replace(",", "."))
-        except ValueError:
-            return math.nan
+    for text in (cell, cell.replace(",", ".")):
+        with suppress(ValueError):
+            return float(text)
+    return math.nan
 
 
 def _motor(cell: str) -> str:
@@ -257,16 +255,16 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     """Leave implausible rows out, and say so."""
     findings: list[Finding] = []
 
-    def leave_out(bad: Flags, identity: str, what: Callable[[int], str], advice: str) -> None:
+    def leave_out(bad: Flags, what: str, advice: str) -> None:
         nonlocal rows
         count = int(np.count_nonzero(bad))
         if count:
             where = ", ".join(f"{pwm:.0f}" for pwm in rows.loc[bad, "pwm"].head(5))
             findings.append(
                 Finding(
-                    identity,
+                    "table-doubtful",
                     Severity.WARNING,
-                    f"motor {motor}: {what(count)} (PWM {where}{' ...' if count > 5 else ''} us); left out",
+                    f"motor {motor}: {count} row(s) {what} (PWM {where}{' ...' if count > 5 else ''} us); left out",
                     advice,
                     {"motor": motor, "rows": count},
                 )
@@ -275,7 +273,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
 
     pwm = rows["pwm"].to_numpy()
     outside = (pwm < 700.0) | (pwm > 2300.0)
-    leave_out(outside, "table-doubtful", lambda n: f"{n} row(s) with a PWM no ESC takes", "check the unit of PWM")
+    leave_out(outside, "with a PWM no ESC takes", "check the unit of PWM")
     if len(rows) and float(rows["thrust"].median()) < 0.0:
         rows = rows.assign(thrust=-rows["thrust"])
         findings.append(
@@ -291,22 +289,13 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     if rows.empty:
         return rows, findings
     largest = float(rows["thrust"].quantile(0.98))
-    leave_out(
-        rows["thrust"].to_numpy() < -NOISE * largest,
-        "table-doubtful",
-        lambda n: f"{n} row(s) with negative thrust",
-        "tare the load cell before the test",
-    )
+    negative = rows["thrust"].to_numpy() < -NOISE * largest
+    leave_out(negative, "with negative thrust", "tare the load cell before the test")
     with np.errstate(over="ignore", invalid="ignore"):  # of thrusts that no stand measures
         left = _surface_residual(rows)
     scale = 1.4826 * float(np.median(np.abs(left)))
     far = np.abs(left) > max(6.0 * scale, 0.05 * float(rows["thrust"].max()))
-    leave_out(
-        far,
-        "table-doubtful",
-        lambda n: f"{n} row(s) far from the curve of thrust over PWM",
-        "repeat these points",
-    )
+    leave_out(far, "far from the curve of thrust over PWM", "repeat these points")
     findings += _power(motor, rows)
     return rows, findings
 
@@ -337,9 +326,9 @@ def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
     shaft = (rows["torque"] * rows["speed"]).to_numpy()
     electric = (rows["voltage"] * rows["current"]).to_numpy()
     known = np.isfinite(shaft) & np.isfinite(electric) & (electric > 5.0)
-    if np.count_nonzero(known) < 3 or float(np.median(shaft[known] / electric[known])) <= 1.0:
+    ratio = float(np.median(shaft[known] / electric[known])) if np.count_nonzero(known) > 2 else 0.0
+    if ratio <= 1.0:
         return []
-    ratio = float(np.median(shaft[known] / electric[known]))
     return [
         Finding(
             "table-doubtful",

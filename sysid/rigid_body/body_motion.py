@@ -46,8 +46,6 @@ BLOCK_SECONDS = 0.5
 #: Step by which the derivative by the lag is taken, s; also the shortest lag.
 _LAG_STEP = 1e-3
 
-_ATTITUDE_ERROR = ("phi_n", "phi_e", "phi_d")
-
 #: Standard deviation of an attitude whose error nobody stated, rad: a tenth of a degree.
 ATTITUDE_SIGMA = np.radians(0.1)
 
@@ -184,9 +182,10 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
 
 def _attitude_sigma(context: pd.DataFrame) -> Floats:
     """Root mean square of what the estimator states of its attitude, (3,) rad; `ATTITUDE_SIGMA` where it does not."""
-    if not set(_ATTITUDE_ERROR) <= set(context.columns):
+    errors = ["phi_n", "phi_e", "phi_d"]
+    if not set(errors) <= set(context.columns):
         return np.full(3, ATTITUDE_SIGMA)
-    stated = np.sqrt(np.mean(context[list(_ATTITUDE_ERROR)].to_numpy(np.float64) ** 2, axis=0))
+    stated = np.sqrt(np.mean(context[errors].to_numpy(np.float64) ** 2, axis=0))
     return np.asarray(np.where(np.isfinite(stated), stated, ATTITUDE_SIGMA))
 
 

@@ -162,12 +162,8 @@ def fit_rotation(
     def remainder(x: Floats) -> float:
         return _remainder(omega, sums, float(x[0]), float(x[1]))
 
-    solved = scipy.optimize.minimize(
-        remainder,
-        [0.01, 0.01],
-        method="Nelder-Mead",
-        bounds=[(0.0, 0.3), (-0.05, 0.2)],
-    )
+    bounds = [(0.0, 0.3), (-0.05, 0.2)]
+    solved = scipy.optimize.minimize(remainder, [0.01, 0.01], method="Nelder-Mead", bounds=bounds)
     lag, delay = (float(value) for value in solved.x)
     lag_sigma = _exchanged(remainder, solved.x, q.shape[0] * q.shape[1] // OVERLAP)
     moved = _band_rates(w, records[0].dt)
@@ -201,11 +197,8 @@ def rotation_spectra(
     spectra = [part for part in taken if part is not None]
     if not spectra or len(spectra[0][0]) < 3:
         return None
-    return (
-        spectra[0][0],
-        np.concatenate([part[1] for part in spectra]),
-        np.concatenate([part[2] for part in spectra]),
-    )
+    (omega, *_), *_ = spectra
+    return omega, np.concatenate([q for _, q, _ in spectra]), np.concatenate([w for _, _, w in spectra])
 
 
 def _spectra(commands: Floats, rates: Floats, dt: float, top: float) -> tuple[Floats, np.ndarray, np.ndarray] | None:

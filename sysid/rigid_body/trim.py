@@ -152,8 +152,8 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
 def known_at_best(wind: Floats) -> Floats:
     """Return the least standard deviations of exponent, thrust scale and wind, (4,), in a wind [m/s], (2,)."""
     # Where the ground is and how the wind grows with height above it are not known better. Winds carried through 13
-    # firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm;
-    # firmware craft that are shaken by chirps miss their thrust scale by 1 to 3 times as much as is said here.
+    # firmware flights err by up to 4 % of 0.8 m/s, by nothing in calm. Shaken
+    # by chirps, craft miss their thrust scale by 1 to 3 times as much as is said here.
     best = float(np.hypot(0.002, 0.02 * np.hypot(*wind)))
     return np.array([0.02, 1e-3, best, best])
 

@@ -61,16 +61,16 @@ class FitReport:
     rmse: float  #: Of the training residual, in the output's unit.
     fit_percent: float  #: ``100 (1 - |residual| / |y - mean y|)`` on the training records.
     #: Of the search; the same seed on the same data gives the same model.
-    iterations: int
+    iterations: int = 0
     starts: int
     seed: int
-    converged: bool  #: False when the time limit or the iteration limit ended the search.
-    seconds: float
+    converged: bool = True  #: False when the time limit or the iteration limit ended the search.
+    seconds: float = 0.0
     #: Condition number of the scaled Gauss-Newton Hessian without regularisation (square root: of the regressors).
-    condition: float
-    ridge: float  #: Regularisation of the numerators relative to the mean energy of their regressors.
-    parameters: int  #: Numerator and denominator coefficients.
-    undetermined: int  #: Of these, how many have a standard deviation above half their value.
+    condition: float = 1.0
+    ridge: float = 0.0  #: Regularisation of the numerators relative to the mean energy of their regressors.
+    parameters: int = 0  #: Numerator and denominator coefficients.
+    undetermined: int = 0  #: Of these, how many have a standard deviation above half their value.
 
 
 #: How files call the fields of models.

@@ -269,7 +269,6 @@ def _fit_output(
     longest = max(record.duration for record in records)
     if not active:
         return _without_inputs(records, column, y, scale, longest, task)
-    most, alike = max(task.counts), len(set(task.counts)) == 1
     common = Problem(
         inputs=tuple(
             np.ascontiguousarray((record.u - record.input_trim)[:, active] / excitation.scale[active])
@@ -277,15 +276,14 @@ def _fit_output(
         ),
         outputs=tuple(values / scale for values in y),
         group=(0,) * len(active),
-        order=max(task.orders),
-        numerators=most,
+        orders=(max(task.orders),),
+        counts=task.counts,
         dt=records[0].dt,
         hold=task.hold,
         band=resolvable_band(longest, records[0].dt),
         ridge=1e-3 if task.ridge is None else task.ridge,
         initial=0.1**2 / expected_energy(longest, 1),  # a residual of a tenth, before the first fit tells it
         integrators=task.integrators,
-        counts=() if alike else task.counts,
         delays=tuple(map(float, task.delays)) if task.delays.any() else (),
         longest_delay=task.longest_delay,
     )
@@ -326,15 +324,8 @@ def _without_inputs(
         report=FitReport(
             rmse=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
             fit_percent=0.0,
-            iterations=0,
             starts=task.starts,
             seed=task.seed,
-            converged=True,
-            seconds=0.0,
-            condition=1.0,
-            ridge=0.0,
-            parameters=0,
-            undetermined=0,
         ),
     )
 
@@ -360,7 +351,6 @@ def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, second
         condition=float(eigenvalues[-1]) / smallest,
         ridge=problem.ridge,
         parameters=_parameters(task),
-        undetermined=0,
     )
 
 
@@ -378,12 +368,11 @@ def _transfer_functions(
     problem, point = found.problem, found.descent.point
     nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
     covariance = parameter_covariance(problem, point)
-    a, slope = denominators(point.theta, [order - k for order in problem.all_orders])
+    a, slope = denominators(point.theta, problem.lag_orders)
     functions = {name: TransferFunction(np.zeros(1), np.ones(1)) for name in names}
     undetermined = 0
     for lane, (j, g) in enumerate(zip(active, problem.group, strict=True)):
-        n = problem.all_orders[g]
-        lags, count = n - k, problem.counts[lane] if problem.counts else nb
+        n, lags, count = problem.orders[g], problem.lag_orders[g], problem.counts[lane]
         to_seconds = scale / excitation.scale[j] * point.system.unit[g] ** (n - np.arange(count))
         # Rows (num, den) highest power first; columns numerators (power-major), poles (parameter-major), delays.
         jacobian = np.zeros((count + n, len(covariance)))

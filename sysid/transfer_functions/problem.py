@@ -100,8 +100,8 @@ class Problem:
     inputs: tuple[Floats, ...]
     outputs: tuple[Floats, ...]  #: tuple of ndarray, shape (N_r,): About their trim, of unit variance over all records.
     group: tuple[int, ...]  #: shape (m,): Which denominator each input passes.
-    order: int  #: Poles of each denominator, integrators included; the most where `orders` differ.
-    numerators: int  #: Coefficients of each numerator, zeros + 1; the most where `counts` differ.
+    orders: tuple[int, ...]  #: shape (groups,): Poles of each denominator, integrators included.
+    counts: tuple[int, ...]  #: shape (m,): Coefficients of each numerator, zeros + 1.
     dt: float  #: s.
     hold: str  #: {"zoh", "foh"}
     band: Band  #: Where poles may lie.
@@ -109,8 +109,6 @@ class Problem:
     #: Variance of the residual over the energy [s] that the response to an initial state is expected to have.
     initial: float
     integrators: int = 0  #: How many poles of every denominator are fixed at zero.
-    orders: tuple[int, ...] = ()  #: shape (groups,): Poles of each denominator; empty when all have `order`.
-    counts: tuple[int, ...] = ()  #: shape (m,): Coefficients of each numerator; empty when all have `numerators`.
     #: shape (m,): Of each input, s; empty for none. Where a descent starts when they are estimated.
     delays: tuple[float, ...] = ()
     longest_delay: float = 0.0  #: Delays are estimated from 0 to this, s; 0 takes them as given.
@@ -118,7 +116,7 @@ class Problem:
     @property
     def groups(self) -> int:
         """Number of denominators."""
-        return max(self.group) + 1
+        return len(self.orders)
 
     @property
     def samples(self) -> int:
@@ -131,19 +129,29 @@ class Problem:
         return tuple(map(len, self.outputs))
 
     @property
+    def order(self) -> int:
+        """Most poles of a denominator."""
+        return max(self.orders)
+
+    @property
+    def numerators(self) -> int:
+        """Most coefficients of a numerator."""
+        return max(self.counts)
+
+    @property
     def lags(self) -> int:
-        """Parameters of each denominator: poles that are not integrators."""
+        """Most parameters of a denominator."""
         return self.order - self.integrators
 
     @property
-    def all_orders(self) -> tuple[int, ...]:
-        """Poles of each denominator."""
-        return self.orders or (self.order,) * self.groups
+    def lag_orders(self) -> tuple[int, ...]:
+        """Parameters of each denominator: poles that are not integrators."""
+        return tuple(order - self.integrators for order in self.orders)
 
     @property
     def used(self) -> Floats:
         """1 for the coefficients that numerators have, 0 for those above their count; shape (numerators, m)."""
-        return _used(self.numerators, self.counts or (self.numerators,) * len(self.group))
+        return _used(self.counts)
 
     @property
     def start_delays(self) -> Floats:
@@ -157,7 +165,7 @@ class Problem:
 
 
 @lru_cache(maxsize=64)
-def _used(numerators: int, counts: tuple[int, ...]) -> Floats:
-    used = (np.arange(numerators)[:, None] < np.array(counts)).astype(np.float64)
+def _used(counts: tuple[int, ...]) -> Floats:
+    used = (np.arange(max(counts))[:, None] < np.array(counts)).astype(np.float64)
     used.setflags(write=False)
     return used

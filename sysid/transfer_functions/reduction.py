@@ -83,9 +83,9 @@ class Part:
 def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
     """Discretise the denominators, and respond to initial states as long as the longest record."""
     k = problem.integrators
-    a, slope = denominators(theta, [order - k for order in problem.all_orders])
+    a, slope = denominators(theta, problem.lag_orders)
     a = np.hstack([np.zeros((len(a), k)), a]) if k else a
-    system = discretise(a, problem.dt, problem.hold, problem.all_orders)
+    system = discretise(a, problem.dt, problem.hold, problem.orders)
     return Basis(theta, delays, system, slope, system.free(max(problem.lengths)), initial_prior(problem, system))
 
 
@@ -195,8 +195,7 @@ def initial_prior(problem: Problem, system: Discretised) -> Floats:
 
 def missing_powers(problem: Problem) -> Floats:
     """Powers of the unit of frequency in each coefficient of a denominator; shape (groups, lags)."""
-    orders = np.array(problem.all_orders) - problem.integrators
-    return np.maximum(orders[:, None] - np.arange(problem.lags), 0).astype(np.float64)
+    return np.maximum(np.array(problem.lag_orders)[:, None] - np.arange(problem.lags), 0).astype(np.float64)
 
 
 def _derivative_weights(problem: Problem, basis: Basis) -> Floats:
@@ -238,7 +237,7 @@ def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, sta
     rates = np.zeros((problem.order, m))
     direct = np.zeros(m)
     for j, g in enumerate(problem.group):
-        order = problem.all_orders[g]
+        order = problem.orders[g]
         for power, value in enumerate(numerators[:, j]):
             if power + 1 < order:
                 rates[power + 1, j] -= value * system.unit[g]

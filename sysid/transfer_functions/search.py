@@ -196,8 +196,7 @@ def _left(descent: Descent) -> float:
 def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
     """Poles from which to start own denominators: around the common one, and scattered, shape (groups, lags)."""
     near = np.zeros((problem.groups, problem.lags))
-    for g, order in enumerate(problem.all_orders):
-        lags = order - problem.integrators
+    for g, lags in enumerate(problem.lag_orders):
         near[g, :lags] = (common if lags == len(common) else take(common, lags)) + 0.1 * rng.standard_normal(lags)
     return [near, *(scattered(problem, rng, attempt) for attempt in range(max(starts, 1) - 1))]
 
@@ -207,8 +206,7 @@ def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Float
     band, groups = _starting_band(problem), problem.groups
     theta = np.zeros((groups, problem.lags))
     low, high = np.log(band.lowest), np.log(band.highest)
-    for g, whole in enumerate(problem.all_orders):
-        order = whole - problem.integrators
+    for g, order in enumerate(problem.lag_orders):
         sections = (order + 1) // 2
         if attempt == 0:
             w = low + (high - low) * (np.arange(sections) + 0.5 + 0.5 * (g / groups - 0.5)) / max(sections, 1)
@@ -314,11 +312,10 @@ def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) ->
 
 def _with_own(problem: Problem, plan: Plan) -> Problem:
     """Return every input a denominator of its own, of its own order."""
-    alike = set(plan.orders) == {problem.order}
     return replace(
         problem,
         group=tuple(range(len(problem.group))),
-        orders=() if alike else plan.orders,
+        orders=plan.orders,
         initial=problem.initial * len(problem.group),
     )
 

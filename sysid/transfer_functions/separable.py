@@ -164,7 +164,7 @@ def descend(
     hopeless: float = np.inf,
 ) -> Descent:
     """Follow Levenberg-Marquardt steps in poles and delays until the cost settles."""
-    point = solve(problem, clip(theta, problem.band, _lag_orders(problem)), delays)
+    point = solve(problem, clip(theta, problem.band, problem.lag_orders), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
     damping, growth, small = 1e-1, 2.0, 0
@@ -220,7 +220,7 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     denominator in the unit of frequency it has now; that the weight of an input's energy moves with its poles too is
     left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
     """
-    system, k = point.system, problem.integrators
+    system = point.system
     free, forced = _differences(problem, point)
     lanes, used = list(problem.group), problem.used
     c, count = point.numerators, problem.numerators
@@ -230,7 +230,7 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
     slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
     price = np.einsum("gkl,igkl->ig", outer, free)
-    slopes += problem.initial * (np.array(problem.all_orders) - k) / system.unit * price
+    slopes += problem.initial * np.array(problem.lag_orders) / system.unit * price
     return 0.5 * slopes.ravel()
 
 
@@ -241,7 +241,7 @@ def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
     moved = np.repeat(point.theta[None], 2 * lags, axis=0)
     moved[np.arange(lags), :, np.arange(lags)] += step
     moved[lags + np.arange(lags), :, np.arange(lags)] -= step
-    orders = [order - k for order in problem.all_orders] * (2 * lags)
+    orders = problem.lag_orders * (2 * lags)
     seconds = denominators(moved.reshape(-1, lags), orders)[0].reshape(2 * lags, groups, lags)
     a: Floats = (seconds / system.unit[:, None] ** missing_powers(problem)).reshape(-1, lags)
     free = gramians(a, orders, 0).reshape(2, lags, groups, lags, lags)
@@ -249,7 +249,7 @@ def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
     if not k:
         return free, free
     a = np.hstack([np.zeros((len(a), k)), a])
-    forced = gramians(a, problem.all_orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
+    forced = gramians(a, problem.orders * (2 * lags), k).reshape(2, lags, groups, k + lags, k + lags)
     return free, (forced[0] - forced[1]) / (2.0 * step)
 
 
@@ -257,7 +257,7 @@ def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats
     """Poles and delays after a step in the order of the sensitivities, kept within their bounds."""
     groups, lags = problem.groups, problem.lags
     theta = point.theta + step[: lags * groups].reshape(lags, groups).T
-    theta = clip(theta, problem.band, _lag_orders(problem))
+    theta = clip(theta, problem.band, problem.lag_orders)
     if not problem.delay_parameters:
         return theta, point.delays
     return theta, np.clip(point.delays + problem.dt * step[lags * groups :], 0.0, problem.longest_delay)
@@ -277,10 +277,6 @@ def _bounded_step(free: NDArray[np.bool_], hessian: Floats, gradient: Floats, da
     block[np.diag_indices(len(block))] += np.where(free, damping * diagonal + 1e-9 * max(diagonal.max(), 1e-300), 1.0)
     step = np.linalg.solve(block, np.where(free, gradient, 0.0))
     return np.asarray(np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP))
-
-
-def _lag_orders(problem: Problem) -> tuple[int, ...]:
-    return tuple(order - problem.integrators for order in problem.orders)
 
 
 def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used: Floats) -> Floats:

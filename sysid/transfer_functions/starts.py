@@ -64,7 +64,7 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
     output that even all these modes do not explain: by size, or because what they leave is far from white.
     """
     # A coarser grid of frequencies may leave a mode without a section near it.
-    sections = max((sum(problem.all_orders) + 1) // 2, 8)
+    sections = max((sum(problem.orders) + 1) // 2, 8)
     if problem.integrators or not _enough(problem, sections):
         return
     for damping in (0.2, 0.1):  # the second where a grid of the first is stuck
@@ -131,10 +131,8 @@ def _shared_modes(
         problem,
         inputs=tuple(np.tile(u, (1, sections)) for u in problem.inputs),
         group=tuple(np.repeat(np.arange(sections), m).tolist()),
-        order=2,
-        numerators=2,
-        orders=(),
-        counts=(),
+        orders=(2,) * sections,
+        counts=(2,) * (sections * m),
         delays=problem.delays * sections,
         longest_delay=0.0,
         ridge=1e-5,
@@ -169,10 +167,8 @@ def _channel(problem: Problem, outputs: list[Floats], j: int, initial: float) ->
         inputs=tuple(np.ascontiguousarray(u[:, [j]]) for u in problem.inputs),
         outputs=tuple(y / size for y in outputs),
         group=(0,),
-        order=problem.all_orders[j],
-        numerators=problem.counts[j] if problem.counts else problem.numerators,
-        orders=(),
-        counts=(),
+        orders=problem.orders[j : j + 1],
+        counts=problem.counts[j : j + 1],
         delays=problem.delays[j : j + 1],
         longest_delay=0.0,
         ridge=1e-8,

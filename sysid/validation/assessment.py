@@ -198,7 +198,8 @@ def validate(
             f"no record is long enough to judge the model: it looks at the first {looked:.0f} s of a record, "
             f"and the longest has {longest:.0f} s"
         )
-    table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=_HORIZON_COLUMNS)
+    columns = ["flight", "output", "trained", "horizon", "rmse", "rmse_constant_position", "rmse_constant_velocity"]
+    table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=columns)
     unseen = bool((~table["trained"]).any())
     judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
     scored = table[~table["trained"]] if unseen else table
@@ -232,17 +233,6 @@ def validate(
         drift=drift,
         inside=inside,
     )
-
-
-_HORIZON_COLUMNS = [
-    "flight",
-    "output",
-    "trained",
-    "horizon",
-    "rmse",
-    "rmse_constant_position",
-    "rmse_constant_velocity",
-]
 
 
 def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, simulated: Floats) -> tuple[Floats, int]:

@@ -18,24 +18,8 @@ from sysid.rigid_body.six_dof.shooting import state_errors
 from sysid.statistics.residual_test import ResidualTest
 from sysid.statistics.residuals import examine_residuals
 
-#: Horizons that are judged, s.
-HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0)
-
-STATES = ("position", "velocity", "attitude", "rates")
-UNITS = ("m", "m/s", "rad", "rad/s")
-
-#: Accelerations in body axes (forward, right, down) and their units.
-CHANNELS = (
-    ("force forward", "m/s^2"),
-    ("force right", "m/s^2"),
-    ("force down", "m/s^2"),
-    ("torque in roll", "rad/s^2"),
-    ("torque in pitch", "rad/s^2"),
-    ("torque in yaw", "rad/s^2"),
-)
-
-#: Error at which a prediction that runs away is held.
-_WORST = 1e6
+#: States that are judged, with their units.
+STATES = {"position": "m", "velocity": "m/s", "attitude": "rad", "rates": "rad/s"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,14 +97,14 @@ def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Exper
         When a record has other inputs than the model, or motion is missing.
     """
     errors = [each for record in require_alike(experiments) for each in _errors_by_horizon(model, record)]
-    verdicts = tuple(_verdict(state, unit, errors) for state, unit in zip(STATES, UNITS, strict=True))
+    verdicts = tuple(_verdict(state, unit, errors) for state, unit in STATES.items())
     return StateValidation(errors=tuple(errors), verdicts=verdicts)
 
 
 def _errors_by_horizon(model: SixDofModel, experiment: Experiment) -> list[StateErrors]:
     """RMS errors of every state at every horizon that fits into the record."""
     record = model.record(experiment)
-    marks = [max(round(horizon / record.dt), 1) for horizon in HORIZONS]
+    marks = [max(round(horizon / record.dt), 1) for horizon in (0.1, 0.25, 0.5, 1.0, 2.0)]
     marks = sorted({mark for mark in marks if mark < len(record.t) // 2})
     if not marks:
         return []
@@ -151,7 +135,7 @@ def _errors_by_horizon(model: SixDofModel, experiment: Experiment) -> list[State
 
 def _rms(errors: np.ndarray) -> list[float]:
     # A model that runs away is as bad as the largest number that can be written.
-    held = np.nan_to_num(np.clip(errors, -_WORST, _WORST), nan=_WORST)
+    held = np.nan_to_num(np.clip(errors, -1e6, 1e6), nan=1e6)
     squares = (held.reshape(len(errors), 4, 3) ** 2).sum(axis=2).mean(axis=0)
     return [float(value) for value in np.sqrt(squares)]
 
@@ -202,7 +186,9 @@ def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experim
     missed = [_in_body(record, bare.missed(record))[1:] for record in records]
     whole = [_in_body(record, _accelerations(record))[1:] for record in records]
     inputs = [record.inputs[1:] for record in records]
-    count = 3 if model.attitude_given else len(CHANNELS)
+    channels = [(f"force {side}", "m/s^2") for side in ("forward", "right", "down")]
+    if not model.attitude_given:
+        channels += [(f"torque in {axis}", "rad/s^2") for axis in ("roll", "pitch", "yaw")]
     return tuple(
         Missed(
             name=name,
@@ -211,7 +197,7 @@ def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experim
             whole=float(np.std(np.concatenate([each[:, at] for each in whole]))),
             test=examine_residuals(name, [each[:, at] for each in missed], inputs, model.kinds.names),
         )
-        for at, (name, unit) in enumerate(CHANNELS[:count])
+        for at, (name, unit) in enumerate(channels)
     )
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, max_len_seq
 
+from sysid import Experiment
 from sysid.transfer_functions.problem import Band, Problem, denominators, from_poles, resolvable_band
-from sysid.transfer_functions.response import INITIAL_SECONDS, discretise, free_run
+from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
 from sysid.transfer_functions.separable import (
     descend,
     nonlinear_system,
@@ -15,13 +16,14 @@ from sysid.transfer_functions.separable import (
     solve,
 )
 from sysid.transfer_functions.starts import refine, srivc
+from sysid.transfer_functions.transfer_function import TransferFunction, run_freely
 
 BASE = Problem(
     inputs=(),
     outputs=(),
     group=(0, 1),
-    order=3,
-    numerators=3,
+    orders=(3, 3),
+    counts=(3, 3),
     dt=0.1,
     hold="zoh",
     band=Band(1e-3, 30.0),
@@ -30,14 +32,14 @@ BASE = Problem(
 )
 CASES = {
     "own": {},
-    "common": {"group": (0, 0)},
+    "common": {"group": (0, 0), "orders": (3,)},
     "foh": {"hold": "foh"},
     "integrators": {"integrators": 2},
     "orders": {"orders": (3, 2), "counts": (3, 1)},
     "orders and integrators": {"orders": (3, 2), "counts": (2, 2), "integrators": 1},
     "delays": {"delays": (0.13, 0.52), "longest_delay": 1.0},
     "foh delays": {"delays": (0.13, 0.52), "longest_delay": 1.0, "hold": "foh"},
-    "common delays": {"group": (0, 0), "delays": (0.13, 0.52), "longest_delay": 1.0, "counts": (1, 3)},
+    "common delays": {"group": (0, 0), "orders": (3,), "delays": (0.13, 0.52), "longest_delay": 1.0, "counts": (1, 3)},
 }
 
 
@@ -51,8 +53,8 @@ def problem_of(changes, samples=(300, 200)):
 
 def start_of(problem):
     theta = np.array([[0.3, -0.7, -1.0], [0.9, -0.3, -0.2]])[: problem.groups, : problem.lags].copy()
-    for g, order in enumerate(problem.all_orders):
-        theta[g, order - problem.integrators :] = 0.0
+    for g, order in enumerate(problem.lag_orders):
+        theta[g, order:] = 0.0
     return theta
 
 
@@ -60,7 +62,7 @@ def response(problem, point, theta, delays):
     """Return the model's output at other poles and delays, linear parameters as they are in `point`."""
     moved = solve(problem, theta, delays)
     scale = point.system.unit[list(problem.group)] / moved.system.unit[list(problem.group)]
-    orders = np.array(problem.all_orders)
+    orders = np.array(problem.orders)
     powers = orders[list(problem.group)] - np.arange(problem.numerators)[:, None]
     numerators = point.numerators * scale**powers
     outputs = []
@@ -87,7 +89,7 @@ def test_sensitivities_equal_differences(name):
             up, down = theta.copy(), theta.copy()
             up[g, i] += step
             down[g, i] -= step
-            if i >= problem.all_orders[g] - problem.integrators:
+            if i >= problem.lag_orders[g]:
                 assert not jacobian[:, i * problem.groups + g].any()
                 continue
             expected = (response(problem, point, up, delays) - response(problem, point, down, delays)) / (2.0 * step)
@@ -111,7 +113,7 @@ def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
     step = 1e-5
     for i in range(problem.lags):
         for g in range(problem.groups):
-            if i >= problem.all_orders[g] - problem.integrators:
+            if i >= problem.lag_orders[g]:
                 continue
             up, down = theta.copy(), theta.copy()
             up[g, i] += step
@@ -167,10 +169,13 @@ def test_states_over_the_squared_denominator():
 def test_free_run_looks_at_nothing_after_the_first_seconds():
     rng = np.random.default_rng(3)
     u, y = rng.standard_normal((200, 1)), rng.standard_normal(200)
-    arguments = {"shared": False, "sigma": 0.1, "initial_energy": 0.5}
-    first = free_run([np.array([1.0])], [np.array([1.0, 1.0])], u, y, 0.0, 0.1, "zoh", **arguments)
-    y[round(INITIAL_SECONDS / 0.1) + 1 :] += 100.0
-    second = free_run([np.array([1.0])], [np.array([1.0, 1.0])], u, y, 0.0, 0.1, "zoh", **arguments)
+    record = Experiment.from_arrays(np.arange(200) * 0.1, u, y, input_trim=np.zeros(1), output_trim=np.zeros(1))
+    row, late = {record.input_names[0]: TransferFunction(np.array([1.0]), np.array([1.0, 1.0]))}, record.y.copy()
+    late[round(INITIAL_SECONDS / 0.1) + 1 :] += 100.0
+    first, second = (
+        run_freely(row, each, 0, "zoh", shared=False, rmse=0.1, initial_energy=0.5)
+        for each in (record, replace(record, y=late))
+    )
     np.testing.assert_array_equal(first, second)
 
 
@@ -186,12 +191,13 @@ def rao_garnier(seed, noise=0.1**0.5):
 
 def srivc_problem(u, y, order, numerators, dt):
     duration = len(y) * dt
+    inputs = u.reshape(len(y), -1)
     return Problem(
-        inputs=(np.ascontiguousarray(u.reshape(len(y), -1) / u.std()),),
+        inputs=(np.ascontiguousarray(inputs / u.std()),),
         outputs=(y / y.std(),),
-        group=(0,) * u.reshape(len(y), -1).shape[1],
-        order=order,
-        numerators=numerators,
+        group=(0,) * inputs.shape[1],
+        orders=(order,),
+        counts=(numerators,) * inputs.shape[1],
         dt=dt,
         hold="zoh",
         band=resolvable_band(duration, dt),
