@@ -35,6 +35,7 @@ from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
+from sysid.autopilot.gains import feed_forward
 from sysid.autopilot.gathering import batch_values, body_values
 from sysid.autopilot.values import AutopilotValue
 from sysid.loops.settings import firmware_version
@@ -222,7 +223,7 @@ def _analyze(
         coverage=coverage,
         trims=trims,
         rotation=done.rotation,
-        autopilot=present(stages.run("advice", lambda _: _autopilot(log, fitted, config))) or (),
+        autopilot=present(stages.run("advice", lambda _: _autopilot(log, fitted, done.rotation, config))) or (),
         findings=(
             *log.findings,
             *checked,
@@ -368,8 +369,10 @@ def _measured(
     return coverage
 
 
-def _autopilot(log: FlightLog, fitted: _Fitted, config: AnalysisConfig) -> tuple[AutopilotValue, ...]:
-    """Return what the body fitted and raw gyro propose to the autopilot, or why not; nothing to another than ours."""
+def _autopilot(
+    log: FlightLog, fitted: _Fitted, rotation: RotationResult | Failure, config: AnalysisConfig
+) -> tuple[AutopilotValue, ...]:
+    """Return what models and raw gyro propose to the autopilot, or why not; nothing to another than ArduPilot."""
     values: list[AutopilotValue] = []
     with suppress(RotoridError):
         firmware_version(log)
@@ -380,6 +383,8 @@ def _autopilot(log: FlightLog, fitted: _Fitted, config: AnalysisConfig) -> tuple
             training, _ = record.split(config.training_fraction)
             values += body_values(model, [log], [training], flown)
         values += batch_values([log], [], flown)
+        if isinstance(rotation, RotationResult) and log.tables.has("rates"):
+            values += feed_forward({axis.axis: axis.gain for axis in rotation.axes}, flown)
     return tuple(values)
 
 

@@ -134,9 +134,15 @@ class AxisRotation:
     loop_reason: str = ""  #: Why not, with what to fly or log; empty where there are.
 
     @property
+    def gain(self) -> Parameter:
+        """Return how strongly the axis answers its controller, or why that is not known."""
+        found = None if self.rate is None else self.rate.parameters.get("gain")
+        return Parameter(None, None, "", self.reason) if found is None else found
+
+    @property
     def rate_determined(self) -> bool:
         """Return whether it is known how strongly the axis answers its controller."""
-        return self.rate is not None and "gain" in self.rate.parameters and self.rate.parameters["gain"].determined
+        return self.gain.determined
 
     @property
     def determined(self) -> bool:

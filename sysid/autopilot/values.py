@@ -130,13 +130,24 @@ def refused(
 
 
 def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> AutopilotValues:
-    """Return what the flights of a craft, the newest last, say together: of each step the newest that knows of it."""
-    values: list[AutopilotValue] = []
-    for file in ParameterFile:
-        told = [own for _, all_ in flights if (own := [each for each in all_ if each.file is file])]
-        known = [own for own in told if any(each.right or each.proposed.value is not None for each in own)]
-        values += (known or told or [[]])[-1]
-    return AutopilotValues(tuple(name for name, _ in flights), tuple(values))
+    """Return what the flights of a craft, the newest last, say together: of each step the newest that knows of it.
+
+    Values of a step belong together, but for those of an axis: the published procedure flies one in each flight.
+    """
+    told: dict[tuple[ParameterFile, str], list[list[AutopilotValue]]] = {}
+    for _, values in flights:
+        own: dict[tuple[ParameterFile, str], list[AutopilotValue]] = {}
+        for each in values:
+            alone = each.name if each.file is ParameterFile.D_FF else ""
+            own.setdefault((each.file, alone), []).append(each)
+        for step, found in own.items():
+            told.setdefault(step, []).append(found)
+    newest: list[AutopilotValue] = []
+    for file, alone in sorted(told, key=lambda step: list(ParameterFile).index(step[0])):
+        every = told[file, alone]
+        known = [found for found in every if any(each.right or each.proposed.value is not None for each in found)]
+        newest += (known or every)[-1]
+    return AutopilotValues(tuple(name for name, _ in flights), tuple(newest))
 
 
 def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]) -> list[AutopilotValue]:

@@ -48,6 +48,20 @@ def test_of_each_step_the_newest_flight_that_knows_of_it_counts():
     assert over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,))]).proposed == {"MOT_THST_EXPO": 0.6512}
 
 
+def test_feed_forward_of_each_axis_is_that_of_its_own_flight():
+    """The published procedure flies one axis in each flight: the last one's had been all that was shown."""
+
+    def forward(axis, value):
+        reason = "" if value else "not flown"
+        return AutopilotValue(f"ATC_RAT_{axis}_D_FF", ParameterFile.D_FF, 0.0, Parameter(value, None, "", reason))
+
+    flights = [
+        ("roll", (forward("RLL", 0.01), forward("PIT", None))),
+        ("pitch", (forward("RLL", None), forward("PIT", 0.02))),
+    ]
+    assert over_flights(flights).proposed == {"ATC_RAT_RLL_D_FF": 0.01, "ATC_RAT_PIT_D_FF": 0.02}
+
+
 def test_the_page_of_a_craft_has_them_beside_what_flew():
     asked = AutopilotValues(("a",), (EXPO, HOVER))
     review = CraftReview(
