@@ -337,7 +337,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within reach keep {aim.words} for everything that the data leave possible; "
-        f"{would_tell(loop)}",
+        f"{_thinner(loop) or would_tell(loop)}",
         loop,
     )
 
@@ -372,6 +372,14 @@ def _tuning(
         wider=bool(field.gained[k] > _ROUNDED),
         short=aim.missed_by(bounds) > 0.0,
     )
+
+
+def _thinner(loop: RateLoop) -> str:
+    """Return what to do about flown gains with which no chirp should be flown; empty of those that keep some margin."""
+    flown = flown_margins(loop).row(0)["gain_db"]
+    if not flown < LEAST.gain_db:
+        return ""
+    return f"the flown gains leave {max(flown, 0.0):.1f} dB: lower P, I and D of this axis by a quarter, and fly again"
 
 
 def would_tell(loop: RateLoop) -> str:
