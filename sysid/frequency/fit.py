@@ -254,8 +254,9 @@ def _search(
 
     x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
     # A millionth of the cost, or of a parameter, is far within its error: what came after took a third of the steps.
-    enough = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-6)
-    result = scipy.optimize.least_squares(remainder, x0, slopes, method="trf", max_nfev=80, x_scale="jac", **enough)
+    result = scipy.optimize.least_squares(
+        remainder, x0, slopes, method="trf", max_nfev=80, x_scale="jac", ftol=1e-6, xtol=1e-6, gtol=1e-6
+    )
     values = values_of(result.x)
     worth = _worth(responses)
     squares = 2.0 * float(result.cost)

@@ -94,6 +94,13 @@ def test_thin_gains_of_an_ordinary_flight_are_lowered(flown):
         assert 0.5 * result.rollback[name] <= value < result.rollback[name]
 
 
+def test_gains_on_the_edge_ask_for_lower_ones_and_for_no_chirp(unpacked):
+    """One doublet at 1.574 times the gains of a craft that oscillates at 1.613 times: 0.2 dB are left."""
+    told = tune(read_log(unpacked("autopilot/critical_hexa3_below"))).refused
+    assert told is not None
+    assert "0.3 dB: lower P, I and D of this axis by a quarter" in told
+
+
 def test_autotune_shows_the_craft(unpacked):
     """Its twitches turn the craft past the attitude target, which hardly moves: the gain of the chirps flown later."""
     log = read_log(unpacked("autopilot/autotune_quad15"))
