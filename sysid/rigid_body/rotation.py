@@ -28,7 +28,6 @@ from sysid.records.motor_scaling import EXPO_SIGMA, curve_slope, motor_commands
 from sysid.records.motor_signals import LEAST_SLOPE, MOTOR_OUTPUTS, SCALE_SECONDS, motor_geometry, motor_signals
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, thrust_signals
-from sysid.statistics.covariance import wander
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -105,8 +104,8 @@ def centre_of_gravity(
     """Offset of the centre of gravity from the motors' centre, forward and right, each with its sigma, in arms.
 
     Over a flight the craft does not turn faster and faster, so that the thrust's moment vanishes on average; motors
-    that pull unequally show in the same way. It wanders, and an offset is as uncertain as the slope of the curve by
-    which its commands are thrust.
+    that pull unequally show in the same way. An offset is as uncertain as the slope of the curve by which its commands
+    are thrust.
     """
     values = _balances(records, vehicle, voltage, curve.expo)
     if len(values) < 4:
@@ -114,11 +113,8 @@ def centre_of_gravity(
     mean = values.mean(axis=0)
     bent = _balances(records, vehicle, voltage, curve.expo + curve.sigma).mean(axis=0) - mean
     # The spread of few values is itself not known well: errors in its units are Student's.
-    few = np.sqrt((len(values) - 1) / (len(values) - 3))
-    x, y = (
-        (float(value), float(np.hypot(few * wander(each), change)))
-        for value, each, change in zip(mean, values.T, bent, strict=True)
-    )
+    few = np.sqrt((len(values) - 1) / (len(values) - 3) / len(values))
+    x, y = zip(mean.tolist(), np.hypot(few * values.std(axis=0, ddof=1), bent).tolist(), strict=True)
     return x, y
 
 
