@@ -11,6 +11,8 @@ import pandas as pd
 
 #: m/s^2: ``scipy.constants.g``, without which a log can be looked at before scipy is imported.
 STANDARD_GRAVITY = 9.80665
+#: Mean radius of the Earth, m: for distances within a flight.
+EARTH_RADIUS = 6.371e6
 
 #: Factor and offset to SI by unit as DataFlash (FMTU) and MAVLink name it: SI = value * factor + offset.
 SI: Mapping[str, tuple[float, float]] = MappingProxyType(

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 
+from core.units import EARTH_RADIUS
 from logparse.tables import Tables
 
 
@@ -27,7 +28,6 @@ class _Interval(Protocol):
 _SOURCES = {"baro": ("baro", "alt", 1.0), "autopilot": ("ekf", "p_d", -1.0), "gps": ("gps", "alt", 1.0)}
 #: A craft that lands so near [m] to where it took off is back at the same height; a height so far off it [m] is wrong.
 _SAME_PLACE, WRONG = 20.0, 5.0
-_EARTH = 6.371e6
 #: Window of the median of a height, and time before lift-off in which the ground is read [s].
 _MEDIAN, _GROUND = 0.5, 2.0
 
@@ -60,7 +60,7 @@ def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
         return {}
     fixes = gps.loc[gps["fix"] >= 3.0, ["lat", "lon"]]
     ends = [fixes.loc[start:stop].median() for start, stop in _beside(flight)]
-    north, east = (ends[1] - ends[0]) * [_EARTH, _EARTH * np.cos(ends[0]["lat"])]
+    north, east = (ends[1] - ends[0]) * [EARTH_RADIUS, EARTH_RADIUS * np.cos(ends[0]["lat"])]
     if not np.hypot(north, east) < _SAME_PLACE:
         return {}
     left = {}

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import chdtri as chi2_isf
 from scipy.special import ndtri as normal_ppf
 
+from core.units import EARTH_RADIUS
 from logparse import Finding, Severity
 from pipeline.flight.craft import took_off
 from pipeline.flight.summary import BATTERY
@@ -217,8 +218,6 @@ def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
 #: Flights that begin within this distance of each other are at one place, m.
 ONE_PLACE = 2000.0
 
-_EARTH_RADIUS = 6.371e6
-
 
 def day_of(flight: FlightEntry) -> str:
     """Day on which a flight took off, by the sun where it did; empty where the log does not tell."""
@@ -253,10 +252,10 @@ def _place(flight: FlightEntry) -> tuple[float, float] | None:
         return None
     lat, lon, _ = flight.origin
     north, east = flight.track[0][1:3] if flight.track else (0.0, 0.0)
-    return lat + north / _EARTH_RADIUS, lon + east / (_EARTH_RADIUS * max(math.cos(lat), 1e-6))
+    return lat + north / EARTH_RADIUS, lon + east / (EARTH_RADIUS * max(math.cos(lat), 1e-6))
 
 
 def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Distance of two places on a sphere, m."""
     half = math.sin((a[0] - b[0]) / 2.0) ** 2 + math.cos(a[0]) * math.cos(b[0]) * math.sin((a[1] - b[1]) / 2.0) ** 2
-    return 2.0 * _EARTH_RADIUS * math.asin(min(1.0, math.sqrt(half)))
+    return 2.0 * EARTH_RADIUS * math.asin(min(1.0, math.sqrt(half)))

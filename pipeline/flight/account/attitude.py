@@ -9,14 +9,12 @@ import pandas as pd
 
 from core.catalogue import finding
 from core.findings import Finding
-from pipeline.flight.account.readings import Readings, stretches
+from pipeline.flight.account.readings import BLIND, Readings, stretches
 from pipeline.flight.account.vibration import Floats
 
 #: Control is lost with an error of 30 deg for a second (ArduCopter's crash check), twice as far for a quarter of one,
 #: or swings of 30 to 50 deg again and again (5-12-2014_218 at 356 s), beyond 10 deg that all craft are off [rad^2 s].
 _TOLERATED, _HELPLESS = np.radians(10.0), np.radians(30.0) ** 2 - np.radians(10.0) ** 2
-#: Longest time [s] for which a row of slow telemetry counts.
-_SLOW = 0.3
 #: Rate [rad/s] by which a craft turns faster than asked, or against it, and for how long [s], when yaw is lost: a yaw
 #: stick let go leaves a craft turning for about a second.
 _YAW_EXCESS, _YAW_TIME = 1.5, 1.2
@@ -41,7 +39,7 @@ def _lost(readings: Readings) -> Iterator[Finding]:
         return
     t, off = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
     off = np.where(readings.flying(t), np.nan_to_num(off), 0.0)
-    gained = (off**2 - _TOLERATED**2) * np.minimum(np.gradient(t), _SLOW)
+    gained = (off**2 - _TOLERATED**2) * np.minimum(np.gradient(t), BLIND)
     # Page's sum: what was off beyond what is tolerated, since it was last nothing.
     total = np.cumsum(gained)
     total -= np.minimum(np.minimum.accumulate(total), 0.0)
@@ -50,19 +48,15 @@ def _lost(readings: Readings) -> Iterator[Finding]:
             continue
         last = rows.start + int(np.argmax(total[rows]))
         rows = slice(rows.start, last + 1)
-        worst, swings = float(off[rows].max()), len(stretches(t[rows], off[rows] > 1.5 * _TOLERATED, join=0.0))
+        worst, swings = float(off[rows].max()), len(stretches(t[rows], off[rows] > _TOLERATED, join=0.0))
         yield finding(
             "control-lost",
             f"The craft {'swung' if swings > 2 else 'leaned'} up to {np.degrees(worst):.0f}° away from what was asked"
-            f"{_lasting(t[rows])}{_with(readings.at_limits(t[rows.start], t[last]))}.",
+            f" for {t[last] - t[rows.start]:.1f} s{_with(readings.at_limits(t[rows.start], t[last]))}.",
             t=float(t[rows.start]),
             end=float(t[last]),
             worst_rad=worst,
         )
-
-
-def _lasting(t: Floats) -> str:
-    return f" for {t[-1] - t[0]:.0f} s" if t[-1] - t[0] > 1.5 else ""
 
 
 def _with(limits: str) -> str:
@@ -153,12 +147,13 @@ def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
         return np.empty((0, 3))
     power = _spectra(np.interp(grid, t, flown), size, count)
     hz = np.fft.rfftfreq(size, dt)
-    band = (hz >= _LOWEST) & (hz <= 0.8 * hz[-1])
+    band = hz >= _LOWEST
     if np.count_nonzero(band) < 4:
         return np.empty((0, 3))
     power = np.where(band, power, 0.0)
     peak = hz[np.argmax(power, axis=1)]
-    near = np.abs(hz[None, :] - peak[:, None]) <= np.maximum(1.6 / _WINDOW, 0.15 * peak)[:, None]
+    # A line within a window of Hann is five wide.
+    near = np.abs(hz[None, :] - peak[:, None]) <= 2.0 * hz[1]
     line = np.sum(np.where(near, power, 0.0), axis=1)
     amplitude = np.sqrt(2.0 * line)
     # What is strongest at the lowest frequency is the edge of slower motion, and no line.

@@ -10,6 +10,7 @@ import numpy as np
 from core.catalogue import finding
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
+from pipeline.flight.account.power import SINKING
 from pipeline.flight.account.readings import Readings, at, stretches
 from pipeline.results.span import Span
 
@@ -149,7 +150,7 @@ def ground_happenings(
 
 
 def _how(touch: Contact) -> str:
-    sink = f" at {touch.sink:.0f} m/s" if touch.sink > 1.5 else ""
+    sink = f" at {touch.sink:.0f} m/s" if touch.sink > SINKING else ""
     return sink + (f" ({touch.force:.0f} m/s²)" if touch.force > 0.0 else "")
 
 
@@ -158,8 +159,8 @@ def _touches(readings: Readings, until: float) -> Iterator[Finding]:
     if readings.force is None:
         return
     t, force = readings.force.index.to_numpy(np.float64), readings.force.to_numpy(np.float64)
-    on = (force > SHOCK) & (t > readings.flight.start + 0.5) & (t < min(until, readings.flight.stop) - _AROUND)
-    for first, last, rows in stretches(t, on, join=2.0):
+    on = (force > SHOCK) & readings.flying(t) & (t < until - _AROUND)
+    for first, last, rows in stretches(t, on, join=_AROUND):
         worst = float(force[rows].max())
         yield finding(
             "shock-in-flight", f"The craft was hit ({worst:.0f} m/s²) and flew on.", t=first, end=last, force_m_s2=worst

@@ -17,7 +17,7 @@ FULL, _RESERVE, _UPRIGHT = 0.9, 0.25, np.radians(25.0)
 #: Sink and climb [m/s] that are more than the noise of a barometer's slope over a second, for how long [s] a throttle
 #: that runs away (1.3 in 31-3-2015_83, 0.4 in calm 6-3-2014_7) and a lift that is lost last, and the interruption [s]
 #: that ends neither.
-_SINKING, _LASTING, _LOST, _PAUSE = 1.0, 0.75, 1.5, 0.7
+SINKING, _LASTING, _LOST, _PAUSE = 1.0, 0.75, 1.5, 0.7
 #: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
 #: 1.BIN at 771 s.
 _CAUGHT = 0.75
@@ -40,7 +40,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
     # A craft that leans sinks, and the autopilot's own height may be what sinks.
     tells = np.zeros(len(t), dtype=bool) if lean is None or readings.own_height else at(t, lean) < _UPRIGHT
     much = flying & tells & (given >= min(FULL, usual + _RESERVE * (1.0 - usual)))
-    for first, last, rows in stretches(t, much & (down > _SINKING), join=_PAUSE, shortest=_LOST):
+    for first, last, rows in stretches(t, much & (down > SINKING), join=_PAUSE, shortest=_LOST):
         early, late = (float(np.median(half)) for half in np.array_split(down[rows], 2))
         worst, most = float(np.max(down[rows])), float(np.median(given[rows]))
         if late > _CAUGHT * early:
@@ -53,7 +53,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
                 sink_m_s=worst,
             )
     # The autopilot's own doing: throttle at its limit while the craft climbs already, in a mode that holds height.
-    wrong = flying & (given >= FULL) & readings.in_modes(t, HOLDING) & (down < -_SINKING)
+    wrong = flying & (given >= FULL) & readings.in_modes(t, HOLDING) & (down < -SINKING)
     for first, last, rows in stretches(t, wrong, join=_PAUSE, shortest=_LASTING):
         asked_to, behind = _climb_asked(readings, first, last), _estimate_off(readings, first, last)
         if asked_to or (asked_to is None and behind is None):
@@ -75,7 +75,7 @@ def _climb_asked(readings: Readings, first: float, last: float) -> bool | None:
     rates = [known["v_d"].median()] if "v_d" in known else []
     if "p_d" in known:
         rates.append((known["p_d"].iloc[-1] - known["p_d"].iloc[0]) / (last - first))
-    return min(rates) < -0.5 * _SINKING if rates else None
+    return min(rates) < -SINKING if rates else None
 
 
 def _estimate_off(readings: Readings, first: float, last: float) -> float | None:

@@ -37,10 +37,10 @@ AEROBATIC = frozenset(["ACRO", "FLIP", "THROW", "TURTLE", "AUTOROTATE", "MANUAL"
 _FOLLOWS, _STEPS = 1.0, 10
 #: Interval of rows [s] beyond which a stick thrown about between them is not seen (every fifth row of 29-09-2014_2).
 #: Rows nearer to each other [s] say the same of how an attitude is held: all of them took half of a long log's account.
-_BLIND, _SAME = 0.42, 0.02
+BLIND, _SAME = 0.42, 0.02
 #: Throttle of idling motors (peterbarker 1.BIN, 775 s: a craft left to itself for a second rolls by 50 deg), and share
 #: of an output's range within which it is at a limit.
-_CLOSED, _NEAR = 0.05, 0.01
+_CLOSED, AT_LIMIT = 0.05, 0.01
 
 
 #: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 jumped until its end).
@@ -158,7 +158,7 @@ class Readings:
             return None
         times = wanted.index.to_numpy(np.float64)
         usual = float(np.median(np.diff(times)))
-        if usual > _BLIND:
+        if usual > BLIND:
             return None
         times = times[:: max(int(_SAME / usual), 1)]
         t = times[(times >= flown.index[0]) & (times <= flown.index[-1])]
@@ -196,7 +196,7 @@ class Readings:
         outputs = None if self.outputs is None else self.outputs.loc[first:last]
         if outputs is None or not len(outputs):
             return ""
-        sides = {"its maximum": (outputs >= 1.0 - _NEAR).mean(), "its minimum": (outputs <= _NEAR).mean()}
+        sides = {"its maximum": (outputs >= 1.0 - AT_LIMIT).mean(), "its minimum": (outputs <= AT_LIMIT).mean()}
         words = []
         for side, share in sides.items():
             motors = [str(name).removeprefix("m") for name in share.index[share > 0.5]]

@@ -10,18 +10,17 @@ import pandas as pd
 from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
+from core.units import EARTH_RADIUS
 from logparse.heights import WRONG, not_returned
 from pipeline.flight.account.readings import RECOVERS, Readings, Stretch, at, stretches, within
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import Floats
 
-#: Fewest satellites of a three-dimensional fix; losses closer together than this [s] are one.
-_FEWEST, _PAUSE = 4, 2.0
-#: Time without a word from the receiver [s].
-_SILENT = 2.0
+#: Fewest satellites of a three-dimensional fix; time [s] without a word from the receiver, within which two losses are
+#: one; and for which a loss is no danger.
+_FEWEST, _SILENT, _BRIEF = 4, 2.0, 5.0
 #: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
 _RADIUS, _ACCELERATION = 5.0, 10.0
-_EARTH = 6.371e6
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
 #: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
@@ -45,11 +44,10 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
     with np.errstate(invalid="ignore"):
         lost = (fix < 3.0) | (satellites < _FEWEST) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
-    pause = max(_PAUSE, 3.0 * float(np.median(np.diff(t))))
     # One row alone is damage.
-    losses = [each for each in stretches(t, lost & flying, join=pause) if each.last > each.first]
+    losses = [each for each in stretches(t, lost & flying, join=_SILENT) if each.last > each.first]
     for first, last, rows in losses:
-        before, inside = satellites[(t < first) & (t > first - 3.0)], satellites[rows]
+        before, inside = satellites[(t < first) & (t > first - _SILENT)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
         left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
         counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
@@ -57,7 +55,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         yield finding(
             "gps-lost",
             f"GPS lost its fix for {last - first:.1f} s{counted}.",
-            severity=Severity.ERROR if last - first > 5.0 else Severity.WARNING,
+            severity=Severity.ERROR if last - first > _BRIEF else Severity.WARNING,
             t=first,
             end=last,
             satellites_before=had,
@@ -65,7 +63,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         )
     yield from _silence(readings, t, losses)
     jump = _jumps(gps)
-    near = within(t, [(first - 1.0, last + pause) for first, last, _ in losses])
+    near = within(t, [(first - 1.0, last + _SILENT) for first, last, _ in losses])
     for first, last, rows in stretches(t, (jump > _RADIUS) & flying & ~near, join=RECOVERS):
         worst = float(jump[rows].max())
         yield finding(
@@ -79,10 +77,12 @@ def _jumps(gps: pd.DataFrame) -> Floats:
     lat, lon, v_n, v_e = (gps[name].to_numpy(np.float64) for name in ("lat", "lon", "v_n", "v_e"))
     dt = np.diff(t)
     miss = (
-        np.hypot(_EARTH * np.diff(lat) - v_n[:-1] * dt, _EARTH * np.diff(lon) * np.cos(lat[1:]) - v_e[:-1] * dt)
+        np.hypot(
+            EARTH_RADIUS * np.diff(lat) - v_n[:-1] * dt, EARTH_RADIUS * np.diff(lon) * np.cos(lat[1:]) - v_e[:-1] * dt
+        )
         - 0.5 * _ACCELERATION * dt**2
     )
-    miss[~np.isfinite(miss) | (dt > 2.0)] = 0.0
+    miss[~np.isfinite(miss) | (dt > _SILENT)] = 0.0
     return np.concatenate(([0.0], np.maximum(miss, 0.0)))
 
 
@@ -103,7 +103,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
         yield finding(
             "gps-lost",
             f"The GPS receiver was silent for {end - begin:.1f} s.",
-            severity=Severity.ERROR if end - begin > 5.0 else Severity.WARNING,
+            severity=Severity.ERROR if end - begin > _BRIEF else Severity.WARNING,
             t=begin,
             end=end,
         )
@@ -163,30 +163,28 @@ def _vibrations(readings: Readings) -> Iterator[Finding]:
             level_m_s2=risen,
         )
         return
-    strong = stretches(t, level > measured.harmful, join=5.0)
-    if strong and np.mean(level > measured.harmful) > _SHARE:
+    strong = t[level > measured.harmful]
+    if len(strong) > _SHARE * len(t):
         worst = float(level.max())
         yield finding(
             "vibration",
             f"Vibration was up to {worst:.0f} m/s², beyond {measured.harmful:.0f} m/s² which nearly always harms.",
             severity=Severity.WARNING,
-            t=strong[0].first,
-            end=strong[-1].last,
+            t=float(strong[0]),
+            end=float(strong[-1]),
             level_m_s2=worst,
         )
 
 
 def _rise(t: Floats, level: Floats, least: float) -> tuple[float, float, float] | None:
     """Return what vibration was, what it became and since when; None where it did not rise for good to `least`."""
-    if len(t) < 20:
+    if not len(t):
         return None
     # The shortest prefix whose 95th percentile nearly everything in the next seconds exceeds.
-    for begin in np.arange(t[0] + 10.0, t[-1] - _STAYS, 0.5):
+    for begin in np.arange(t[0] + 2.0 * _STAYS, t[-1] - _STAYS, 0.5):
         k = int(np.searchsorted(t, begin))
         later = level[k:][t[k:] < begin + _STAYS]
         risen = float(np.percentile(later, 20.0)) if len(later) else 0.0
         if risen > least and risen > _TIMES * (usual := float(np.percentile(level[:k], 95.0))):
-            quiet = np.flatnonzero((level <= 1.5 * usual) & (t < begin + 0.5))
-            since = float(t[min(int(quiet[-1]) + 1, len(t) - 1)]) if len(quiet) else float(begin)
-            return usual, float(np.median(level[k:])), since
+            return usual, float(np.median(level[k:])), float(t[k + int(np.argmax(level[k:] > _TIMES * usual))])
     return None

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import real_voltage
-from pipeline.flight.account.readings import RECOVERS, Readings, within
+from pipeline.flight.account.readings import AT_LIMIT, RECOVERS, Readings, within
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
 
@@ -18,13 +19,10 @@ from sysid.rotors.battery import sag_resistance
 _STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
 #: Fixes that tell speed: satellites, dilution, and acceleration [m/s^2] beyond which a fix jumps.
 _SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
-#: Share of the range of an output below its upper limit that counts as being at it.
-_AT_LIMIT = 0.99
 #: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
 _AT_REST = 4.0
 #: Highest voltage of a full lithium cell as logged: a battery has the fewest cells that bear what it shows at rest.
 _FULL = 4.4
-_EARTH = 6.371e6
 #: What sources of height are called.
 SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
 
@@ -60,7 +58,7 @@ def distance(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Rea
     """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out."""
     rows = _fixes(readings, doubtful)
     north, east = rows["lat"] - rows["lat"].head(1).mean(), rows["lon"] - rows["lon"].head(1).mean()
-    return _largest(_EARTH * np.hypot(north, east * np.cos(rows["lat"])), "m")
+    return _largest(EARTH_RADIUS * np.hypot(north, east * np.cos(rows["lat"])), "m")
 
 
 def _fixes(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> pd.DataFrame:
@@ -194,5 +192,5 @@ def motors(readings: Readings) -> MotorsReading | None:
     return MotorsReading(
         mean=mean,
         hardest=max(mean, key=lambda name: mean[name]),
-        at_limit=float((outputs >= _AT_LIMIT).any(axis=1).mean()),
+        at_limit=float((outputs >= 1.0 - AT_LIMIT).any(axis=1).mean()),
     )
