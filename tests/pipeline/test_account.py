@@ -313,6 +313,10 @@ def test_throttle_that_runs_away_is_the_autopilots_when_no_climb_was_asked_for()
     # Of a climb that was asked for, and of a pilot's own full throttle, nothing is said.
     modes = pd.DataFrame({"mode": ["STABILIZE"]}, index=pd.Index([0.0], name="t"))
     assert account(flown(**climbing(v_d=-5.0))).story == account(flown(**climbing(), modes=modes)).story == ()
+    # A hole may have swallowed that the pilot took over (6-3-2014_7 with 140 to 155 s cut out).
+    tables = {name: getattr(flown(**climbing()), name) for name in ("attitude", "baro", "ekf", "modes", "setpoints")}
+    cut = {name: each[(each.index < 20.0) | (each.index > 26.0)] for name, each in tables.items()}
+    assert [each.id for each in account(Tables(**cut)).notable] == ["height-estimate-wrong"]
 
 
 def shaken(rate, before, after, when):

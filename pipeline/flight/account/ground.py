@@ -20,9 +20,8 @@ SHOCK = 4.0 * STANDARD_GRAVITY
 _OVER, _FAST = np.radians(45.0), 6.0
 #: Time [s] around touch-down in which the craft hits the ground, bounces and comes to rest.
 _AROUND = 5.0
-#: Height [m] that a craft which was switched off in the air loses; time [s] beside a flight whose log was cut, and
-#: without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
-_DROP, _CUT, _HOLE = 1.5, 1.0, 5.0
+#: Height [m] that a craft which was switched off in the air loses; time [s] beside a flight whose log was cut.
+_DROP, _CUT = 1.5, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +75,8 @@ def unseen(readings: Readings) -> Iterator[str]:
     """Yield a sentence for each part of the flight that the log does not hold: its ends, and holes in it."""
     if begins_in_the_air(readings):
         yield "The log begins in the air."
-    tables, flight = readings.tables, readings.flight
-    known = (tables.times(name) for name in ("attitude", "baro", "motors", "gps"))
-    t = np.sort(np.concatenate([np.empty(0), *(times for times in known if times is not None)]))
-    t = t[slice(*np.searchsorted(t, (flight.start, flight.stop)))]
-    for row in np.flatnonzero(np.diff(t) > _HOLE):
-        yield f"Nothing was logged from {t[row]:.0f} to {t[row + 1]:.0f} s."
+    for hole in readings.holes:
+        yield f"Nothing was logged from {hole.start:.0f} to {hole.stop:.0f} s."
     if ends_in_the_air(readings):
         yield "The log ends in the air."
 

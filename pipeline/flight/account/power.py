@@ -53,7 +53,8 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
                 sink_m_s=worst,
             )
     # The autopilot's own doing: throttle at its limit while the craft climbs already, in a mode that holds height.
-    wrong = flying & (given >= FULL) & readings.in_modes(t, HOLDING) & (down < -SINKING)
+    holding = readings.in_modes(t, HOLDING) & ~readings.mode_forgotten(t)
+    wrong = flying & (given >= FULL) & holding & (down < -SINKING)
     for first, last, rows in stretches(t, wrong, join=_PAUSE, shortest=_LASTING):
         asked_to, behind = _climb_asked(readings, first, last), _estimate_off(readings, first, last)
         if asked_to or (asked_to is None and behind is None):

@@ -43,6 +43,8 @@ BLIND, _SAME = 0.42, 0.02
 _CLOSED, AT_LIMIT = 0.05, 0.01
 
 
+#: Time [s] without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
+_HOLE = 5.0
 #: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 jumped until its end).
 RECOVERS = 10.0
 
@@ -167,8 +169,24 @@ class Readings:
         error[self.in_modes(t, AEROBATIC) | self.chirped(t) | self.idle(t)] = np.nan
         return pd.Series(error, index=pd.Index(t))
 
+    @cached_property
+    def holes(self) -> tuple[Span, ...]:
+        """Times in flight of which the log has nothing."""
+        known = (self.tables.times(name) for name in ("attitude", "baro", "motors", "gps"))
+        t = np.sort(np.concatenate([np.empty(0), *(times for times in known if times is not None)]))
+        t = t[slice(*np.searchsorted(t, (self.flight.start, self.flight.stop)))]
+        return tuple(Span(float(t[row]), float(t[row + 1])) for row in np.flatnonzero(np.diff(t) > _HOLE))
+
+    def mode_forgotten(self, t: Floats) -> Mask:
+        """Return at which times a hole may have swallowed the newest mode."""
+        modes = self.tables.modes
+        changes = np.empty(0) if modes is None else modes.index.to_numpy(np.float64)
+        return within(
+            t, [(hole.start, float(min(changes[changes >= hole.stop], default=np.inf))) for hole in self.holes]
+        )
+
     def in_modes(self, t: Floats, names: frozenset[str]) -> Mask:
-        """Return which times lie in one of the flight modes."""
+        """Return which times lie in one of the flight modes, as far as the log has them."""
         modes = self.tables.modes
         if modes is None or not len(modes):
             return np.zeros(len(t), dtype=bool)
