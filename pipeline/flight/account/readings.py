@@ -45,8 +45,10 @@ _CLOSED, AT_LIMIT = 0.05, 0.01
 
 #: Time [s] without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
 _HOLE = 5.0
-#: Time [s] after which a receiver that jumped is believed again (26-11-2014_181 jumped until its end).
-RECOVERS = 10.0
+#: What is believed of a receiver: fewest satellites of a three-dimensional fix, acceleration [m/s^2] that is no jump
+#: (uavlogviewer__vtol turns at 11; ArduCopter's own check has 10), and time [s] after which it is believed again
+#: (26-11-2014_181 jumped until its end).
+SATELLITES, ACCELERATION, RECOVERS = 4, 12.0, 10.0
 
 
 @dataclass(frozen=True)

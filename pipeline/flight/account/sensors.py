@@ -12,15 +12,23 @@ from core.findings import Finding, Severity
 from core.quantity import number
 from core.units import EARTH_RADIUS
 from logparse.heights import WRONG, not_returned
-from pipeline.flight.account.readings import RECOVERS, Readings, Stretch, at, stretches, within
+from pipeline.flight.account.readings import (
+    ACCELERATION,
+    RECOVERS,
+    SATELLITES,
+    Readings,
+    Stretch,
+    at,
+    stretches,
+    within,
+)
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.account.vibration import Floats
 
-#: Fewest satellites of a three-dimensional fix; time [s] without a word from the receiver, within which two losses are
-#: one; and for which a loss is no danger.
-_FEWEST, _SILENT, _BRIEF = 4, 2.0, 5.0
-#: ArduCopter's glitch radius [m] and the acceleration [m/s^2] that its check allows on top (GPSGLITCH_RADIUS, _ACCEL).
-_RADIUS, _ACCELERATION = 5.0, 10.0
+#: Time [s] without a word from the receiver, within which two losses are one; and for which a loss is no danger.
+_SILENT, _BRIEF = 2.0, 5.0
+#: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS).
+_RADIUS = 5.0
 #: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
 #: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
@@ -43,7 +51,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     flying = readings.flying(t)
     fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
     with np.errstate(invalid="ignore"):
-        lost = (fix < 3.0) | (satellites < _FEWEST) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
+        lost = (fix < 3.0) | (satellites < SATELLITES) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
     # One row alone is damage.
     losses = [each for each in stretches(t, lost & flying, join=_SILENT) if each.last > each.first]
     for first, last, rows in losses:
@@ -51,7 +59,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
         left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
         counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
-        counted += ", all at once, as when it is jammed" if had - left >= _FEWEST else ""
+        counted += ", all at once, as when it is jammed" if had - left >= SATELLITES else ""
         yield finding(
             "gps-lost",
             f"GPS lost its fix for {last - first:.1f} s{counted}.",
@@ -80,7 +88,7 @@ def _jumps(gps: pd.DataFrame) -> Floats:
         np.hypot(
             EARTH_RADIUS * np.diff(lat) - v_n[:-1] * dt, EARTH_RADIUS * np.diff(lon) * np.cos(lat[1:]) - v_e[:-1] * dt
         )
-        - 0.5 * _ACCELERATION * dt**2
+        - 0.5 * ACCELERATION * dt**2
     )
     miss[~np.isfinite(miss) | (dt > _SILENT)] = 0.0
     return np.concatenate(([0.0], np.maximum(miss, 0.0)))

@@ -11,14 +11,14 @@ import pandas as pd
 from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import real_voltage
-from pipeline.flight.account.readings import AT_LIMIT, RECOVERS, Readings, within
+from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, RECOVERS, SATELLITES, Readings, within
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from sysid.rotors.battery import sag_resistance
 
 #: Steady hover: climb [m/s] and lean [rad] below these; the first and last of it [s] that are compared, and the least.
 _STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
-#: Fixes that tell speed: satellites, dilution, and acceleration [m/s^2] beyond which a fix jumps.
-_SATELLITES, _DILUTION, _JUMP = 5, 4.0, 12.0
+#: Dilution of a position beyond which it is not believed.
+_DILUTION = 4.0
 #: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
 _AT_REST = 4.0
 #: Highest voltage of a full lithium cell as logged: a battery has the fewest cells that bear what it shows at rest.
@@ -47,9 +47,9 @@ def height(readings: Readings) -> Reading | None:
 def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
     """Return the largest horizontal speed by GPS, jumps and doubtful stretches left out."""
     rows = _fixes(readings, doubtful)
-    rows = rows[~(rows["satellites"] < _SATELLITES) & rows["v_n"].notna() & rows["v_e"].notna()]
+    rows = rows[~(rows["satellites"] < SATELLITES) & rows["v_n"].notna() & rows["v_e"].notna()]
     t = rows.index.to_numpy(np.float64)
-    change = np.hypot(np.diff(rows["v_n"]), np.diff(rows["v_e"])) / np.maximum(np.diff(t), 1e-3) <= _JUMP
+    change = np.hypot(np.diff(rows["v_n"]), np.diff(rows["v_e"])) / np.maximum(np.diff(t), 1e-3) <= ACCELERATION
     rows = rows[np.concatenate(([True], change)) & np.concatenate((change, [True]))] if len(rows) else rows
     return _largest(pd.Series(np.hypot(rows["v_n"], rows["v_e"]), index=rows.index), "m/s")
 
