@@ -78,17 +78,22 @@ def track(result: FlightResult) -> Figure | None:
         return None
     happened = _happened(result, states)
     over = [] if happened is None else [happened]
-    return track_figure(states, [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")], over, _wind_arrow(result))
+    below = [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")]
+    return track_figure(states, below, over, _wind_arrow(result), _estimated_height(result))
 
 
 def track_figure(
-    states: pd.DataFrame, below: Sequence[Trace] = (), over: Sequence[Trace] = (), notes: Sequence[Drawn] = ()
+    states: pd.DataFrame,
+    below: Sequence[Trace] = (),
+    over: Sequence[Trace] = (),
+    notes: Sequence[Drawn] = (),
+    height: pd.Series[float] | None = None,
 ) -> Figure:
-    """Draw the track of a trajectory's states between what is drawn below and over it."""
+    """Draw the track of a trajectory's states between what is drawn below and over it; `height` [m] is its colour."""
     north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
     hover = "%{x:.1f} m east<br>%{y:.1f} m north"
     way = line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float))
-    return _map([*below, way, _heights(states), *over], east, north, notes)
+    return _map([*below, way, _heights(states, height), *over], east, north, notes)
 
 
 def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[Drawn]) -> Figure:
@@ -100,18 +105,23 @@ def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[D
     plot.axes["xaxis"] |= {"range": padded(plot.data, "x"), "zeroline": False}
     plot.axes["yaxis"] |= {"range": padded(plot.data, "y")}
     plot.notes += notes
-    caption = "The flight from above, both axes to the same scale; colour is height above the start."
+    caption = "The flight from above, both axes to the same scale; colour is height above the ground."
     return plot.figure("track", caption, 430)
 
 
-def _heights(states: pd.DataFrame) -> Trace:
-    """Colour the track by height, with a scale that also reads in grey."""
+def _heights(states: pd.DataFrame, height: pd.Series[float] | None) -> Trace:
+    """Colour the track by height, with a scale that also reads in grey; above the start where no height is given."""
     chosen = states.iloc[:: max(1, -(-len(states) // MOST_POINTS))]
-    height = float(states["p_d"].iloc[0]) - chosen["p_d"].to_numpy(float)
+    above = states["p_d"].iloc[0] - chosen["p_d"] if height is None else height.loc[chosen.index]
     trace = dots(chosen["p_e"], chosen["p_n"], "height", "@ink") | {"showlegend": False, "hoverinfo": "all"}
     scale = {"title": {"text": "height (m)", "side": "right"}, "thickness": 8, "outlinewidth": 0}
-    colors = {"color": rounded(height, 1), "colorscale": "Cividis", "showscale": True, "colorbar": scale}
-    hover = "%{marker.color:.1f} m above the start<extra></extra>"
+    colors = {
+        "color": rounded(np.asarray(above, dtype=float), 1),
+        "colorscale": "Cividis",
+        "showscale": True,
+        "colorbar": scale,
+    }
+    hover = "%{marker.color:.1f} m high<extra></extra>"
     return trace | {"marker": {"size": 5} | colors, "hovertemplate": hover}
 
 
@@ -156,9 +166,8 @@ def altitude(result: FlightResult) -> Figure | None:
     lines = [] if signals is None else [signal for panel in signals.height for signal in panel.signals]
     colors = {each.name: _HEIGHTS.get(each.name, "@quiet") for each in lines} | {"estimated": "@ink"}
     sensor = lines[:1]
-    if not isinstance(result.trajectory, Failure):
-        up = -result.trajectory.states["p_d"]
-        above = _within(up - up.iloc[0] if flight is None else above_ground(up, flight), span)
+    if (estimated := _estimated_height(result)) is not None:
+        above = _within(estimated, span)
         if len(above) > 1:
             lines.append(SignalLine("estimated", above.index.to_numpy(float), above.to_numpy(float)))
     if not lines:
@@ -219,6 +228,14 @@ def mode_bands(result: FlightResult) -> tuple[list[Drawn], list[Drawn]]:
         if not isinstance(result.flight, Failure) and span.duration > 0.06 * result.flight.duration:
             labels.append(band_label(span, mode.mode))
     return shapes, labels
+
+
+def _estimated_height(result: FlightResult) -> pd.Series[float] | None:
+    """Height of the trajectory above the ground that the flight left, m; None without a trajectory."""
+    if isinstance(result.trajectory, Failure):
+        return None
+    up, flight = -result.trajectory.states["p_d"], present(result.flight)
+    return up - up.iloc[0] if flight is None else above_ground(up, flight)
 
 
 def _within(table: Frame, span: Span | None) -> Frame:

@@ -166,6 +166,7 @@ def _vibrations(readings: Readings) -> Iterator[Finding]:
             f"Vibration rose {risen / max(usual, 0.1):.0f} times and stayed: from {number(usual, 2)} to "
             f"{number(risen, 2)} m/s²{' behind the filters of the autopilot' if measured.relative else ''}.",
             severity=Severity.ERROR,
+            advice="Look for a chipped propeller, and for a loose motor or arm.",
             t=since,
             end=readings.flight.stop,
             level_m_s2=risen,
