@@ -87,21 +87,14 @@ class FlightLog(Summarised):
 
     @cached_property
     def parameters(self) -> Mapping[str, float]:
-        """Autopilot parameters: the last value of each in this boot."""
+        """Autopilot parameters: the last value of each in this boot, or of a boot without any in those before it.
+
+        They outlast a restart, and a clock that jumps back is none.
+        """
         kept = self._source.parameters(self.boot)
-        if kept is not None:
-            found = dict(kept)
-        elif "PARM" in self.messages:
-            self.messages.load(("PARM", "MSG"))  # `vehicle` asks for the other: one pass over the file
-            rows = self.messages["PARM"]
-            found = _last_values(rows, "Name", "Value")
-        elif "PARAM_VALUE" in self.messages:
-            rows = self.messages["PARAM_VALUE"]
-            if "system" in rows and len(often := rows["system"].mode()):
-                rows = rows[rows["system"] == often.iloc[0]]
-            found = _last_values(rows, "param_id", "param_value")
-        else:
-            found = {}
+        before = self.boots[: self.boots.index(self.boot)][::-1]
+        boots = chain([self.messages], (Messages(self._source, each) for each in before))
+        found = next(filter(None, map(_parameters, boots)), {}) if kept is None else dict(kept)
         odd = sorted(name for name, value in found.items() if not _possible(value))
         if odd:
             self._own_findings.append(
@@ -428,6 +421,19 @@ def _what_it_is(head: bytes) -> str:
 def _possible(value: float) -> bool:
     """Return whether a parameter can have a value: the largest are bit masks of 32 bits."""
     return abs(value) <= 2.0**32
+
+
+def _parameters(messages: Messages) -> dict[str, float]:
+    """Return the last value of each parameter that a boot logged."""
+    if "PARM" in messages:
+        messages.load(("PARM", "MSG"))  # `FlightLog.vehicle` asks for the other: one pass over the file
+        return _last_values(messages["PARM"], "Name", "Value")
+    if "PARAM_VALUE" not in messages:
+        return {}
+    rows = messages["PARAM_VALUE"]
+    if "system" in rows and len(often := rows["system"].mode()):
+        rows = rows[rows["system"] == often.iloc[0]]
+    return _last_values(rows, "param_id", "param_value")
 
 
 def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:

@@ -213,6 +213,18 @@ def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
         read_log(tmp_path / "both.bin", boot=2)
 
 
+def test_a_power_up_without_parameters_has_those_of_the_one_before(tmp_path: Path) -> None:
+    """A clock that jumps back makes two power-ups of one: what was flown after it was flown without parameters."""
+    t = np.arange(10.0, 20.0, 0.1)
+    attitude = pd.DataFrame({"Roll": np.sin(t), "Pitch": np.cos(t)}, index=pd.Index(t, name="t"))
+    write_dataflash(tmp_path / "b.bin", [("ATT", "Qff", "sdd", "F00", attitude)])
+    parts = small_log(tmp_path / "a.bin", 90, 5), tmp_path / "b.bin"
+    (tmp_path / "both.bin").write_bytes(b"".join(part.read_bytes() for part in parts))
+    for boot in (0, 1):
+        assert dict(read_log(tmp_path / "both.bin", boot=boot).parameters) == {"A": 3.0, "B": 2.0}
+    assert dict(read_log(tmp_path / "b.bin").parameters) == {}
+
+
 def test_power_ups_shorter_than_a_flight_found_are_not_looked_into(tmp_path: Path) -> None:
     """A file of many power-ups took as long as building all tables of each."""
     flown = SAMPLES / "octa01_zurich_calm.bin"
