@@ -296,10 +296,13 @@ def _attitude(log: FlightLog, axis: str, scores: list[float]) -> bool:
         whole = frequency.attitude_response(log, axis)
     except frequency.FrequencyError:
         return False
+    assert log.flight is not None
+    start, stop = log.flight.start, log.flight.stop
+    middle = 0.5 * (start + stop)
     halves = []
-    for part in ((0.0, 0.5), (0.5, 1.0)):
+    for within in ((start, middle), (middle, stop)):
         try:
-            halves.append(frequency.attitude_response(log, axis, part=part))
+            halves.append(frequency.attitude_response(log, axis, within=within))
         except frequency.FrequencyError:
             return whole.determined
     if whole.determined and all(half.determined for half in halves):

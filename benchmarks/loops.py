@@ -27,18 +27,22 @@ from simulation.axis_loop import (
     write_rate_log,
 )
 from sysid.frequency import fit
+from sysid.frequency.axes import axis_of
+from sysid.frequency.estimate import response_of_records
 from sysid.loops import Limits, prove, tune
-from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
+from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
 from sysid.loops.evidence import unsupported
 from sysid.loops.known_margins import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning, tune_axis
-from sysid.loops.signals import plant_response
 from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight
 
 QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
 HZ = np.geomspace(0.1, 120.0, 4000)
+
+#: The firmware's own SID_T_FADE_IN and SID_T_FADE_OUT in parts of its SID_T_REC.
+DEFAULT_FADES = (15.0 / 70.0, 2.0 / 70.0)
 
 
 def run() -> list[Row]:
@@ -330,7 +334,8 @@ def _motion(flight: AxisRun) -> tuple[float, float, float]:
 
 def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
     try:
-        found = fit(plant_response(records_of_flight(flight), "roll", plant.filter_hz)).parameters
+        records = [each.plant for each in records_of_flight(flight)]
+        found = fit(response_of_records(records, axis_of("roll"), gyro_filter_hz=plant.filter_hz)).parameters
     except RotoridError:
         return np.nan, np.nan
     gain, late = found["gain"].value, found["effective_delay"].value

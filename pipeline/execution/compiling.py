@@ -13,8 +13,9 @@ import estimation._kernels as filter_and_smoother
 import estimation._splines as imu_splines
 import logparse.dataflash._decode as dataflash
 import logparse.timebase as timebase
-import sysid.frequency._window_kernels as windows
-import sysid.records._filter_kernels as filters
+import sysid.frequency.spectra as windows
+import sysid.records.filtering as filters
+import sysid.records.resampling as resampling
 import sysid.rigid_body._filter_kernels as body_filters
 import sysid.rigid_body._rigid_kernels as rigid_body
 import sysid.transfer_functions._kernels as transfer_functions
@@ -35,7 +36,7 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     imu_splines.along_spline,
     rigid_body.ahead,
     windows.products,
-    filters.filtered_at,
+    resampling.filtered_at,
     transfer_functions.recur,
     transfer_functions.recur_few,
     body_filters.whiten,

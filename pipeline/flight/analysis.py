@@ -35,8 +35,7 @@ from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
-from sysid.autopilot.gains import feed_forward
-from sysid.autopilot.gathering import batch_values, body_values
+from sysid.autopilot.gathering import batch_values, body_values, feed_forward
 from sysid.autopilot.values import AutopilotValue
 from sysid.loops.settings import firmware_version
 from sysid.rotors.motor_faults.outputs import check_outputs

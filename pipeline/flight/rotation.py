@@ -26,11 +26,10 @@ from pipeline.results.rotation import (
 )
 from pipeline.results.span import Span
 from sysid.frequency.axes import axis_of
-from sysid.frequency.coupling import Coupling
 from sysid.frequency.excitation import find_chirps
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import COHERENT, FrequencyResponse
-from sysid.frequency.survey import AxisSurvey, survey
+from sysid.frequency.survey import AxisSurvey, Coupling, survey
 from sysid.frequency.time_domain import Verification
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.controller import LoopError
@@ -42,8 +41,7 @@ from sysid.loops.evidence import (
     unfit_log,
     weak_band,
 )
-from sysid.loops.loop import rate_loop
-from sysid.loops.ordinary import ordinary_loop
+from sysid.loops.loop import ordinary_loop, rate_loop
 from sysid.loops.settings import check_firmware, read_settings
 
 #: The axes about which a craft turns.

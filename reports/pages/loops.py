@@ -19,7 +19,6 @@ from reports.views.rotation import TITLES
 from sysid.loops.criteria import Criterion
 from sysid.loops.known_margins import MARGINS, Margins
 from sysid.loops.loop import RateLoop
-from sysid.loops.responses import attitude_bandwidth
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning
@@ -142,14 +141,14 @@ def _loop(loop: RateLoop) -> FlownLoop:
         loop_rate_hz=controller.loop_rate,
         gyro_rate_hz=loop.settings.gyro.rate,
         margins=loop.margins,
-        attitude_bandwidth_hz=attitude_bandwidth(loop),
+        attitude_bandwidth_hz=loop.attitude_bandwidth,
         response=CraftResponse(
             hz=tuple(loop.hz[rows].tolist()),
             real=tuple(plant.real.tolist()),
             imag=tuple(plant.imag.tolist()),
             notch_real=tuple(notches.real.tolist()),
             notch_imag=tuple(notches.imag.tolist()),
-            coherence=tuple(loop.plant.coherence_at(loop.hz[rows]).tolist()),
+            coherence=tuple(loop.plant.coherence[rows].tolist()),
             draws_gain=tuple(tuple(row) for row in np.log(np.abs(draws)).tolist()),
             draws_phase=tuple(tuple(row) for row in np.angle(draws).tolist()),
         ),

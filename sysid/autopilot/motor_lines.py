@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from logparse import FlightLog, RotoridError
-from sysid.records.experiment import Floats
+from sysid.loops.filters import NOTCH_LIMIT
+from sysid.records import Floats
 from sysid.records.filtering import welch
 
 #: What is said of a flight without batches.
@@ -22,8 +23,8 @@ NO_BATCHES = "no raw gyro batches"
 #: Change of throttle within a batch whose lines smear, and departure from hover's throttle that is hover, in parts.
 _STEADY, _HOVERS = 0.03, 0.08
 
-#: Lowest frequency of a motor's line, Hz: below, the craft moves; and the highest, in parts of the sampling rate.
-_LOWEST, _HIGHEST = 20.0, 0.47
+#: Lowest frequency of a motor's line, Hz: below, the craft moves.
+_LOWEST = 20.0
 
 #: A line stands out by so much (power) of the median about it (a part of its frequency to either side), and has at
 #: least so much of the strongest line's power, and so many rad/s (0.1 deg/s).
@@ -166,7 +167,7 @@ def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> Mot
 
 def _standing_out(hz: Floats, power: Floats, rate: float) -> list[float]:
     """Return the frequencies of lines that stand out, the lowest first."""
-    inside = np.flatnonzero((hz >= _LOWEST) & (hz <= _HIGHEST * rate))
+    inside = np.flatnonzero((hz >= _LOWEST) & (hz <= NOTCH_LIMIT * rate))
     found: list[tuple[float, float]] = []
     for k in inside:
         wide = max(_WIDTH * hz[k], _STEPS * hz[1])

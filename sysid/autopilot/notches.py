@@ -17,19 +17,18 @@ from core.quantity import number
 from logparse import FlightLog
 from sysid.autopilot.motor_lines import Batch, LineError, MotorLines, gyro_batches, motor_lines
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
-from sysid.loops.controller import AXES, RateController
-from sysid.loops.filters import Complexes, DigitalFilter, Floats, cascade, harmonic_notches, second_order
+from sysid.loops.controller import AXES, GyroPath, RateController
+from sysid.loops.evidence import LOWEST
+from sysid.loops.filters import DigitalFilter, cascade
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import typed
-from sysid.loops.settings import read_settings
+from sysid.loops.safety import Aim
+from sysid.loops.settings import NOTCHES, Follows, notch_at, notch_by_throttle, read_settings
 
 _PREFIX = "INS_HNTCH_"
 NAMES = tuple(_PREFIX + name for name in ("ENABLE", "MODE", "REF", "FREQ", "BW", "ATT", "HMNCS", "FM_RAT"))
 FILTERS = ("FLTD", "FLTT")
-
-#: What the notch follows (INS_HNTCH_MODE).
-_THROTTLE, _ESC = 1.0, 3.0
 
 #: Attenuation, dB, that ArduPilot advises, and between which parts of the frequency the notch's least one lies.
 _ATTENUATION, _LEAST_PART = 40.0, (0.5, 0.7)
@@ -41,15 +40,11 @@ _BANDWIDTHS, _AS_QUIET = (0.25, 1.0 / 3.0, 0.5), 1.1
 #: Part of the frequency within which a notch that flew is right, and ESCs report the speed of the line.
 _SAME = 0.02
 
-#: Lowest frequency of what is noise, Hz: below, the craft moves; that of what notches are for; half-width of a line as
-#: a part of its frequency.
-_NOISE, _VIBRATION = 2.0, 30.0
+#: Lowest frequency of what notches are for, Hz.
+_VIBRATION = 30.0
 
 #: Factor between noise foretold and measured at the mixer beyond which the filters are not those of the parameters.
 _APART = 2.0
-
-#: Margins that tuning keeps, deg and dB.
-_WIDE = (45.0, 6.0)
 
 #: Part of the gain margin, dB, that another notch leaves at the least: where it was kept by the one that flew, less is.
 _HALVED = 0.5
@@ -101,8 +96,8 @@ def notch_values(
     costs = _costs(study, loops)
     reasons = {
         "ENABLE": f"noise at the mixer in hover {rms['now']} as flown, {rms['then']} with it; it costs {costs}",
-        "MODE": "rotor speeds as the ESCs report them" if values[_PREFIX + "MODE"] == _ESC else "throttle",
-        "REF": "throttle of hover" if values[_PREFIX + "MODE"] == _THROTTLE else "as ESC telemetry wants it",
+        "MODE": "rotor speeds as the ESCs report them" if values[_PREFIX + "MODE"] == Follows.ESC else "throttle",
+        "REF": "throttle of hover" if values[_PREFIX + "MODE"] == Follows.THROTTLE else "as ESC telemetry wants it",
         "FREQ": follows,
         "BW": "a wider one would be hardly quieter at the throttles flown, and cost more phase",
         "ATT": "as ArduPilot advises",
@@ -177,7 +172,7 @@ def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
     part = np.sqrt(max(least, 0.0) / lines.hover)
     values = {
         _PREFIX + "ENABLE": 1.0,
-        _PREFIX + "MODE": _ESC if esc else _THROTTLE,
+        _PREFIX + "MODE": float(Follows.ESC if esc else Follows.THROTTLE),
         _PREFIX + "REF": 1.0 if esc else typed(lines.hover),
         _PREFIX + "FREQ": typed(lines.hz),
         _PREFIX + "BW": 0.0,
@@ -209,7 +204,7 @@ def _flies_already(flown: Mapping[str, float], values: Mapping[str, float]) -> b
 
     wanted = {name: values[_PREFIX + name] for name in ("REF", "FREQ", "HMNCS")}
     lines = int(get("HMNCS")) & int(wanted["HMNCS"]) == int(wanted["HMNCS"])
-    if get("MODE") > _THROTTLE:  # follows the rotors themselves, from FREQ on
+    if get("MODE") > Follows.THROTTLE:  # follows the rotors themselves, from FREQ on
         there = 0.0 < get("FREQ") < (1.0 + _SAME) * wanted["FREQ"]
     else:
         there = abs(get("FREQ") / wanted["FREQ"] - 1.0) < _SAME and abs(get("REF") / wanted["REF"] - 1.0) < 2.0 * _SAME
@@ -217,47 +212,26 @@ def _flies_already(flown: Mapping[str, float], values: Mapping[str, float]) -> b
     return get("ENABLE") == 1.0 and there and lines
 
 
-def _notches(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:
-    """Return the harmonic notches as they stood in a batch."""
-    return tuple(each for prefix in (_PREFIX, "INS_HNTC2_") for each in _notch(parameters, prefix, batch, lines))
+def _path(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> GyroPath:
+    """Return the gyro's filters as they stood in a batch."""
+    notches: list[DigitalFilter] = []
+    for prefix in NOTCHES:
+        values = {f"{prefix}{name}": 0.0 for name in ("BW", "ATT", "HMNCS", "REF", "MODE")} | dict(parameters)
+        nominal, mode = values.get(f"{prefix}FREQ", 0.0), values[f"{prefix}MODE"]
+        if values.get(f"{prefix}ENABLE", 0.0) <= 0.0 or not nominal > 0.0:
+            continue
+        base = nominal
+        if mode == Follows.THROTTLE and values[f"{prefix}REF"] > 0.0:
+            base = notch_by_throttle(values, prefix, batch.throttle)
+        elif mode > Follows.THROTTLE:
+            base = lines.hz * (batch.throttle / lines.hover) ** lines.exponent
+        notches += notch_at(values, prefix, batch.rate, base)
+    return GyroPath(parameters["INS_GYRO_FILTER"], batch.rate, tuple(notches))
 
 
-def _notch(parameters: Mapping[str, float], prefix: str, batch: Batch, lines: MotorLines) -> tuple[DigitalFilter, ...]:
-    """Return one harmonic notch as it stood in a batch; none where it is not enabled."""
-
-    def get(name: str, otherwise: float = 0.0) -> float:
-        return parameters.get(prefix + name, otherwise)
-
-    if get("ENABLE") <= 0.0 or not get("FREQ") > 0.0:
-        return ()
-    nominal, reference = get("FREQ"), get("REF")
-    base = nominal
-    if get("MODE") == _THROTTLE and reference > 0.0:
-        base = nominal * max(get("FM_RAT", 1.0), float(np.sqrt(batch.throttle / reference)))
-    elif get("MODE") > _THROTTLE:
-        base = lines.hz * (batch.throttle / lines.hover) ** lines.exponent
-    options = int(get("OPTS"))
-    return harmonic_notches(
-        batch.rate,
-        base,
-        nominal=nominal,
-        bandwidth=get("BW"),
-        attenuation_db=get("ATT"),
-        harmonics=int(get("HMNCS")),
-        composite=2 if options & 1 else 3 if options & 16 else 1,
-    )
-
-
-def _through(parameters: Mapping[str, float], batch: Batch, lines: MotorLines, hz: Floats) -> Complexes:
-    """Return the response of notches and low-pass as they stood in a batch."""
-    notches = cascade(_notches(parameters, batch, lines), hz)
-    return second_order(batch.rate, parameters["INS_GYRO_FILTER"]).response(hz) * notches
-
-
-def _broken(loop: RateLoop, through: Complexes) -> Complexes:
-    """Return the response of a broken loop through other filters of the gyro."""
-    bare = loop.plant.response / loop.flown.gyro.response(loop.hz)
-    return np.asarray(bare * through * loop.flown.feedback(loop.hz))
+def _behind(loop: RateLoop, path: GyroPath) -> RateLoop:
+    """Return a loop behind other filters of the gyro."""
+    return loop.with_settings(replace(loop.flown, gyro=path))
 
 
 def motor_noise(
@@ -270,16 +244,14 @@ def motor_noise(
     controllers = {axis: _controller(log, axis, parameters) for axis in AXES}
     gyro, mixer = [], []
     for batch in lines.batches:
-        heard = batch.hz >= _NOISE
+        heard = batch.hz >= LOWEST
         hz, step = batch.hz[heard], batch.step
-        through = _through(parameters, batch, lines, hz)
+        through = _path(parameters, batch, lines).response(hz)
         # Rounding to the batch's quantum is white, and none of it passes the filters.
         power = np.maximum(batch.power[:, heard] - lines.quantum**2 / 6.0 / batch.rate, 0.0) * np.abs(through) ** 2
         for axis, loop in (loops or {}).items():
-            flown, new = (
-                _broken(loop, _through(each, batch, lines, loop.hz)) for each in (log.parameters_flown, parameters)
-            )
-            rise = np.abs((1.0 + flown) / (1.0 + new))
+            flown, new = (_behind(loop, _path(each, batch, lines)) for each in (log.parameters_flown, parameters))
+            rise = np.abs((1.0 + flown.response) / (1.0 + new.response))
             power[list(AXES).index(axis)] *= np.interp(hz, loop.hz, rise, left=1.0, right=1.0) ** 2
         high = hz >= _VIBRATION
         gyro.append(power[:, high].sum(axis=1).mean() * step + lines.quantum**2 / 12.0)
@@ -312,10 +284,13 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
 
 def _margins_with(study: NotchStudy, loop: RateLoop) -> dict[str, float]:
     """Return the margins of a loop behind the notch that is proposed."""
+    return margins_of(loop.hz, _behind(loop, _proposed_path(study, loop.flown.gyro.low_pass)).response).row(0)
+
+
+def _proposed_path(study: NotchStudy, low_pass: float = 0.0) -> GyroPath:
+    """Return the gyro's filters with the notch that is proposed, as it stands in a batch of hover."""
     batch = study.lines.batches[len(study.lines.batches) // 2]
-    change = cascade(_notches(study.values, batch, study.lines), loop.hz)
-    low_pass = second_order(batch.rate, loop.flown.gyro.low_pass).response(loop.hz)
-    return margins_of(loop.hz, _broken(loop, change * low_pass)).row(0)
+    return _path({**study.values, "INS_GYRO_FILTER": low_pass}, batch, study.lines)
 
 
 def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
@@ -336,22 +311,21 @@ def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
 
 def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
     """Return what the notch costs in phase, and the margin it leaves where the loop is identified."""
-    told = []
-    batch = study.lines.batches[len(study.lines.batches) // 2]
+    told, notches = [], _proposed_path(study).notches
     for axis, loop in loops.items():
         margins = loop.margins
         if margins.crossover_hz.value is None:
             continue
         left = _margins_with(study, loop)
-        change = cascade(_notches(study.values, batch, study.lines), np.array([margins.crossover_hz.value]))
-        lost = -np.degrees(np.angle(change[0]))
+        kept = {name: left[name] for name in ("phase_deg", "gain_db")}
+        lost = -np.degrees(np.angle(cascade(notches, np.array([margins.crossover_hz.value]))[0]))
         told.append(
             f"{lost:.0f} deg at {axis}'s crossover of {margins.crossover_hz.value:.1f} Hz, leaving "
             f"{left['phase_deg']:.0f} deg and {left['gain_db']:.1f} dB of "
             f"{margins.phase_deg.value or np.nan:.0f} deg and {margins.gain_db.value or np.nan:.1f} dB"
-            + ("" if left["phase_deg"] >= _WIDE[0] and left["gain_db"] >= _WIDE[1] else ", which is thin: tune with it")
+            + (", which is thin: tune with it" if Aim().lacking(kept) else "")
         )
     if told:
         return "; ".join(told)
-    lags = -np.degrees(np.angle(cascade(_notches(study.values, batch, study.lines), np.array(_PHASE_AT))))
+    lags = -np.degrees(np.angle(cascade(notches, np.array(_PHASE_AT))))
     return " and ".join(f"{lag:.0f} deg at {hz:.0f} Hz" for lag, hz in zip(lags, _PHASE_AT, strict=True))

@@ -11,15 +11,15 @@ from core.parameter import Parameter
 from core.quantity import uncertain
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
-from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
+from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.estimate import response_of_records
 from sysid.frequency.excitation import Within
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import POOR, FrequencyFit
 from sysid.frequency.flight_records import flight_span
-from sysid.frequency.rate_signals import GivenSignals, sources_of
+from sysid.frequency.rate_signals import GivenSignals, records_of_each
 from sysid.frequency.records import AxisRecord, on_uniform_clock
-from sysid.frequency.response import Floats, FrequencyResponse
+from sysid.frequency.response import FrequencyResponse, lagging
 
 #: Phase whose frequency is the bandwidth, rad.
 _BANDWIDTH_PHASE = -0.75 * np.pi
@@ -27,6 +27,9 @@ _BANDWIDTH_PHASE = -0.75 * np.pi
 #: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
 #: double them; with the choice of structure among them, halves of eleven real flights differ by 1.4 of them.
 _REAL_FLIGHT = 1.5
+
+#: Standard deviations from which on phase delay and peak are of no use.
+_LARGEST = {"s": 0.065, "dB": 3.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,21 +50,13 @@ class AttitudeResponse:
         return self.bandwidth.value is not None and self.phase_delay.value is not None
 
 
-def attitude_response(
-    data: GivenSignals,
-    axis: str,
-    *,
-    part: tuple[float, float] = (0.0, 1.0),
-    within: Within | None = None,
-) -> AttitudeResponse:
+def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = None) -> AttitudeResponse:
     """Parameter how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.
 
     Parameters
     ----------
     data : FlightLog, path-like, or a sequence of either
     axis : {"roll", "pitch", "yaw"}
-    part : tuple of float
-        From where to where in each flight, in parts of its length.
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock; default its longest flight.
 
@@ -73,43 +68,37 @@ def attitude_response(
     which = axis_of(axis)
     if not which.attitude:
         raise FrequencyError("the vertical axis has no attitude; ask for roll, pitch or yaw")
-    records, reasons = [], []
-    for source in sources_of(data):
-        try:
-            records.append(_record(source.log, which, part, within))
-        except FrequencyError as error:
-            reasons.append(str(error))
-    if not records:
-        raise FrequencyError(log_by_log(reasons) or "no logs given")
-    frf = response_of_records(records, _following(which))
+    records = records_of_each(data, within, lambda source: _record(source.log, which, within))
+    # Its target as input and its attitude as output; nothing integrates between them.
+    following = Axis(axis, f"{axis} target", axis, "rad/rad", "", "", which.letter)
+    frf = response_of_records(records, following)
     found = fit(frf)
-    bandwidth = possible_bandwidth(
-        _of_level(found, _BANDWIDTH_PHASE, _bandwidth, "rad/s", lambda v, s: s < 0.3 * v), axis
-    )
-    delay = _of_level(found, -np.pi, _phase_delay, "s", lambda _, sigma: sigma < 0.065)
+    bandwidth = _known(found, lambda fit: _passing(fit, _BANDWIDTH_PHASE)[0], "rad/s", _BANDWIDTH_PHASE)
     return AttitudeResponse(
         axis=axis,
-        bandwidth=bandwidth,
-        phase_delay=delay,
-        peak=_known(found, _peak, "dB", lambda _, sigma: sigma < 3.0),
+        bandwidth=possible_bandwidth(bandwidth, axis),
+        phase_delay=_known(found, _phase_delay, "s", -np.pi),
+        peak=_known(found, _peak, "dB"),
         frf=frf,
         fit=found,
     )
 
 
-def _following(axis: Axis) -> Axis:
-    """Return the axis with its target as input and its attitude as output; nothing integrates between them."""
-    return Axis(axis.name, f"{axis.attitude} target", axis.attitude, "rad/rad", "", "", axis.letter)
-
-
-def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Within | None) -> AxisRecord:
-    t, target, angle = _target_and_angle(log, axis)
+def _record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
+    """Cut target and attitude [rad] of a flight, at the rows of the attitude."""
+    targets, attitude = log.tables.column("setpoints", axis.name), log.tables.attitude
+    if targets is None or attitude is None or len(attitude) < 32 or targets.isna().all():
+        raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
+    wanted = targets.dropna()
+    if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
+        raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
+    t, angle = attitude.index.to_numpy(np.float64), attitude[axis.name].to_numpy(np.float64)
     start, stop = flight_span(log, float(t[0]), float(t[-1]), within)
-    start, stop = (start + share * (stop - start) for share in part)
-    rows = (t >= start) & (t <= stop)
+    rows = (t >= start) & (t <= stop) & np.isfinite(angle)
     if np.count_nonzero(rows) < 32:
         raise FrequencyError(f"{log.path.name}: too few rows of attitude in the air")
-    clock, values, usable = on_uniform_clock(t[rows], [np.unwrap(target[rows]), np.unwrap(angle[rows])])
+    target = np.interp(t[rows], wanted.index.to_numpy(np.float64), np.unwrap(wanted.to_numpy(np.float64)))
+    clock, values, usable = on_uniform_clock(t[rows], [target, np.unwrap(angle[rows])])
     if min(np.std(values[:, 0]), np.std(values[:, 1])) < 0.004:
         raise FrequencyError(
             f"{log.path.name}: the {axis.name} target hardly moved; fly two minutes of short stick inputs in STABILIZE"
@@ -127,50 +116,21 @@ def _record(log: FlightLog, axis: Axis, part: tuple[float, float], within: Withi
     )
 
 
-def _target_and_angle(log: FlightLog, axis: Axis) -> tuple[Floats, Floats, Floats]:
-    """Return times, targets and angles [rad] of an axis at the rows of its attitude."""
-    targets, attitude = log.tables.column("setpoints", axis.name), log.tables.attitude
-    if targets is None or attitude is None or len(attitude) < 32 or targets.isna().all():
-        raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
-    wanted = targets.dropna()
-    if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
-        raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
-    t, angle = attitude.index.to_numpy(np.float64), attitude[axis.name].to_numpy(np.float64)
-    target = np.interp(t, wanted.index.to_numpy(np.float64), np.unwrap(wanted.to_numpy(np.float64)))
-    known = np.isfinite(angle)
-    if np.count_nonzero(known) < 32:
-        raise FrequencyError(f"{log.path.name}: too few rows of attitude with its target")
-    return t[known], target[known], angle[known]
-
-
-def _phase(found: FrequencyFit, omega: float) -> float:
-    """Return the model's phase at a frequency, continuous from zero, rad."""
-    hz = np.geomspace(1e-2, max(omega / (2.0 * np.pi), 2e-2), 200)
-    return float(np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))[-1])
-
-
 def crossing_of(found: FrequencyFit, phase: float) -> float:
-    """Return the first frequency at which the model's phase passes a level, rad/s; NaN if it never does below 50 Hz."""
-    hz = np.geomspace(1e-2, 50.0, 3000)
-    phases = np.unwrap(np.angle(found.response(hz) * np.sign(found.values[0])))
-    if phases[0] > 0.5 * np.pi:  # A response to a target leads by less: it lags by more than half a turn.
-        phases -= 2.0 * np.pi
-    beyond = np.flatnonzero(phases <= phase)
-    # A model that starts beyond the level is of no craft: it never passed it either.
-    if not len(beyond) or beyond[0] == 0:
-        return float("nan")
-    k = int(beyond[0])
-    part = (phase - phases[k - 1]) / (phases[k] - phases[k - 1])
-    return float(2.0 * np.pi * (hz[k - 1] + part * (hz[k] - hz[k - 1])))
+    """Return the first frequency at which the model's phase passes a level, rad/s; NaN if never below 100 Hz."""
+    return _passing(found, phase)[0]
 
 
-def _bandwidth(found: FrequencyFit) -> float:
-    return crossing_of(found, _BANDWIDTH_PHASE)
+def _passing(found: FrequencyFit, level: float) -> tuple[float, float]:
+    """Return where the model's phase first passes a level, rad/s, and its phase at twice that frequency, rad."""
+    hz = np.geomspace(1e-2, 100.0, 3200)
+    at, beyond = lagging(hz, (found.response(hz) * np.sign(found.values[0]))[None], level)
+    return 2.0 * np.pi * float(at[0]), float(beyond[0])
 
 
 def _phase_delay(found: FrequencyFit) -> float:
-    at = crossing_of(found, -np.pi)
-    return (-_phase(found, 2.0 * at) - np.pi) / (2.0 * at) if np.isfinite(at) else float("nan")
+    at, beyond = _passing(found, -np.pi)
+    return (-beyond - np.pi) / (2.0 * at)
 
 
 def _peak(found: FrequencyFit) -> float:
@@ -187,32 +147,21 @@ def possible_bandwidth(bandwidth: Parameter, axis: str) -> Parameter:
 
 
 def _known(
-    found: FrequencyFit, quantity_of: Callable[[FrequencyFit], float], unit: str, good: Callable[[float, float], bool]
+    found: FrequencyFit, quantity: Callable[[FrequencyFit], float], unit: str, level: float | None = None
 ) -> Parameter:
-    """Return a quantity of a fit with its error (delta method), or why it is not determined."""
-    value = quantity_of(found)
+    """Return a quantity of a fit, of where its phase passes a level if one is given, or why it is not determined."""
+    value = quantity(found)
     if not np.isfinite(value):
-        return Parameter(None, None, unit, "the model's phase never passes this level below 50 Hz")
-    sigma = _REAL_FLIGHT * found.sigma_of(quantity_of)
+        return Parameter(None, None, unit, "the model's phase never passes this level below 100 Hz")
+    sigma = _REAL_FLIGHT * found.sigma_of(quantity)
     if not sigma:
         return Parameter(None, None, unit, f"the structure that fits, {found.structure[0].name}, cannot show it")
     if found.cost > POOR:
         return Parameter(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
-    if not (np.isfinite(sigma) and good(value, sigma)):
+    if not sigma < (0.3 * value if unit == "rad/s" else _LARGEST[unit]):
         return Parameter(None, None, unit, f"{uncertain(value, sigma, unit)}: too uncertain to be of use")
+    at = 0.0 if level is None else crossing_of(found, level)
+    if level is not None and at > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1]):
+        passes = f"the phase passes {np.degrees(level):.0f} deg at {at:.3g} rad/s"
+        return Parameter(None, None, unit, f"{passes}, beyond the frequencies that were excited")
     return Parameter(value, sigma, unit)
-
-
-def _of_level(
-    found: FrequencyFit,
-    phase: float,
-    quantity_of: Callable[[FrequencyFit], float],
-    unit: str,
-    good: Callable[[float, float], bool],
-) -> Parameter:
-    """Return what a fit says of where its phase passes a level, or why that is not determined."""
-    known, at = _known(found, quantity_of, unit, good), crossing_of(found, phase)
-    if known.value is None or at <= 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1]):
-        return known
-    level = f"the phase passes {np.degrees(phase):.0f} deg at {at:.3g} rad/s"
-    return Parameter(None, None, unit, f"{level}, beyond the frequencies that were excited")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import add
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +12,10 @@ from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
-from sysid.frequency.chirp_records import chirp_record
-from sysid.frequency.composite import merge
 from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.fit import fit, refit
 from sysid.frequency.fitted import FrequencyFit
-from sysid.frequency.flight_records import flight_record, throttle_record
+from sysid.frequency.flight_records import chirp_record, flight_record, throttle_record
 from sysid.frequency.limits import FOLDING, limits_of, reversed_answer, share_at_limits
 from sysid.frequency.rate_signals import LogSignals, sources_of
 from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
@@ -29,6 +25,7 @@ from sysid.frequency.spectra import (
     Regression,
     ThinnedSignals,
     band_of_window,
+    merged,
     thinned,
     window_lengths,
     windows_of,
@@ -106,15 +103,14 @@ def response(
     findings += limits_of(records, logs)
     frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
     ordinary = any(record.band[0] == ORDINARY_BAND[0] for record in records)
-    rounded = _ROUNDED_BY_STICKS if ordinary else _ROUNDED
-    rounded = rounded if any(log.tables.has("motors") for log in logs) else 0.0
-    common = _TRIMMED if frf.trim is not None or source else rounded
-    common = float(np.hypot(common, which.between_trims))
-    if ordinary and logs and which.attitude and frf.step > 1.0 / FOLDING and frf.usable.any():
-        common = float(np.hypot(common, _FOLDED * np.median(frf.sigma[frf.usable])))
-    if logs and which.attitude:
+    turning = bool(logs and which.attitude)
+    rounded = (_ROUNDED_BY_STICKS if ordinary else _ROUNDED) if any(log.tables.has("motors") for log in logs) else 0.0
+    squares = [(_TRIMMED if frf.trim is not None or source else rounded) ** 2, which.between_trims**2]
+    if ordinary and turning and frf.step > 1.0 / FOLDING and frf.usable.any():
+        squares.append((_FOLDED * float(np.median(frf.sigma[frf.usable]))) ** 2)
+    common = float(np.sqrt(np.sum(squares) + np.mean([record.common**2 for record in records])))
+    if turning:
         findings += reversed_answer(frf)
-    common = float(np.hypot(common, float(np.sqrt(np.mean([record.common**2 for record in records])))))
     delay = float(np.hypot(_DELAY, _DELAY_OF_STEP * frf.step if ordinary else 0.0))
     limited = max((share_at_limits(log, records) for log in logs), default=0.0)
     return replace(frf, findings=tuple(findings), systematic=common, systematic_delay=delay, limited=limited)
@@ -336,9 +332,8 @@ def _covered(record: AxisRecord, hz: Floats) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Windows:
-    """Windows of one length, s, over all records, and the frequencies, of all, that they serve."""
+    """Windows of one length over all records, and the frequencies, of all, that they serve."""
 
-    length: float
     mask: NDArray[np.bool_]
     of_records: tuple[RecordWindows | None, ...]
     regression: Regression
@@ -352,10 +347,9 @@ def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[
     cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
     found = []
     for (length, mask), cut in zip(masks, cuts, strict=True):
-        sums = [each.driving for each in cut if each is not None]
-        regression = Regression.of(reduce(add, sums)) if sums else None
+        regression = Regression.of([each.driving for each in cut if each is not None], length)
         if regression is not None:
-            found.append(_Windows(length, mask, cut, regression))
+            found.append(_Windows(mask, cut, regression))
     return found
 
 
@@ -373,20 +367,19 @@ def _composite(
     parts = []
     for each in windows:
         cuts = zip(each.of_records, outputs, strict=True)
-        sums = reduce(add, [cut.sums(output) for cut, output in cuts if cut is not None])
-        part = each.regression.responses(sums, each.length, None if known is None else known[each.mask])
-        parts.append((each.mask, part))
+        sums = [cut.sums(output) for cut, output in cuts if cut is not None]
+        parts.append((each.mask, each.regression.estimate(sums, None if known is None else known[each.mask])))
     if not parts:
         longest = max(record.duration for record in records)
         lost = 1.0 - float(np.mean(np.concatenate([record.usable for record in records])))
         why = "are too short" if lost < 0.1 else f"miss {100.0 * lost:.0f} % of their rows, which is too much"
         raise FrequencyError(f"records of {longest:.1f} s {why} for windows on the {axis.name} axis")
-    merged = merge(hz, parts, 0)
-    gamma = np.clip(merged.coherence, 1e-6, 1.0 - 1e-12)
+    whole = merged(parts)
+    gamma = np.clip(whole.coherence, 1e-6, 1.0 - 1e-12)
     with np.errstate(divide="ignore", invalid="ignore"):
-        averages = (1.0 - gamma) / (2.0 * gamma * merged.sigma**2)
+        averages = (1.0 - gamma) / (2.0 * gamma * whole.sigma**2)
     instruments = sorted({record.instrument for record in records} - {""})
-    coherence = np.minimum(merged.coherence, _of_neighbours(merged.coherence))
+    coherence = np.minimum(whole.coherence, _of_neighbours(whole.coherence))
     covered = np.any([_covered(record, hz) for record in records], axis=0)
     return FrequencyResponse(
         axis=axis.name,
@@ -394,16 +387,15 @@ def _composite(
         output=axis.output,
         unit=axis.unit,
         hz=hz,
-        response=merged.response,
+        response=whole.response,
         coherence=np.where(covered, _less_its_error(coherence, averages), 0.0),
-        sigma=merged.sigma,
-        sigma_phase=merged.sigma.copy(),
+        sigma=whole.sigma,
         averages=np.asarray(averages, dtype=np.float64),
-        resolution=merged.resolution,
-        multiple_coherence=merged.multiple,
+        resolution=whole.resolution,
+        multiple_coherence=whole.multiple,
         method="instrument" if instruments else "direct",
         instrument=", ".join(instruments),
-        direct=merged.direct,
+        direct=whole.direct,
         step=max(record.dt for record in records),
         gyro_filter_hz=gyro_filter_hz,
         records=tuple(record.name for record in records),

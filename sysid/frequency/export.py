@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,18 +46,9 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
     return pd.DataFrame(columns, index=pd.Index(frf.hz, name="hz"))
 
 
-#: What frequency.json holds of a response, of a check, and of a fit, by the names of their fields.
-_RESPONSE = (
-    *("input", "output", "unit", "method", "instrument", "source", "duration", "records", "gyro_filter_hz", "findings"),
-    *("hz", "coherence", "sigma", "sigma_phase", "averages"),
-)
-_CHECK = ("seconds", "rms", "fit_percent", "theil", "correlation", "verdict", "records")
-_FIT = ("cost", "verdict", "parameters", "correlation")
-
-
 def survey_json(found: FrequencySurvey) -> str:
     """Return the text of frequency.json."""
-    couplings = [{name: getattr(each, name) for name in ("axis", "other", "ratio")} for each in found.couplings]
+    couplings = [_fields(each, "axis other ratio") for each in found.couplings]
     axes = [{name: value for name, value in _axis(axis).items() if value is not None} for axis in found.axes]
     return as_json({"logs": found.names, "axes": axes, "couplings": couplings, "findings": found.findings})
 
@@ -73,28 +63,31 @@ def _axis(axis: AxisSurvey) -> dict[str, object]:
         "fit": None if axis.fit is None else _fit(axis.fit),
         "attitude": None
         if attitude is None
-        else _fields(attitude, ("bandwidth", "phase_delay", "peak"))
+        else _fields(attitude, "bandwidth phase_delay peak")
         | {"fit": _fit(attitude.fit), "response": _response(attitude.frf)},
         "check": None
         if check is None
-        else _fields(check, _CHECK) | {"white": None if check.residuals is None else check.residuals.white},
+        else _fields(check, "seconds rms fit_percent theil correlation verdict records")
+        | {"white": None if check.residuals is None else check.residuals.white},
         "check_reason": axis.check_reason or None,
     }
 
 
-def _fields(value: object, names: Sequence[str]) -> dict[str, object]:
-    return {name: getattr(value, name) for name in names}
+def _fields(value: object, names: str) -> dict[str, object]:
+    return {name: getattr(value, name) for name in names.split()}
 
 
 def _response(frf: FrequencyResponse) -> dict[str, object]:
-    return _fields(frf, _RESPONSE) | {"real": frf.response.real, "imag": frf.response.imag}
+    names = "input output unit method instrument source duration records gyro_filter_hz findings"
+    names += " hz coherence sigma sigma_phase averages"
+    return _fields(frf, names) | {"real": frf.response.real, "imag": frf.response.imag}
 
 
 def _fit(fit: FrequencyFit) -> dict[str, object]:
     model = fit.transfer_function()
     return (
-        _fields(fit, _FIT)
-        | _fields(model, ("num", "den", "delay"))
+        _fields(fit, "cost verdict parameters correlation")
+        | _fields(model, "num den delay")
         | {
             "poles": [root.value for root in poles(model)],
             "structure": [structure.name for structure in fit.structure],
@@ -128,8 +121,7 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
 
 
 def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, object]:
-    names = ("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "direct", "unit")
-    struct = _fields(frf, names)
+    struct = _fields(frf, "hz response coherence sigma sigma_phase averages direct unit")
     struct["gyro_filter_hz"] = np.nan if frf.gyro_filter_hz is None else frf.gyro_filter_hz
     if fit is not None:
         model = fit.transfer_function()

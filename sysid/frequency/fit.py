@@ -17,17 +17,8 @@ from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 FLOOR = 0.01
 
-#: Independent frequencies that a fit needs for each parameter.
-_PER_PARAMETER = 1.0
-
-#: Parameters that several responses have in common.
-_SHARED = ("lag", "delay")
-
 #: Damping and share of a mode below which it is a trick of the noise at one frequency.
 _LEAST_MODE = (0.004, 0.02)
-
-#: What structures add to the simplest. Below one standard deviation, the structure is the simpler one.
-_ADDED = ("lag", "lead", "mode_share", "mode_damping", "speed_moment")
 
 
 def fit(
@@ -63,14 +54,15 @@ def fit(
     chosen = tuple(_choose(response, structure) for response in responses)
     if len(responses) == 1:
         return chosen[0]
-    return stated(_search(responses, tuple(part.structure[0] for part in chosen), chosen))
+    starts = [part.values for part in chosen]
+    return stated(_search(responses, tuple(part.structure[0] for part in chosen), starts))
 
 
 def refit(found: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
     """Fit the structure of an earlier fit to one response, from the values found before."""
     if np.count_nonzero(response.counts) < len(found.values) + 2:
         raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
-    return stated(_search((response,), found.structure, None, found.values))
+    return stated(_search((response,), found.structure, [found.values]))
 
 
 def _worth(responses: Sequence[FrequencyResponse]) -> float:
@@ -90,17 +82,17 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
             known = sorted({s.name for group in STRUCTURES.values() for s in group})
             raise FrequencyError(f"there is no structure {structure!r}; there are {', '.join(known)}")
     good = response.counts
-    worth = float(np.sum(response.weight_of_points[good])) * 2.0
+    worth = _worth((response,))
     found: list[tuple[float, int, FrequencyFit]] = []
     for candidate in candidates:
-        if worth < _PER_PARAMETER * len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
+        if worth < len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
             continue
         rare = "mode_frequency" in candidate.names or "speed_moment" in candidate.names
         # No mode is looked for where the remainder is its errors already.
         if rare and found and min(attempt.excess for _, _, attempt in found) < 1.3:
             continue
         for start in _starts(response, candidate):
-            attempt = _search((response,), (candidate,), None, start)
+            attempt = _search((response,), (candidate,), [start])
             found.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
     if not found:
         low, high = (response.hz[good][0], response.hz[good][-1]) if good.any() else (0.0, 0.0)
@@ -136,7 +128,8 @@ def _plausible(attempt: FrequencyFit) -> bool:
 def _stands_out(attempt: FrequencyFit, deviations: float) -> bool:
     """Return whether lag, lead, mode and moment of speed are larger than so many of their standard deviations."""
     sigma = np.sqrt(np.maximum(np.diag(attempt.covariance), 0.0))
-    added = [k for k, name in enumerate(attempt.names) if name in _ADDED]
+    adds = ("lag", "lead", "mode_share", "mode_damping", "speed_moment")  # to the simplest structure
+    added = [k for k, name in enumerate(attempt.names) if name in adds]
     return bool(np.all(np.abs(attempt.values[added]) > deviations * sigma[added])) and (
         value_of("lag", attempt) == 0.0 or value_of("lag", attempt) > 0.1 / _fastest(attempt)
     )
@@ -180,32 +173,23 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
     corner = float(omega[half[0]]) if len(half) else float(omega[-1])
     guess = {"gain": sign * gain, "damping": 1.0, "lag": 0.03, "lead": 0.02, "delay": delay}
     guess |= {"natural_frequency": corner, "damping_ratio": 0.7, "corner": corner}
-    guess |= {"speed_moment": 50.0, "mode_damping": 0.04, "mode_share": 0.2, "mode_frequency": corner}
+    guess |= {"speed_moment": 50.0, "mode_damping": 0.04}
     if "lag" in structure.names:
         guess["delay"] = 0.3 * delay
-    start = np.array([guess[name] for name in structure.names])
-    if "mode_frequency" not in structure.names:
-        return [start]
-    at = structure.names.index("mode_frequency")
-    # A mode is where the phase and the gain bend most against a smooth course.
-    bend = np.abs(np.gradient(np.gradient(np.log(np.abs(plain)) + 1j * np.unwrap(np.angle(plain)))))
-    bend[: max(len(bend) // 4, 2)] = 0.0
-    starts = []
-    for k in np.argsort(bend)[::-1][:1]:
-        for share in (0.2, -0.2):
-            one = start.copy()
-            one[at], one[at + 2] = omega[k], share
-            starts.append(one)
-    return starts
+    guesses = [guess]
+    if "mode_frequency" in structure.names:
+        # A mode is where the phase and the gain bend most against a smooth course.
+        bend = np.abs(np.gradient(np.gradient(np.log(np.abs(plain)) + 1j * np.unwrap(np.angle(plain)))))
+        bend[: max(len(bend) // 4, 2)] = 0.0
+        mode = float(omega[np.argmax(bend)])
+        guesses = [guess | {"mode_frequency": mode, "mode_share": share} for share in (0.2, -0.2)]
+    return [np.array([each[name] for name in structure.names]) for each in guesses]
 
 
 def _search(
-    responses: tuple[FrequencyResponse, ...],
-    structures: tuple[Structure, ...],
-    single: tuple[FrequencyFit, ...] | None,
-    start: Floats | None = None,
+    responses: tuple[FrequencyResponse, ...], structures: tuple[Structure, ...], starts: Sequence[Floats]
 ) -> FrequencyFit:
-    """Search the parameters of all responses together, from those of each for itself."""
+    """Search the parameters of all responses together, from values of each for itself."""
     names: list[str] = []
     specs: list[ParameterSpec] = []
     columns: list[tuple[int, ...]] = []
@@ -214,12 +198,12 @@ def _search(
         own = []
         for j, spec in enumerate(structure.specs):
             common = sum(spec.name in other.names for other in structures) > 1
-            alone = len(structures) == 1 or (spec.name in _SHARED and common)
+            alone = len(structures) == 1 or (spec.name in ("lag", "delay") and common)
             name = spec.name if alone else f"{responses[k].axis}.{spec.name}"
             if name not in names:
                 names.append(name)
                 specs.append(spec)
-                initial.append(float(start[j] if start is not None else single[k].values[j]))  # type: ignore[index]
+                initial.append(float(starts[k][j]))
             own.append(names.index(name))
         columns.append(tuple(own))
     guess = np.array(initial)

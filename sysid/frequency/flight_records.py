@@ -1,4 +1,4 @@
-"""Records of ordinary flights, in which pilot, mission or angle loop asked something of the axes.
+"""Records of chirps, and of ordinary flights, in which pilot, mission or angle loop asked something of the axes.
 
 What asks for lift from outside the loop is the pilot's throttle stick, or the target of the height. The acceleration
 target and the throttle that the height controller puts out answer the wind as well: as instruments they made the gain
@@ -13,7 +13,8 @@ Motor outputs stand for the throttle where they come faster.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,8 +24,8 @@ from core.units import quantity
 from logparse import FlightLog
 from logparse.canonical.control import throttle_output
 from sysid.frequency.axes import AXES, HEIGHT_TARGET, PILOTS_THROTTLE, Axis, FrequencyError
-from sysid.frequency.excitation import Within
-from sysid.frequency.rate_signals import FASTER, RateSignals, motor_patterns, step_of
+from sysid.frequency.excitation import Chirp, Within
+from sysid.frequency.rate_signals import RateSignals, motor_patterns, step_of
 from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
@@ -35,13 +36,17 @@ from sysid.frequency.records import (
     refuse_scattered,
 )
 from sysid.frequency.response import Floats
+from sysid.records.resampling import FASTER
+
+#: Ratio of frequencies that a chirp passes within a hole from which on they are missing.
+_SKIPPED = 1.15
 
 #: Variance of what a kick counts for, per part of the rows that is lost one by one: 1 for its own row, twice 0.6
 #: squared for its neighbours.
 _KICK_VARIANCE = 1.7
 
 #: Shortest flight [s], and the time [s] after take-off and before landing that is left out.
-_SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
+SHORTEST_FLIGHT, _TAKEOFF = 10.0, 1.0
 
 #: Output below which an axis stands still: a ten-thousandth of full.
 _STILL = 1e-4
@@ -54,6 +59,70 @@ _OF_TWITCHES, _TWITCHES_TO = 0.08, 0.15
 _STICK, _CLIMB, _HEIGHT = 0.01, 0.05, 0.2
 
 
+def chirp_record(
+    log: FlightLog, signals: RateSignals, axis: Axis, chirp: Chirp, beside: Sequence[Axis] = ()
+) -> AxisRecord:
+    """Cut the record of one chirp: the axis' controller output, its answer, and the chirp as instrument.
+
+    With the outputs of the axes `beside`, what each command does is told apart; into those that the chirp is not of
+    nothing was injected. FrequencyError when the log lacks the signals within the chirp.
+    """
+    chirp = chirp.below_folding(signals.t)
+    rows = signals.within(chirp.start, chirp.stop)
+    t = signals.t[rows]
+    if len(t) < 16:
+        raise FrequencyError(f"{log.path.name}: no RATE or PID rows within the chirp at {chirp.start:.1f} s")
+    axes = (*beside, axis)
+    _require(log, signals, axis, rows, (*(each.input for each in axes), axis.output))
+    commands = []
+    for each in axes:
+        late = chirp.at_mixer and not signals.with_chirp and chirp.axis == each.name
+        commands.append(signals.columns[each.input][rows] + (chirp.added(t) if late else 0.0))
+    shares = [float(not beside or chirp.axis == each.name) for each in axes]
+    answer = signals.columns[axis.output][rows]
+    record = record_of_chirp(log, chirp, t, commands, answer, lambda at: np.outer(chirp.added(at), shares))
+    return replace(record, source=signals.source)
+
+
+def record_of_chirp(
+    log: FlightLog,
+    chirp: Chirp,
+    t: Floats,
+    commands: Sequence[Logged],
+    answer: Logged,
+    added: Callable[[Floats], Floats],
+) -> AxisRecord:
+    """Arrange what went in and came out within a chirp, at times t [s], with what the chirp added, (N, inputs).
+
+    The instrument is not taken from the same rows: where some are lost, what that adds to command and answer, at all
+    frequencies, must not be in it.
+    """
+    clock, values, usable = on_uniform_clock(t, [*commands, answer])
+    refuse_scattered(log, lost_one_by_one(t, float(clock[1] - clock[0])))
+    hz = np.interp(clock, chirp.t, chirp.hz)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
+    holes = [(float(hz[a]), float(hz[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return AxisRecord(
+        name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
+        start=float(clock[0]),
+        dt=float(clock[1] - clock[0]),
+        inputs=values[:, :-1],
+        output=values[:, -1],
+        instruments=added(clock),
+        usable=usable,
+        band=(chirp.low, chirp.high),
+        instrument=f"chirp of SID_AXIS {chirp.sid_axis}",
+        unswept=tuple((low, high) for low, high in holes if high > _SKIPPED * low > 0.0),
+    )
+
+
+def _require(log: FlightLog, signals: RateSignals, axis: Axis, rows: slice, names: Sequence[str]) -> None:
+    """Refuse a stretch in which signals are missing."""
+    missing = [name for name in names if not signals.knows(name, rows)]
+    if missing:
+        raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} for the {axis.name} axis")
+
+
 def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
     """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
 
@@ -64,10 +133,10 @@ def flight_span(log: FlightLog, first: float, last: float, within: Within | None
     start, stop = start + _TAKEOFF, stop - _TAKEOFF
     if within is not None:
         start, stop = max(start, within[0]), min(stop, within[1])
-    if not np.isfinite([start, stop]).all() or stop - start < _SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
+    if not np.isfinite([start, stop]).all() or stop - start < SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
         raise FrequencyError(
             f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.1f} s in the air; "
-            f"{_SHORTEST_FLIGHT:.0f} s are needed"
+            f"{SHORTEST_FLIGHT:.0f} s are needed"
         )
     return start, stop
 
@@ -81,21 +150,17 @@ def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: With
     start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
     rows = signals.within(start, stop)
     t = signals.t[rows]
-    wanted = [name for name in (axis.input, axis.output, axis.reference) if name in signals.columns]
-    known = {name: signals.columns[name][rows] for name in wanted}
-    missing = [n for n in (axis.input, axis.output) if n not in known or not np.isfinite(known[n]).sum() > 16]
-    if missing:
-        raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} of the {axis.name} axis")
+    _require(log, signals, axis, rows, (axis.input, axis.output))
     twitched = _twitched(log, axis, start, stop)
     target = None if twitched else _outside_target(log, axis, float(t[0]), float(t[-1]))
     beside: list[str] = []
     name = ""
     if target is not None:
         name = target[2]
-    elif axis.reference in known and np.isfinite(known[axis.reference]).sum() > 16:
+    elif signals.knows(axis.reference, rows):
         beside, name = [axis.reference], "rate target"
     others = _other_outputs(axis, signals, rows) if stop - start >= 40.0 else []
-    # It does not come from the rows that may be lost, as in `sysid.frequency.chirp_records`.
+    # It does not come from the rows that may be lost, as in `record_of_chirp`.
     outside = [] if target is None else [partial(at_rows, target)]
     clock, values, usable = signals.evenly([axis.input, axis.output, *others, *beside], start, stop, *outside)
     lost = lost_one_by_one(t, float(clock[1] - clock[0]))

@@ -10,6 +10,7 @@ from logparse import Finding, FlightLog, Severity
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
+from sysid.records.motor_scaling import motor_pwm
 
 #: Rate [Hz] of samples below which the loop's own frequencies fold.
 FOLDING = 25.0
@@ -92,12 +93,9 @@ def share_at_limits(log: FlightLog, records: Sequence[AxisRecord]) -> float:
     if not within.any():
         return 0.0
     values = motors.to_numpy(np.float64)[within]
-    vehicle = log.vehicle
-    span = vehicle.pwm_max - vehicle.pwm_min
-    lowest = vehicle.pwm_min + vehicle.spin_min * span + _AT_LIMIT
-    highest = vehicle.pwm_min + vehicle.spin_max * span - _AT_LIMIT
+    lowest, highest = (motor_pwm(command, log.vehicle) for command in (0.0, 1.0))
     with np.errstate(invalid="ignore"):
-        limited = (values <= lowest) | (values >= highest)
+        limited = (values <= lowest + _AT_LIMIT) | (values >= highest - _AT_LIMIT)
     return float(np.mean(limited.any(axis=1)))
 
 

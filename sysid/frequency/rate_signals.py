@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 from logparse import FlightLog, GivenLogs, MissingDataError, Vehicle, logs_of
 from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
-from sysid.frequency.axes import Axis, FrequencyError
+from sysid.frequency.axes import Axis, FrequencyError, log_by_log
 from sysid.frequency.excitation import Within
-from sysid.frequency.records import Logged, below, on_uniform_clock
+from sysid.frequency.records import AxisRecord, Logged, below, on_uniform_clock
 from sysid.frequency.response import Floats
-from sysid.records.mixer import expectation, factors_of, patterns, thrust_commands, voltage_at
+from sysid.records.mixer import FEWEST, expectation, factors_of, patterns, thrust_commands, voltage_at
 from sysid.records.motor_scaling import commands_for, motor_pwm
+from sysid.records.resampling import FASTER
 
 #: Time [s] before and after what is needed of the rate controllers that tells of air and battery there.
 _AROUND = 30.0
@@ -50,6 +51,10 @@ class RateSignals:
     def within(self, start: float, stop: float) -> slice:
         """Return which rows lie within a stretch of time."""
         return slice(np.searchsorted(self.t, start), np.searchsorted(self.t, stop, side="right"))
+
+    def knows(self, name: str, rows: slice) -> bool:
+        """Return whether a column has values in some rows."""
+        return name in self.columns and bool(np.isfinite(self.columns[name][rows]).sum() > 16)
 
     def evenly(
         self, names: Sequence[str], start: float, stop: float, *further: Callable[[Floats], Floats]
@@ -86,8 +91,8 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
 #: Outputs by the names of the mixer's patterns.
 OUTPUTS = {"thrust": "out_thrust", "roll": "out_roll", "pitch": "out_pitch", "yaw": "out_yaw"}
 
-#: Fewest rows of motors that lift, and the time [s] over which air and battery stay the same.
-_FEWEST, _STEADY = 100, 10.0
+#: Time [s] over which air and battery stay the same.
+_STEADY = 10.0
 
 #: Median distance [us] of outputs from the middle of what would be cut off to them, up to which they are understood;
 #: 0.25 where all is understood, half a microsecond where nothing is.
@@ -103,10 +108,10 @@ def as_motors_got(log: FlightLog, signals: RateSignals) -> RateSignals:
     What the mixer asks of each motor follows from a row of RATE, up to a factor for air and battery that RCOU tells.
     """
     motors, vehicle = log.tables.motors, log.vehicle
-    if motors is None or signals.source or not signals.with_chirp or not vehicle.motors:
-        return signals
     names = [f"m{motor.number}" for motor in vehicle.motors]
-    if any(name not in motors for name in names) or any(name not in signals.columns for name in OUTPUTS.values()):
+    if motors is None or not names or signals.source or not signals.with_chirp:
+        return signals
+    if not set(names) <= set(motors) or not set(OUTPUTS.values()) <= set(signals.columns):
         return signals
     with suppress(MissingDataError):
         return _without_cut(log, signals, motors[names].dropna(), vehicle)
@@ -117,7 +122,7 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     pwm, at = motors.to_numpy(np.float64), motors.index.to_numpy(np.float64)
     outputs = np.column_stack([signals.columns[name] for name in OUTPUTS.values()]).astype(np.float64)
     known = np.isfinite(outputs).all(axis=1)
-    if len(at) < _FEWEST or np.count_nonzero(known) < _FEWEST or np.any(pwm != np.rint(pwm)):
+    if len(at) < FEWEST or np.count_nonzero(known) < FEWEST or np.any(pwm != np.rint(pwm)):
         return signals
     factors = factors_of(vehicle)
     t, outputs = signals.t[known], outputs[known]
@@ -126,7 +131,7 @@ def _without_cut(log: FlightLog, signals: RateSignals, motors: pd.DataFrame, veh
     middle = thrust_commands(motors + 0.5, vehicle, voltage_at(log.tables.battery, at)).to_numpy(np.float64)
     flying = (asked_there.mean(axis=1) > 0.05) & (pwm > lowest + 1.0).all(axis=1) & (pwm < highest - 1.0).all(axis=1)
     flying &= (at >= t[0]) & (at <= t[-1])
-    if np.count_nonzero(flying) < _FEWEST:
+    if np.count_nonzero(flying) < FEWEST:
         return signals
     at = at[flying]
     factor = pd.Series(middle[flying].mean(axis=1) / asked_there[flying].mean(axis=1))
@@ -177,11 +182,11 @@ def _distance(before: Floats, after: Floats, share: Floats, pwm: Floats) -> floa
     """
     quiet = np.abs(after - before) < 1.0
     there = before + share * (after - before)
-    return float(np.median(np.abs(there - pwm - 0.5)[quiet])) if np.count_nonzero(quiet) >= _FEWEST else np.inf
+    return float(np.median(np.abs(there - pwm - 0.5)[quiet])) if np.count_nonzero(quiet) >= FEWEST else np.inf
 
 
-#: Rate [Hz] of the controller's rows beyond which nothing else is looked for, and how much faster others must be.
-_FAST_ENOUGH, FASTER = 25.0, 1.5
+#: Rate [Hz] of the controller's rows beyond which nothing else is looked for.
+_FAST_ENOUGH = 25.0
 
 #: Lowest rate [Hz] of motors or gyros that is of use.
 _LOWEST = 8.0
@@ -226,9 +231,7 @@ class LogSignals:
             return self.controllers
         controllers, reason = None, ""
         try:
-            known = self.controllers.columns
-            wanted = [known.get(name) for name in (axis.input, axis.output)]
-            if all(values is not None and np.isfinite(values).sum() >= 16 for values in wanted):
+            if all(self.controllers.knows(name, slice(None)) for name in (axis.input, axis.output)):
                 controllers = self.controllers
         except FrequencyError as error:
             reason = str(error)
@@ -257,6 +260,21 @@ def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSign
     for each in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
         found += [each] if isinstance(each, LogSignals) else [LogSignals(log, within) for log in logs_of(each)]
     return found
+
+
+def records_of_each(
+    data: GivenSignals, within: Within | None, cut: Callable[[LogSignals], AxisRecord]
+) -> list[AxisRecord]:
+    """Cut a record of each log that has one; FrequencyError where none has, which says why not, log by log."""
+    records, reasons = [], []
+    for source in sources_of(data, within):
+        try:
+            records.append(cut(source))
+        except FrequencyError as error:
+            reasons.append(str(error))
+    if not records:
+        raise FrequencyError(log_by_log(reasons) or "no logs given")
+    return records
 
 
 def motor_patterns(log: FlightLog) -> pd.DataFrame | None:

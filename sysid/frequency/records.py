@@ -14,7 +14,7 @@ from core.cubic_spline import cubic_spline
 from logparse import FlightLog
 from sysid.frequency.axes import Axis, FrequencyError
 from sysid.frequency.response import Complex, Floats
-from sysid.records.experiment import Experiment
+from sysid.records.experiment import MIN_SAMPLES, Experiment
 from sysid.records.filtering import low_pass_taps
 
 #: Samples in single or double precision.
@@ -113,59 +113,33 @@ class AxisRecord:
         return np.asarray(1j * np.sin(2.0 * np.pi * hz * self.dt) / self.dt)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EvenClock:
-    """An even clock for rows that are nearly even in time."""
-
-    rows: Floats  #: shape (n,): Times of the rows, s.
-    t: Floats  #: shape (N,): s.
-    step: float  #: s.
-    usable: NDArray[np.bool_]  #: shape (N,): False in holes.
-
-    @classmethod
-    def of(cls, rows: Floats) -> EvenClock:
-        """Lay the clock from the first row with the usual step between them."""
-        step = float(np.median(np.diff(rows)))
-        # Damaged times may span years.
-        if rows[-1] - rows[0] > 20.0 * step * len(rows):
-            raise FrequencyError(
-                f"{len(rows)} samples over {rows[-1] - rows[0]:.0f} s are no record: it is nearly all holes"
-            )
-        t = rows[0] + step * np.arange(int((rows[-1] - rows[0]) / step + 1e-6) + 1)
-        hole = np.diff(rows) > _HOLE * step
-        right = np.clip(np.searchsorted(rows, t), 1, len(rows) - 1)
-        return cls(rows, t, step, ~hole[right - 1])
-
-    def bring(self, values: Floats) -> Floats:
-        """Bring values of the rows, shape (n, k), to the clock, shape (N, k).
-
-        By cubic splines, which all pass through alike and which therefore cancel in their ratio; holes are bridged by
-        straight lines.
-        """
-        if self.usable.all():
-            return cubic_spline(self.rows, values, self.t)
-        between = [np.interp(self.t, self.rows, column) for column in values.T]
-        bridged_t = np.union1d(self.rows, self.t[~self.usable])
-        bridged = np.column_stack([np.interp(bridged_t, self.rows, column) for column in values.T])
-        smooth = cubic_spline(bridged_t, bridged, self.t)
-        return np.where(self.usable[:, None], smooth, np.column_stack(between))
-
-
 def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock, rows in which all of them are numbers.
 
-    Returns `clock` (N,); `values` (N, len(columns)); `usable` (N,): false in holes, which are bridged by straight
-    lines.
+    By cubic splines, which all pass through alike and which therefore cancel in their ratio.
+
+    Returns `clock` (N,), from the first row with the usual step between them; `values` (N, len(columns)); `usable`
+    (N,): false in holes, which are bridged by straight lines.
     """
     values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
     known[1:] &= t[1:] > np.maximum.accumulate(t[:-1])  # damage repeats times
     if not known.all():
         t, values = t[known], values[known]
-    if len(t) < 8:
+    if len(t) < MIN_SAMPLES:
         raise FrequencyError(f"only {len(t)} of {len(columns[0])} samples are numbers: fly and log it again")
-    clock = EvenClock.of(t)
-    return clock.t, clock.bring(values), clock.usable
+    step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
+    # Damaged times may span years.
+    if span > 20.0 * step * len(t):
+        raise FrequencyError(f"{len(t)} samples over {span:.0f} s are no record: it is nearly all holes")
+    clock = t[0] + step * np.arange(int(span / step + 1e-6) + 1)
+    hole = np.diff(t) > _HOLE * step
+    usable = ~hole[np.clip(np.searchsorted(t, clock), 1, len(t) - 1) - 1]
+    if usable.all():
+        return clock, cubic_spline(t, values, clock), usable
+    bridged_t = np.union1d(t, clock[~usable])
+    bridged, between = (np.column_stack([np.interp(at, t, column) for column in values.T]) for at in (bridged_t, clock))
+    return clock, np.where(usable[:, None], cubic_spline(bridged_t, bridged, clock), between), usable
 
 
 def lost_one_by_one(t: Floats, step: float) -> float:
@@ -232,16 +206,6 @@ def experiment_record(experiment: Experiment, axis: Axis) -> AxisRecord:
     )
 
 
-#: Fewest samples of a piece.
-_FEWEST = 8
-
-
-def _pieces(t: Floats) -> NDArray[np.intp]:
-    """Return the number of the stretch without holes that each sample is of, shape (N,)."""
-    step = np.diff(t, prepend=t[:1])
-    return np.cumsum(step > _HOLE * np.median(step))
-
-
 def below(t: Floats, values: Floats, at: Floats, step: float) -> Floats:
     """Return signals at the times of rows `step` [s] apart, with what is above half of their rate taken away.
 
@@ -249,18 +213,19 @@ def below(t: Floats, values: Floats, at: Floats, step: float) -> Floats:
 
     `t` (N,); `values` (N, k); `at` (M,). Returns (M, k): NaN in holes, and at ends that the filter does not reach.
     """
-    pieces = _pieces(t)
+    steps = np.diff(t, prepend=t[:1])
+    pieces = np.cumsum(steps > _HOLE * np.median(steps))
     result = np.full((len(at), values.shape[1]), np.nan)
     for piece in np.unique(pieces):
         rows = pieces == piece
         clock, even = t[rows], values[rows]
-        if len(clock) < _FEWEST:
+        if len(clock) < MIN_SAMPLES:
             continue
         own = float(np.median(np.diff(clock)))
         if own < 0.9 * step:
             reach = round(15.0 * step / own)
             grid = clock[0] + own * np.arange(int((clock[-1] - clock[0]) / own + 1e-6) + 1)
-            if len(grid) < 2 * reach + _FEWEST:
+            if len(grid) < 2 * reach + MIN_SAMPLES:
                 continue
             taps = low_pass_taps(2 * reach + 1, 0.5 * own / step)
             even = np.column_stack([np.convolve(each, taps, "valid") for each in cubic_spline(clock, even, grid).T])

@@ -21,7 +21,7 @@ _KNOWN = 0.2
 
 #: Fields with one value for each frequency.
 OVER_FREQUENCY = (
-    *("hz", "response", "coherence", "sigma", "sigma_phase", "averages", "resolution"),
+    *("hz", "response", "coherence", "sigma", "averages", "resolution"),
     *("multiple_coherence", "direct"),
 )
 
@@ -46,7 +46,6 @@ class FrequencyResponse(Summarised):
     #: of this one, and with an instrument the part that is explained through it. Less one standard error.
     coherence: Floats
     sigma: Floats  #: shape (n,): Standard deviation of ln abs(G).
-    sigma_phase: Floats  #: shape (n,): Standard deviation of the phase, rad.
     averages: Floats  #: shape (n,): Effective number of independent averages.
     resolution: Floats  #: shape (n,): Width of the spectral window, Hz.
     multiple_coherence: Floats  #: shape (n,): Part of the output's power that all inputs explain together.
@@ -70,6 +69,11 @@ class FrequencyResponse(Summarised):
     findings: tuple[Finding, ...] = field(default=())
     systematic_delay: float = 0.0  #: Standard deviation of a delay that all frequencies have in common, s.
     limited: float = 0.0  #: Part of the samples in which a motor was at a limit.
+
+    @property
+    def sigma_phase(self) -> Floats:
+        """Return the standard deviation of the phase, rad, shape (n,): that of ln abs(G)."""
+        return self.sigma
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -119,9 +123,7 @@ class FrequencyResponse(Summarised):
 
     def between(self, low: float, high: float) -> FrequencyResponse:
         """Return the part from `low` to `high`, Hz."""
-        return self._rows((self.hz >= low) & (self.hz <= high))
-
-    def _rows(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
+        keep = (self.hz >= low) & (self.hz <= high)
         return replace(self, **{name: getattr(self, name)[keep] for name in OVER_FREQUENCY})
 
     def summary(self) -> dict[str, str]:
@@ -134,3 +136,20 @@ class FrequencyResponse(Summarised):
             "band": f"{len(self.hz)} frequencies from {self.hz[0]:.2g} to {self.hz[-1]:.3g} Hz",
             "coherent": f"from {good[0]:.2g} to {good[-1]:.3g} Hz" if len(good) else "nowhere",
         }
+
+
+def lagging(hz: Floats, responses: Complex, level: float) -> tuple[Floats, Floats]:
+    """Return where each response first lags by a level [rad], Hz, and its phase at twice that frequency, shape (K,).
+
+    `responses` (K, n). NaN where none does, or twice the frequency lies beyond `hz`; one that lags so from the start
+    never came to it either.
+    """
+    phase = np.unwrap(np.angle(responses), axis=1)
+    # A response to a target leads by less than a quarter turn: it lags by more than half a turn.
+    phase -= np.where(phase[:, :1] > 0.5 * np.pi, 2.0 * np.pi, 0.0)
+    first = np.argmax(phase <= level, axis=1)
+    rows, before = np.arange(len(phase)), np.maximum(first - 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (level - phase[rows, before]) / (phase[rows, first] - phase[rows, before])
+    at = np.where(first > 0, hz[before] * (hz[first] / hz[before]) ** share, np.nan)
+    return at, np.array([np.interp(2.0 * f, hz, row, right=np.nan) for f, row in zip(at, phase, strict=True)])

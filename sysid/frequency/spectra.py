@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.frequency._window_kernels import halved, products
+from core.compiled import njit
+from core.kernel_types import Int64s, Stack
 from sysid.frequency.records import AxisRecord, Logged
 from sysid.frequency.response import Complex, Floats
 from sysid.records.filtering import detrended, hann, low_pass_taps
@@ -34,9 +36,67 @@ HANN_BANDWIDTH = 1.5
 #: In single precision.
 Singles = NDArray[np.float32]
 
+#: Transforms are kept as real numbers, shape (K, q, 2, F): of K windows and q signals the real and the imaginary parts
+#: at F frequencies, which the innermost loops go along.
+Transforms = Annotated[NDArray[np.float32] | NDArray[np.float64], np.empty((0, 0, 0, 0), np.float32)]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DrivingSums:
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def halved(padded: Floats, taps: Floats) -> Floats:
+    """Filter signals and keep every second sample.
+
+    `padded` (q, N): N at least as many as the taps; `taps` (n,). Returns ((N - n) // 2 + 1, q).
+    """
+    count = (padded.shape[1] - taps.size) // 2 + 1
+    result = np.empty((count, padded.shape[0]))
+    for signal in range(padded.shape[0]):
+        for k in range(count):
+            total = 0.0
+            for i in range(taps.size):
+                total += padded[signal, 2 * k + i] * taps[i]
+            result[k, signal] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def products(left: Transforms, right: Transforms, places: Int64s, turns: Stack) -> Floats:
+    """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
+
+    `left` (K, q, 2, F); `right` (K, r, 2, F); `places` (K,): place of each window, ascending, in the unit by which
+    windows are shifted; `turns` (M, 2, F): weight and turn of the products between a window and one that comes 1, 2,
+    ... M units later, whose transform is the conjugate one. With M = 0 windows meet themselves, and nothing else.
+    Returns (q, r, 2, F).
+    """
+    windows, rows, _, count = left.shape
+    result = np.zeros((rows, right.shape[1], 2, count))
+    met = np.empty((2, count))
+    for k in range(windows):
+        for i in range(rows):
+            if turns.shape[0] == 0:
+                for f in range(count):
+                    met[0, f], met[1, f] = left[k, i, 0, f], left[k, i, 1, f]
+            else:
+                for f in range(count):
+                    met[0, f] = met[1, f] = 0.0
+                for other in range(k + 1, windows):
+                    apart = places[other] - places[k]
+                    if apart > turns.shape[0]:
+                        break
+                    for f in range(count):
+                        a, b = left[other, i, 0, f], left[other, i, 1, f]
+                        x, y = turns[apart - 1, 0, f], turns[apart - 1, 1, f]
+                        # The conjugate of the turn, since the transform is conjugate below.
+                        met[0, f] += a * x + b * y
+                        met[1, f] += b * x - a * y
+            for j in range(right.shape[1]):
+                for f in range(count):
+                    a, b, x, y = met[0, f], met[1, f], right[k, j, 0, f], right[k, j, 1, f]
+                    result[i, j, 0, f] += a * x + b * y
+                    result[i, j, 1, f] += a * y - b * x
+    return result
+
+
+class DrivingSums(NamedTuple):
     """Sums over windows of products of transforms of what drives an axis; those of several records add up."""
 
     #: shape (F, m, m): Instruments by instruments, instruments by inputs, inputs by inputs.
@@ -50,12 +110,8 @@ class DrivingSums:
     #: no rest before and after it confirms.
     moved: float
 
-    def __add__(self, other: DrivingSums) -> DrivingSums:
-        return DrivingSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AnswerSums:
+class AnswerSums(NamedTuple):
     """Sums over windows of products of transforms with those of an output; those of several records add up."""
 
     #: shape (F, m): With instruments, with inputs.
@@ -63,20 +119,54 @@ class AnswerSums:
     xy: Complex
     yy: Floats  #: shape (F,)
 
-    def __add__(self, other: AnswerSums) -> AnswerSums:
-        return AnswerSums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowEstimate:
-    """Responses to all inputs from windows of one length."""
+    """Response to the first input from windows of one length, or of several merged; all of shape (F,)."""
 
-    response: Complex  #: shape (F, m)
-    direct: Complex  #: shape (F, m): By plain regression on the inputs.
-    sigma: Floats  #: shape (F, m): Standard deviation of ln |G|; infinite where nothing is known.
-    coherence: Floats  #: shape (F, m): Partial.
-    multiple: Floats  #: shape (F,)
-    length: float  #: Of the windows, s.
+    response: Complex
+    direct: Complex  #: By plain regression on the inputs.
+    sigma: Floats  #: Standard deviation of ln |G|; infinite where nothing is known.
+    coherence: Floats  #: Partial.
+    multiple: Floats
+    resolution: Floats  #: Width of the spectral window, Hz.
+
+
+def merged(parts: Sequence[tuple[NDArray[np.bool_], WindowEstimate]]) -> WindowEstimate:
+    """Merge estimates of several window lengths by their random error, each with the frequencies, of all, that it has.
+
+    Weights are the fourth power of the smallest error over each window's own (Tischler and Remple 2012, eq. 10.3).
+    The windows share their data: errors are averaged as they are, not reduced.
+    """
+    count = (len(parts), len(parts[0][0]))
+    sigma = np.full(count, np.inf)
+    response, direct = np.ones(count, dtype=complex), np.ones(count, dtype=complex)
+    coherence, multiple, width = np.zeros(count), np.zeros(count), np.zeros(count)
+    for k, (mask, part) in enumerate(parts):
+        sigma[k, mask], width[k, mask] = part.sigma, part.resolution
+        response[k, mask], direct[k, mask] = part.response, part.direct
+        coherence[k, mask], multiple[k, mask] = part.coherence, part.multiple
+    best, at = np.argmin(sigma, axis=0), np.arange(count[1])
+    with np.errstate(invalid="ignore"):
+        weight = np.where(np.isfinite(sigma), (sigma[best, at] / np.maximum(sigma, 1e-300)) ** 4, 0.0)
+    known = np.sum(weight, axis=0) > 0.0
+    weight[best[~known], at[~known]] = 1.0
+    weight /= np.sum(weight, axis=0)
+
+    def mean_log(values: Complex) -> Complex:
+        first = values[best, at]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            apart = np.where(weight > 0.0, np.log(values / first), 0.0)
+        return np.asarray(first * np.exp(np.sum(weight * apart, axis=0)))
+
+    return WindowEstimate(
+        response=mean_log(response),
+        direct=mean_log(direct),
+        sigma=np.where(known, np.sum(weight * np.where(weight > 0.0, sigma, 0.0), axis=0), np.inf),
+        coherence=np.where(known, np.sum(weight * coherence, axis=0), 0.0),
+        multiple=np.sum(weight * multiple, axis=0),
+        resolution=np.sum(weight * width, axis=0),
+    )
 
 
 def window_lengths(shortest_record: float, low: float, high: float) -> Floats:
@@ -318,23 +408,28 @@ class Regression:
     inverse: Complex
     direct: Complex
     xx: Complex
-    #: shape (F, m): Variances of the responses, of noise of which all windows together have one, and of instruments.
+    #: shape (F,): Variances of the first response, of noise of which all windows together have one, and of instruments.
     noise_gain: Floats
     own: Floats
     windows: float
+    length: float  #: Of the windows, s.
     #: Factor by which the remainder is smaller than noise, as responses were fitted to it.
     freedom: float
 
     @classmethod
-    def of(cls, sums: DrivingSums) -> Regression | None:
-        """Invert the sums; None where there are too few windows to know the error of a response."""
+    def of(cls, records: Sequence[DrivingSums], length: float) -> Regression | None:
+        """Invert the sums of records; None where there are too few windows to know the error of a response."""
+        if not records:
+            return None
+        sums = DrivingSums(*(sum(each[1:], each[0]) for each in zip(*records, strict=True)))
         others = sums.zx.shape[1] - 1
         if min(sums.independent - others, sums.moved) < 1.5:
             return None
         inverse = np.asarray(np.linalg.pinv(sums.zx), dtype=np.complex128)
 
         def through(products: Complex) -> Floats:
-            return np.asarray(np.einsum("fij,fjk,fik->fi", inverse, products, inverse.conj()).real)
+            first = inverse[:, 0]
+            return np.asarray(np.einsum("fj,fjk,fk->f", first, products, first.conj()).real)
 
         return cls(
             inverse=inverse,
@@ -343,35 +438,39 @@ class Regression:
             noise_gain=through(sums.noise_gain),
             own=through(sums.zz),
             windows=sums.windows,
+            length=length,
             freedom=(1.0 - others / sums.independent) * (1.0 - 1.0 / sums.moved),
         )
 
-    def responses(self, sums: AnswerSums, length: float, known: Complex | None = None) -> WindowEstimate:
-        """Estimate responses from products with an output.
+    def estimate(self, records: Sequence[AnswerSums], known: Complex | None = None) -> WindowEstimate:
+        """WindowEstimate the first response from products with an output.
 
         `known` (F,): response to the first input that was taken out of the output beforehand.
         """
-        response = (self.inverse @ sums.zy[..., None])[..., 0]
-        direct = (self.direct @ sums.xy[..., None])[..., 0]
-
-        def explained() -> Floats:
-            return np.asarray(np.einsum("fi,fij,fj->f", response.conj(), self.xx, response).real)
-
-        rest = sums.yy - 2.0 * np.einsum("fi,fi->f", response.conj(), sums.xy).real + explained()
+        sums = AnswerSums(*(sum(each[1:], each[0]) for each in zip(*records, strict=True)))
+        responses = (self.inverse @ sums.zy[..., None])[..., 0]
+        response, direct = responses[:, 0], (self.direct @ sums.xy[..., None])[:, 0, 0]
+        shared = np.einsum("fi,fij,fj->f", responses.conj(), self.xx, responses).real
+        rest = sums.yy - 2.0 * np.einsum("fi,fi->f", responses.conj(), sums.xy).real + shared
         rest = np.maximum(rest, 1e-14 * sums.yy)
         noise = _smooth(rest / self.windows) / self.freedom
         if known is not None:
-            response[:, 0] += known
-            direct[:, 0] += known
+            response, direct = response + known, direct + known
+            responses[:, 0] = response
+            shared = np.einsum("fi,fij,fj->f", responses.conj(), self.xx, responses).real
         power = np.abs(response) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            sigma = np.sqrt(0.5 * self.noise_gain * noise[:, None] / power)
+            sigma = np.sqrt(0.5 * self.noise_gain * noise / power)
             coherent = power / self.own
-            coherence = coherent / (coherent + noise[:, None] * self.windows)
-            multiple = 1.0 - rest / (rest + explained())
-        sigma = np.where(np.isfinite(sigma), sigma, np.inf)
+            coherence = coherent / (coherent + noise * self.windows)
+            multiple = 1.0 - rest / (rest + shared)
         return WindowEstimate(
-            response, direct, sigma, np.nan_to_num(np.clip(coherence, 0.0, 1.0)), np.nan_to_num(multiple), length
+            response,
+            direct,
+            np.where(np.isfinite(sigma), sigma, np.inf),
+            np.nan_to_num(np.clip(coherence, 0.0, 1.0)),
+            np.nan_to_num(multiple),
+            np.full(len(response), HANN_BANDWIDTH / self.length),
         )
 
 

@@ -78,21 +78,31 @@ def low_pass(hz: Floats, corner: float | None) -> Complex:
     return np.asarray(omega**2 / (s**2 + np.sqrt(2.0) * omega * s + omega**2))
 
 
-def _gain(unit: str) -> ParameterSpec:
-    return ParameterSpec("gain", unit)
+#: Parameters by name. Gains come first and delays last.
+_SPECS = {
+    "damping": ParameterSpec("damping", "1/s", positive=False, scale=1.0, absolute=0.5),
+    "lag": ParameterSpec("lag", "s"),
+    "lead": ParameterSpec("lead", "s", positive=False, scale=0.05, absolute=0.02),
+    "mode_frequency": ParameterSpec("mode_frequency", "rad/s"),
+    "mode_damping": ParameterSpec("mode_damping", "1"),
+    "mode_share": ParameterSpec("mode_share", "1", positive=False, scale=0.1, absolute=0.1),
+    "speed_moment": ParameterSpec("speed_moment", "1/s^3", positive=False, scale=20.0, absolute=1.0),
+    "corner": ParameterSpec("corner", "rad/s"),
+    "natural_frequency": ParameterSpec("natural_frequency", "rad/s"),
+    "damping_ratio": ParameterSpec("damping_ratio", "1"),
+}
 
 
-_DAMPING = ParameterSpec("damping", "1/s", positive=False, scale=1.0, absolute=0.5)
-_LAG = ParameterSpec("lag", "s")
-_LEAD = ParameterSpec("lead", "s", positive=False, scale=0.05, absolute=0.02)
-_DELAY = ParameterSpec("delay", "s", positive=False, scale=0.005, absolute=0.01)
-_MODE = (
-    ParameterSpec("mode_frequency", "rad/s"),
-    ParameterSpec("mode_damping", "1"),
-    ParameterSpec("mode_share", "1", positive=False, scale=0.1, absolute=0.1),
-)
-_SPEED = ParameterSpec("speed_moment", "1/s^3", positive=False, scale=20.0, absolute=1.0)
-_ANGULAR, _LINEAR = "rad/s^2", "m/s^2"
+def _structures(
+    unit: str, delay: tuple[float, float], *kinds: tuple[str, str, Callable[[Floats], Polynomials]]
+) -> tuple[Structure, ...]:
+    """Return structures of a gain, other parameters, and a delay with its scale and the error that determines it."""
+    late = ParameterSpec("delay", "s", positive=False, scale=delay[0], absolute=delay[1])
+    gain = ParameterSpec("gain", unit)
+    return tuple(
+        Structure(name, (gain, *(_SPECS[each] for each in parameters.split()), late), polynomials)
+        for name, parameters, polynomials in kinds
+    )
 
 
 def _rate(p: Floats) -> Polynomials:
@@ -125,59 +135,45 @@ def _hovering(p: Floats) -> Polynomials:
 
 
 def _second_order(p: Floats) -> Polynomials:
-    return p[0] * np.array([p[1] ** 2]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
+    """Return a closed loop, with a zero where the parameters have its lead."""
+    zero = np.array([p[3], 1.0]) if len(p) > 4 else np.ones(1)
+    return p[0] * p[1] ** 2 * zero, np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
 
 
-def _second_order_zero(p: Floats) -> Polynomials:
-    return p[0] * p[1] ** 2 * np.array([p[3], 1.0]), np.array([1.0, 2.0 * p[2] * p[1], p[1] ** 2])
-
-
-RATE = Structure("rate", (_gain(_ANGULAR), _DAMPING, _DELAY), _rate)
-RATE_LAG = Structure("rate, lag", (_gain(_ANGULAR), _DAMPING, _LAG, _DELAY), lambda p: _lagged(_rate(p), float(p[2])))
-RATE_MODE = Structure("rate, flexible mode", (_gain(_ANGULAR), _DAMPING, *_MODE, _DELAY), _flexible)
-RATE_LAG_MODE = Structure(
-    "rate, lag, flexible mode",
-    (_gain(_ANGULAR), _DAMPING, *_MODE, _LAG, _DELAY),
-    lambda p: _lagged(_flexible(p), float(p[5])),
-)
-RATE_SPEED = Structure("rate, speed", (_gain(_ANGULAR), _DAMPING, _SPEED, _DELAY), _hovering)
-YAW_LEAD = Structure("yaw, lead", (_gain(_ANGULAR), _DAMPING, _LEAD, _DELAY), _yaw)
-VERTICAL = Structure("vertical", (_gain(_LINEAR), _DELAY), lambda p: (np.array([p[0]]), np.array([1.0])))
-VERTICAL_LAG = Structure(
-    "vertical, lag",
-    (_gain(_LINEAR), _LAG, _DELAY),
-    lambda p: (np.array([p[0]]), np.array([p[1], 1.0])),
-)
-VERTICAL_DAMPED = Structure(
-    "vertical, heave damping",
-    (_gain(_LINEAR), _DAMPING, _DELAY),
-    lambda p: (p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]])),
-)
-_CLOSED = (
-    _gain("1"),
-    ParameterSpec("natural_frequency", "rad/s"),
-    ParameterSpec("damping_ratio", "1"),
-)
-_SLOW_DELAY = ParameterSpec("delay", "s", positive=False, scale=0.02, absolute=0.03)
-CLOSED_FIRST = Structure(
-    "closed loop, first order",
-    (_gain("1"), ParameterSpec("corner", "rad/s"), _SLOW_DELAY),
-    lambda p: (np.array([p[0] * p[1]]), np.array([1.0, p[1]])),
-)
-CLOSED = Structure("closed loop, second order", (*_CLOSED, _SLOW_DELAY), _second_order)
-CLOSED_ZERO = Structure(
-    "closed loop, second order with zero",
-    (*_CLOSED, ParameterSpec("lead", "s", positive=False, scale=0.05, absolute=0.02), _SLOW_DELAY),
-    _second_order_zero,
+_TURNING = _structures(
+    "rad/s^2",
+    (0.005, 0.01),
+    ("rate", "damping", _rate),
+    ("rate, lag", "damping lag", lambda p: _lagged(_rate(p), float(p[2]))),
+    ("rate, speed", "damping speed_moment", _hovering),
+    ("rate, flexible mode", "damping mode_frequency mode_damping mode_share", _flexible),
+    (
+        "rate, lag, flexible mode",
+        "damping mode_frequency mode_damping mode_share lag",
+        lambda p: _lagged(_flexible(p), float(p[5])),
+    ),
+    ("yaw, lead", "damping lead", _yaw),
 )
 
 #: Structures that are tried for the output of each unit or axis, simplest first.
 STRUCTURES: Mapping[str, tuple[Structure, ...]] = MappingProxyType(
     {
-        "roll": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
-        "pitch": (RATE, RATE_LAG, RATE_SPEED, RATE_MODE, RATE_LAG_MODE),
-        "yaw": (RATE, RATE_LAG, YAW_LEAD),
-        "vertical": (VERTICAL, VERTICAL_LAG, VERTICAL_DAMPED),
-        "closed": (CLOSED_FIRST, CLOSED, CLOSED_ZERO),
+        "roll": _TURNING[:5],
+        "pitch": _TURNING[:5],
+        "yaw": (*_TURNING[:2], _TURNING[5]),
+        "vertical": _structures(
+            "m/s^2",
+            (0.005, 0.01),
+            ("vertical", "", lambda p: (np.array([p[0]]), np.array([1.0]))),
+            ("vertical, lag", "lag", lambda p: (np.array([p[0]]), np.array([p[1], 1.0]))),
+            ("vertical, heave damping", "damping", lambda p: (p[0] * np.array([1.0, 0.0]), np.array([1.0, p[1]]))),
+        ),
+        "closed": _structures(
+            "1",
+            (0.02, 0.03),
+            ("closed loop, first order", "corner", lambda p: (np.array([p[0] * p[1]]), np.array([1.0, p[1]]))),
+            ("closed loop, second order", "natural_frequency damping_ratio", _second_order),
+            ("closed loop, second order with zero", "natural_frequency damping_ratio lead", _second_order),
+        ),
     }
 )

@@ -1,29 +1,41 @@
-"""What a log, or several, say of every axis: responses, fits, attitude; or why they say nothing."""
+"""What a log, or several, say of every axis: responses, fits, attitude; or why they say nothing.
+
+And what the command of one axis does to another: roll that pitches, pitch that rolls. Of a symmetric craft nothing; a
+centre of gravity or a flight controller that sits askew, motors that pull unequally or arms of another length make it.
+Both commands are inputs of the axis that should not answer, so that what its own controller does against the coupling
+does not count.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
+from core.parameter import Parameter
 from logparse import Finding, GivenLogs, Severity
-from sysid.frequency.axes import AXES, FrequencyError
+from sysid.frequency.axes import AXES, Axis, FrequencyError, axis_of
 from sysid.frequency.closed_loop import AttitudeResponse, attitude_response
-from sysid.frequency.coupling import Coupling, coupling
-from sysid.frequency.estimate import response
-from sysid.frequency.excitation import Within
+from sysid.frequency.estimate import response, response_of_records
+from sysid.frequency.excitation import Within, find_chirps
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import FrequencyFit
+from sysid.frequency.flight_records import chirp_record, flight_record
 from sysid.frequency.rate_signals import LogSignals, sources_of
+from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import COHERENT, FrequencyResponse
 from sysid.frequency.time_domain import Verification, hold_out
 
 #: Frequencies that two responses must have in common to be compared, and part of the gain by which flights of a craft
 #: differ: outputs are compensated for battery and density to a few percent.
 _COMPARED, _UNLIKE = 8, 0.05
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +56,24 @@ class AxisSurvey:
         """Return whether a gain, or a bandwidth with its delay, is known."""
         effective = self.fit is not None and self.fit.parameters["gain"].value is not None
         return effective or (self.attitude is not None and self.attitude.determined)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Coupling:
+    """How strongly the command of one axis turns the craft about another."""
+
+    axis: str  #: That is commanded.
+    other: str  #: That should not answer.
+    #: Angular acceleration about the other axis in parts of that about the own one, with its sign; near zero for a
+    #: symmetric craft.
+    ratio: Parameter
+    response: FrequencyResponse = field(repr=False)  #: From the command to the rate about the other axis.
+
+    @property
+    def significant(self) -> bool:
+        """Return whether it is more than its error could be, three standard deviations."""
+        known = self.ratio
+        return known.value is not None and known.sigma is not None and abs(known.value) > 3.0 * known.sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +97,10 @@ def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | 
     """Estimate what can be had of each axis from logs of one craft."""
     given = sources_of(logs, within)
     found = tuple(_axis(given, axis, within) for axis in axes)
-    single = _single(given, axes, within) if len(given) > 1 else ()
-    couplings = _couplings(given, found, within)
+    alone = [(log, axis) for log in given for axis in axes] if len(given) > 1 else []
+    tried = [(log.log.name, _tried(partial(response, log, axis, within))[0]) for log, axis in alone]
+    single = tuple((name, frf) for name, frf in tried if frf is not None)
+    couplings = tuple(_couplings(given, found, within))
     return FrequencySurvey(tuple(each.log.name for each in given), found, couplings, single, tuple(_differing(single)))
 
 
@@ -101,53 +133,79 @@ def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Find
             )
 
 
-def _single(
-    logs: Sequence[LogSignals], axes: Sequence[str], within: Within | None
-) -> tuple[tuple[str, FrequencyResponse], ...]:
-    """Estimate the responses of each log by itself, to be compared."""
-    found = []
-    for log in logs:
-        for axis in axes:
-            with suppress(FrequencyError):
-                found.append((log.log.name, response(log, axis, within)))
-    return tuple(found)
+def _tried(make: Callable[[], Found]) -> tuple[Found | None, str]:
+    """Return what is made, or why it is not."""
+    try:
+        return make(), ""
+    except FrequencyError as error:
+        return None, str(error)
 
 
-def _couplings(logs: Sequence[LogSignals], found: Sequence[AxisSurvey], within: Within | None) -> tuple[Coupling, ...]:
+def _couplings(logs: Sequence[LogSignals], found: Sequence[AxisSurvey], within: Within | None) -> Iterator[Coupling]:
     """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
     known = {each.axis: each.response for each in found if each.fit is not None and each.response is not None}
-    couplings = []
     for axis, other in (("roll", "pitch"), ("pitch", "roll")):
         if axis in known and other in known:
+            records = [each for log in logs for each in _records(log, AXES[axis], AXES[other], within)]
+            across = replace(AXES[other], input=AXES[axis].input)
             with suppress(FrequencyError):
-                couplings.append(coupling(logs, known[axis], other, within))
-    return tuple(couplings)
+                cross = response_of_records(records, across, gyro_filter_hz=known[axis].gyro_filter_hz, refined=False)
+                yield Coupling(axis=axis, other=other, ratio=_ratio(known[axis], cross), response=cross)
+
+
+def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
+    """Average the ratio of two responses over frequency; it is real where both have the same lag."""
+    mine = own.at(cross.hz)
+    coherent = np.interp(cross.hz, own.hz, own.coherence, 0.0, 0.0) >= 0.6
+    known = coherent & np.isfinite(mine) & np.isfinite(cross.sigma) & (np.abs(cross.response) > 0.0)
+    counts = cross.weight_of_points[known]
+    if float(np.sum(counts)) < 4.0:
+        return Parameter(None, None, "1", "too few frequencies at which the axis answers its own command")
+    ratio = cross.response[known] / mine[known]
+    deviation = cross.sigma[known] * np.abs(ratio)
+    weight = counts / deviation**2
+    mean = float(np.sum(weight * ratio.real) / np.sum(weight))
+    rest = np.abs(ratio - mean) ** 2 / (2.0 * deviation**2)
+    excess = max(1.0, float(np.sum(counts * rest) / max(float(np.sum(counts)) - 1.0, 1.0)))
+    sigma = float(np.sqrt(excess / np.sum(weight)))
+    if sigma > 0.3:
+        return Parameter(None, None, "1", f"{mean:.2f} ± {sigma:.2f}: too uncertain to be of use")
+    return Parameter(mean, sigma, "1")
+
+
+def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Within | None) -> list[AxisRecord]:
+    """Cut records with the command looked at as first input and that of the answering axis as second."""
+    signals, log = source.of(answering), source.log
+    if any(name not in signals.columns for name in (commanded.input, answering.input, answering.output)):
+        return []
+    names = {commanded.name, answering.name}
+    pair = [chirp for chirp in find_chirps(log, within) if chirp.worthwhile and chirp.axis in names]
+    try:
+        if pair:
+            both_flown = {chirp.axis for chirp in pair} == names
+            return [chirp_record(log, signals, answering, chirp, [commanded]) for chirp in pair] if both_flown else []
+        first, second = (flight_record(log, signals, axis, within) for axis in (commanded, answering))
+    except FrequencyError:
+        return []
+    if first.start != second.start or len(first.output) != len(second.output):
+        return []
+    inputs, instruments = (
+        np.column_stack([getattr(each, name)[:, 0] for each in (first, second)]) for name in ("inputs", "instruments")
+    )
+    return [replace(second, inputs=inputs, instruments=instruments)]
 
 
 def _axis(logs: Sequence[LogSignals], axis: str, within: Within | None) -> AxisSurvey:
-    frf: FrequencyResponse | None = None
     found: FrequencyFit | None = None
-    attitude: AttitudeResponse | None = None
-    reason = attitude_reason = ""
-    if axis not in AXES:
-        raise FrequencyError(f"there is no axis {axis!r}; the axes are {', '.join(AXES)}")
-    try:
-        frf = response(logs, axis, within)
-        found = fit(frf)
-    except FrequencyError as error:
-        reason = str(error)
     check: Verification | None = None
     check_reason = ""
+    turns = bool(axis_of(axis).attitude)
+    frf, reason = _tried(lambda: response(logs, axis, within))
+    if frf is not None:
+        found, reason = _tried(partial(fit, frf))
     if found is not None and found.parameters["gain"].value is not None:
-        try:
-            check = hold_out(found, logs, within)
-        except FrequencyError as error:
-            check_reason = str(error)
-    if AXES[axis].attitude:
-        try:
-            attitude = attitude_response(logs, axis, within=within)
-        except FrequencyError as error:
-            attitude_reason = str(error)
+        check, check_reason = _tried(partial(hold_out, found, logs, within))
+    attitude, attitude_reason = _tried(lambda: attitude_response(logs, axis, within=within)) if turns else (None, "")
     return AxisSurvey(
         axis=axis,
         response=frf,

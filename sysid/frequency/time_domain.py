@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
-from logparse import FlightLog
-from sysid.frequency.axes import AXES, FrequencyError, log_by_log
+from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import ordinary_record, response
-from sysid.frequency.excitation import Within, find_chirps
+from sysid.frequency.excitation import Within, find_chirps, outside_chirps
 from sysid.frequency.fit import refit
 from sysid.frequency.fitted import FrequencyFit
+from sysid.frequency.flight_records import SHORTEST_FLIGHT
 from sysid.frequency.limits import FOLDING
-from sysid.frequency.rate_signals import GivenSignals, LogSignals, sources_of
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, records_of_each
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
 from sysid.records.filtering import above
@@ -25,9 +25,6 @@ from sysid.statistics.residuals import examine_residuals
 
 #: Order of the autoregression that whitens the remainder.
 _AUTOREGRESSION = 12
-
-#: Shortest record [s] that judges a model, and time [s] about chirps that is not ordinary flying.
-_SHORTEST, _AFTER = 10.0, 1.0
 
 #: Theil's coefficient up to which a model predicts well (Tischler and Remple 2012, section 14.2).
 GOOD_THEIL = 0.3
@@ -91,15 +88,15 @@ def verify(found: FrequencyFit, data: GivenSignals, within: Within | None = None
     if len(found.axes) != 1:
         raise FrequencyError("a verification takes a fit of one axis")
     axis = AXES[found.axes[0]]
-    records, reasons = [], []
-    for source in sources_of(data, within):
-        try:
-            records.append(_without_chirps(ordinary_record(source, axis, within), source.log))
-        except FrequencyError as error:
-            reasons.append(str(error))
-    if not records:
-        raise FrequencyError(log_by_log(reasons) or "no logs given")
-    return verify_records(found, records)
+
+    def cut(source: LogSignals) -> AxisRecord:
+        record = ordinary_record(source, axis, within)
+        # Most often the fit was made from chirps.
+        t: Floats = record.start + record.dt * np.arange(len(record.output), dtype=np.float64)
+        ordinary = outside_chirps(source.log, t)
+        return replace(record, usable=record.usable & ordinary)
+
+    return verify_records(found, records_of_each(data, within, cut))
 
 
 def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | None = None) -> Verification:
@@ -129,7 +126,7 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
     axis = AXES[found.axes[0]]
     errors, outputs, models, scores, ahead = [], [], [], [], []
     seconds = float(sum(np.count_nonzero(record.usable) * record.dt for record in records))
-    if seconds < _SHORTEST:
+    if seconds < SHORTEST_FLIGHT:
         raise FrequencyError(f"{seconds:.0f} s of held-out flying are too few to judge the {axis.name} axis")
     for record in records:
         left = record.remainders()(found.response)
@@ -153,15 +150,6 @@ def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verifi
         correlation=max(scores, default=0.0),
         residuals=_one_ahead(axis.output, ahead),
     )
-
-
-def _without_chirps(record: AxisRecord, log: FlightLog) -> AxisRecord:
-    """Return a record in which chirps do not count: most often a fit was made from them."""
-    t = record.start + record.dt * np.arange(len(record.output))
-    kept = record.usable.copy()
-    for chirp in find_chirps(log):
-        kept &= (t < chirp.start - _AFTER) | (t > chirp.stop + _AFTER)
-    return replace(record, usable=kept)
 
 
 def _one_ahead(output: str, parts: Sequence[tuple[Floats, Floats]]) -> ResidualTest | None:

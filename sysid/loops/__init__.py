@@ -9,8 +9,7 @@ if TYPE_CHECKING:
     from sysid.loops.controller import AngleController, GyroPath, LoopError, LoopSettings, RateController
     from sysid.loops.design import Design, design
     from sysid.loops.known_margins import Margins
-    from sysid.loops.loop import RateLoop, rate_loop
-    from sysid.loops.ordinary import ordinary_loop
+    from sysid.loops.loop import RateLoop, ordinary_loop, rate_loop
     from sysid.loops.proof import Proof, prove
     from sysid.loops.safety import AIMS, Aim
     from sysid.loops.settings import read_settings

@@ -11,22 +11,21 @@ the noise are.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from logparse import FlightLog
-from sysid.frequency.axes import FrequencyError, axis_of
-from sysid.frequency.chirp_records import FEWEST_ROWS, below_folding, chirp_spline
-from sysid.frequency.excitation import Chirp
+from sysid.frequency.axes import axis_of
+from sysid.frequency.excitation import FEWEST_ROWS, Chirp, mixer_chirps
 from sysid.frequency.rate_signals import rate_signals
 from sysid.frequency.records import on_uniform_clock
 from sysid.loops.controller import AXES, LoopSettings
 from sysid.loops.evidence import limited_chirp
 from sysid.loops.filters import Complexes, Floats, first_order
+from sysid.loops.loop import pid_rows
 from sysid.loops.settings import read_settings
-from sysid.loops.signals import mixer_chirps
 
 #: Rms of the logarithm of logged over computed response beyond which a block is not as its parameters say. In firmware
 #: (36 chirps) P and the error are exact, I, D, the target and the angle controller within 0.025 (a gyro of 1 kHz gives
@@ -50,8 +49,8 @@ _BAND, _COHERENT, _FEWEST = 0.06, 0.9, 6
 #: Standard deviations of what the coherence leaves open that are tolerated of I and D.
 _SURE = 2.0
 
-#: What the limits of slew and of throttle may take of P in a flight without chirps, and the fewest rows that tell it.
-_SCALED, _ROWS = 0.1, 64
+#: What the limits of slew and of throttle may take of P in a flight without chirps.
+_SCALED = 0.1
 
 #: Gyro filters [Hz] among which the one that flew is named.
 _CORNERS = np.geomspace(5.0, 250.0, 120)
@@ -75,7 +74,8 @@ class _Signals:
         # An integral drifts: what it has at the ends must not leak into the band.
         ends = np.clip(np.minimum(np.arange(len(self.chirp)), np.arange(len(self.chirp))[::-1]) * self.step / 0.4, 0, 1)
         taper = 0.5 - 0.5 * np.cos(np.pi * ends)
-        z, x, y = (np.fft.rfft((each - each.mean()) * taper, size) for each in (self.chirp, *self._of(source, answer)))
+        signals = (self.chirp, self.columns[source], self.columns[answer])
+        z, x, y = (np.fft.rfft((each - each.mean()) * taper, size) for each in signals)
         response, coherence = np.empty(len(hz), np.complex128), np.empty(len(hz))
         for k, (first, last) in enumerate(np.searchsorted(grid, np.outer(hz, [1.0 - _BAND, 1.0 + _BAND]))):
             band = slice(int(first), int(last))
@@ -85,13 +85,20 @@ class _Signals:
                 response[k], coherence[k] = out / into, abs(out) ** 2 / whole
         return response, np.nan_to_num(coherence)
 
-    def _of(self, *names: str) -> list[Floats]:
-        return [self.columns[name] for name in names]
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """One block as logged against its parameters: how far apart in the rms sense, what is tolerated, and in words."""
+
+    apart: float
+    tolerated: float
+    told: str
 
 
 def contradiction(log: FlightLog) -> str | None:
     """Return which parameters of the loops a log's own signals contradict; None where they agree or show nothing."""
-    return next((reason for axis in _chirped(log) if (reason := contradiction_of(log, axis))), None)
+    chirped = (axis for axis in AXES if mixer_chirps(log, axis))
+    return next((reason for axis in chirped if (reason := contradiction_of(log, axis))), None)
 
 
 def contradiction_of(log: FlightLog, axis: str) -> str | None:
@@ -101,29 +108,10 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
     other = other_rate(log, settings.controller.loop_rate)
     if other is not None:
         return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
-    blocks = _blocks(log, settings) if axis in _chirped(log) else _proportional(log, settings)
-    for block in blocks:
+    for block in _blocks(log, settings):
         if block.apart > block.tolerated:
             return f"{log.path.name}: {axis}: {block.told}: the parameters in the log are not what flew; {advice}"
     return None
-
-
-def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
-    """Compare P, which is the error times a number whatever is flown, where a flight without chirps has it."""
-    message, flown = f"PID{axis_of(settings.axis).letter}", settings.controller.P
-    if message not in log.messages or log.flight is None or not flown > 0.0:
-        return
-    frame = log.messages[message]
-    if not {"Err", "P"} <= set(frame.columns):
-        return
-    rows = frame[(frame.index >= log.flight.start) & (frame.index <= log.flight.stop)]
-    error, term = rows["Err"].to_numpy(np.float64), rows["P"].to_numpy(np.float64)
-    whole = np.isfinite(error) & np.isfinite(term)
-    large = whole & (np.abs(error) > (np.median(np.abs(error[whole])) if whole.any() else 0.0))
-    if np.count_nonzero(large) >= _ROWS:
-        gain = float(np.median(term[large] / error[large])) / flown
-        apart = abs(gain - 1.0)
-        yield _Block("P as logged is", f"ATC_RAT_{AXES[settings.axis]}_P", apart, _SCALED, gain, 0.0)
 
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:
@@ -133,131 +121,121 @@ def gyro_seen(log: FlightLog, axis: str) -> bool:
     return bool(seen) and all(block.apart <= block.tolerated for block in seen)
 
 
-def _chirped(log: FlightLog) -> list[str]:
-    return [axis for axis in AXES if mixer_chirps(log, axis)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """One block as logged against its parameters: gain and phase where they differ most, in the rms sense, and how."""
-
-    what: str
-    names: str
-    apart: float
-    tolerated: float
-    gain: float
-    phase_deg: float
-    instead: str = ""
-
-    @property
-    def told(self) -> str:
-        """Return in words how the block differs from its parameters."""
-        if not np.isfinite(self.gain):
-            return f"{self.what} not the 0 that {self.names} says"
-        return f"{self.what} {self.gain:.2f} times and {self.phase_deg:+.0f} deg of what {self.names} say{self.instead}"
-
-
 def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
-    """Compare each block of the loop that each chirp on the axis shows."""
-    for chirp in mixer_chirps(log, settings.axis):
+    """Compare each block of the loop that each chirp on the axis shows; without a chirp what any flight does."""
+    chirps = mixer_chirps(log, settings.axis)
+    if not chirps:
+        yield from _proportional(log, settings)
+    for chirp in chirps:
         yield from _gyro_block(log, chirp, settings)
         if limited_chirp(log, settings.axis) is None:  # at a limit the controller is another, which says so itself
             yield from _controller_blocks(log, chirp, settings)
 
 
+def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
+    """Compare P, which is the error times a number whatever is flown."""
+    rows, flown = pid_rows(log, settings.axis, ("Err", "P")), settings.controller.P
+    if rows is None or log.flight is None or not flown > 0.0:
+        return
+    error, term = rows.loc[log.flight.start : log.flight.stop, ["Err", "P"]].to_numpy(np.float64).T
+    whole = np.isfinite(error) & np.isfinite(term)
+    large = whole & (np.abs(error) > (np.median(np.abs(error[whole])) if whole.any() else 0.0))
+    if np.count_nonzero(large) >= FEWEST_ROWS:
+        gain = float(np.median(term[large] / error[large])) / flown
+        yield _Block(abs(gain - 1.0), _SCALED, _told("P", "P", settings.axis, np.log(np.complex128(gain or 1e-12))))
+
+
 def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
-    signals = _pid_signals(log, chirp, settings)
+    signals = _pid_signals(log, chirp, settings.axis)
     if signals is None:
         return
-    controller, letters = settings.controller, AXES[settings.axis]
-    rate, columns = controller.loop_rate, signals.columns
+    controller, columns, axis = settings.controller, signals.columns, settings.axis
+    rate = controller.loop_rate
     hz = _frequencies(chirp, signals.step, _OF_RATE)
-    back = np.exp(-2j * np.pi * hz / rate)
+    back, ones = np.exp(-2j * np.pi * hz / rate), np.ones(len(hz), np.complex128)
+    change = rate * (1.0 - back)
     error = first_order(rate, controller.FLTE).response(hz)
-    if "Err" in columns:
-        yield from _compared(signals, "difference", "Err", error, hz, "FLTE", f"ATC_RAT_{letters}_FLTE")
-    source, through = ("Err", np.ones(len(hz))) if "Err" in columns else ("difference", error)
-    derivative = rate * (1.0 - back) * first_order(rate, controller.FLTD).response(hz)
-    terms = {"P": controller.P, "I": controller.I / (rate * (1.0 - back)), "D": controller.D * derivative}
+    source, through = ("Err", ones) if "Err" in columns else ("difference", error)
+    expected = {
+        "FLTE": ("difference", "Err", error),
+        "P": (source, "P", controller.P * through),
+        "I": (source, "I", controller.I / change * through),
+        "D": (source, "D", controller.D * change * first_order(rate, controller.FLTD).response(hz) * through),
+        "FF": ("Tar", "FF", controller.FF * ones),
+    }
     if np.any(columns["Flags"] != 0.0):
-        del terms["I"]  # at a limit it only shrinks
-    for term, response in terms.items():
-        filters = f" and ATC_RAT_{letters}_FLTD" if term == "D" else ""
-        yield from _compared(signals, source, term, response * through, hz, term, f"ATC_RAT_{letters}_{term}{filters}")
-    if "FF" in columns:
-        forward = np.full(len(hz), controller.FF, np.complex128)
-        yield from _compared(signals, "Tar", "FF", forward, hz, "FF", f"ATC_RAT_{letters}_FF")
+        del expected["I"]  # at a limit it only shrinks
+    for kind, (given, answer, response) in expected.items():
+        if answer in columns:
+            yield from _compared(signals, given, answer, response, hz, kind, axis)
     if "wanted" in columns:
         # The attitude is the integral of the true rate. That of yaw is seen too weakly to be told.
         slow = hz[hz <= _ATTITUDE_TO]
         attitude = settings.angle.rate_response(slow) / settings.gyro.response(slow)
-        if settings.axis != "yaw":
-            yield from _compared(signals, "Act", "wanted", attitude, slow, "ANG", f"ATC_ANG_{letters}_P")
+        if axis != "yaw":
+            yield from _compared(signals, "Act", "wanted", attitude, slow, "ANG", axis)
         # The angle controller runs after the rate controller, which sees its target in this loop or the next.
         filtered = first_order(rate, controller.FLTT).response(hz)
-        ways = [
-            list(_compared(signals, "wanted", "Tar", late * filtered, hz, "FLTT", f"ATC_RAT_{letters}_FLTT"))
-            for late in (back, np.ones(len(hz)))
-        ]
+        ways = [list(_compared(signals, "wanted", "Tar", late * filtered, hz, "FLTT", axis)) for late in (back, ones)]
         yield from min(ways, key=lambda blocks: blocks[0].apart if blocks else np.inf)
 
 
 def _gyro_block(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
-    signals = _gyro_signals(log, chirp, settings)
+    signals = _gyro_signals(log, chirp, settings.axis)
     if signals is None:
         return
     hz = _frequencies(chirp, signals.step, _OF_RATE_GYRO)
     # The angle turned through during a loop is that of its middle.
     half = np.exp(1j * np.pi * hz / settings.controller.loop_rate)
 
-    def through(low_pass: float) -> Complexes:
-        return np.asarray(settings.changed(gyro_filter=low_pass).gyro.response(hz) * half)
+    def behind(low_pass: float) -> list[_Block]:
+        expected = np.asarray(settings.changed(gyro_filter=low_pass).gyro.response(hz) * half)
+        return list(_compared(signals, "before", "behind", expected, hz, "gyro", settings.axis))
 
-    expected = through(settings.gyro.low_pass)
-    for block in _compared(signals, "before", "behind", expected, hz, "gyro", "INS_GYRO_FILTER and INS_HNTCH_*"):
-        instead = ""
+    for block in behind(settings.gyro.low_pass):
+        told = block.told
         if block.apart > block.tolerated:
-            others = [
-                (next(_compared(signals, "before", "behind", through(f), hz, "gyro", "")).apart, f) for f in _CORNERS
-            ]
-            apart, corner = min(others)
+            apart, corner = min((behind(corner)[0].apart, corner) for corner in _CORNERS)
             if apart < min(_APART["gyro"], 0.5 * block.apart):
-                instead = f" (it answers as with INS_GYRO_FILTER {corner:.0f})"
-        yield _Block(
-            "the rate behind the gyro's filters is",
-            block.names,
-            block.apart,
-            block.tolerated,
-            block.gain,
-            block.phase_deg,
-            instead,
-        )
+                told += f" (it answers as with INS_GYRO_FILTER {corner:.0f})"
+        yield replace(block, told=told)
 
 
 def _compared(
-    signals: _Signals, source: str, answer: str, expected: Complexes, hz: Floats, kind: str, names: str
+    signals: _Signals, source: str, answer: str, expected: Complexes, hz: Floats, kind: str, axis: str
 ) -> Iterator[_Block]:
     """Compare one block, where the chirp shows it."""
-    what = f"{answer} as logged is"
     if not np.abs(expected).all():  # a term that the parameters switch off
         size, other = float(np.std(signals.columns[answer])), float(np.std(signals.columns[source]))
         if size > 1e-6 * max(other, 1e-6):
-            yield _Block(what, names, np.inf, _APART[kind], np.inf, 0.0)
+            yield _Block(np.inf, _APART[kind], _told(answer, kind, axis, None))
         return
     response, coherence = signals.ratio(source, answer, hz)
     good = (coherence > _COHERENT) & np.isfinite(response) & (np.abs(response) > 0.0)
     if np.count_nonzero(good) < _FEWEST:
         return
     tolerated = _APART[kind]
-    if (
-        kind in "ID"
-    ):  # what else moves both sides moves them alike, but I remembers what was before, and of D noise folds
+    # What else moves both sides moves them alike, but I remembers what was before, and of D noise folds.
+    if kind in "ID":
         periods = 2.0 * _BAND * hz[good] * signals.step * len(signals.chirp)
         tolerated += _SURE * float(np.sqrt(np.mean((1.0 / coherence[good] - 1.0) / (2.0 * np.maximum(periods, 1.0)))))
     apart = np.log(response[good] / expected[good])
-    worst = apart[np.argmax(np.abs(apart))]
     rms = float(np.sqrt(np.mean(np.abs(apart) ** 2)))
-    yield _Block(what, names, rms, tolerated, float(np.exp(worst.real)), float(np.degrees(worst.imag)))
+    yield _Block(rms, tolerated, _told(answer, kind, axis, apart[np.argmax(np.abs(apart))]))
+
+
+def _told(answer: str, kind: str, axis: str, apart: np.complex128 | None) -> str:
+    """Return in words how a block differs from its parameters; None where these switch it off."""
+    letters = AXES[axis]
+    names = {
+        "D": f"ATC_RAT_{letters}_D and ATC_RAT_{letters}_FLTD",
+        "ANG": f"ATC_ANG_{letters}_P",
+        "gyro": "INS_GYRO_FILTER and INS_HNTCH_*",
+    }.get(kind, f"ATC_RAT_{letters}_{kind}")
+    what = "the rate behind the gyro's filters" if kind == "gyro" else f"{answer} as logged"
+    if apart is None:
+        return f"{what} is not the 0 that {names} says"
+    return f"{what} is {np.exp(apart.real):.2f} times and {np.degrees(apart.imag):+.0f} deg of what {names} say"
 
 
 def _frequencies(chirp: Chirp, step: float, of_rate: float) -> Floats:
@@ -265,68 +243,48 @@ def _frequencies(chirp: Chirp, step: float, of_rate: float) -> Floats:
     return np.geomspace(low, max(high, 1.01 * low), _POINTS)
 
 
-def _pid_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Signals | None:
+def _pid_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
     """Return target, error and terms within a chirp; None where PID messages do not show them."""
-    which = axis_of(settings.axis)
-    message = f"PID{which.letter}"
-    if message not in log.messages:
+    frame = pid_rows(log, axis, ("Tar", "Act", "P", "I", "D"))
+    if frame is None:
         return None
-    frame = log.messages[message]
-    names = [name for name in ("Tar", "Act", "Err", "P", "I", "D", "FF") if name in frame]
-    if not {"Tar", "Act", "P", "I", "D"} <= set(names):
-        return None
-    frame = frame.sort_index(kind="stable")
+    shown = chirp.below_folding(frame.index.to_numpy(np.float64))
+    frame = frame.loc[shown.start : shown.stop]
     t = frame.index.to_numpy(np.float64)
-    if len(t) < 16:
-        return None
-    shown = below_folding(log, chirp, t)
-    rows = (t >= shown.start) & (t <= shown.stop)
-    columns = {name: frame[name].to_numpy(np.float64)[rows] for name in names}
-    limits = np.asarray(frame["Flags"].to_numpy(np.int64)[rows] & 1, np.float64) if "Flags" in frame else np.zeros(1)
-    rates = rate_signals(log)
-    if which.reference in rates.columns and "RATE" in log.messages:
-        columns["wanted"] = np.interp(t[rows], rates.t, rates.columns[which.reference])
-        if rates.step > 1.5 * float(np.median(np.diff(t))):
-            del columns["wanted"]
-    signals = _aligned(log, chirp, t[rows], columns)
+    names = [name for name in ("Tar", "Act", "Err", "P", "I", "D", "FF") if name in frame]
+    columns = {name: frame[name].to_numpy(np.float64) for name in names}
+    rates, reference = rate_signals(log), axis_of(axis).reference
+    if reference in rates.columns and "RATE" in log.messages and rates.step <= 1.5 * float(np.median(np.diff(t))):
+        columns["wanted"] = np.interp(t, rates.t, rates.columns[reference])
+    signals = _aligned(chirp, t, columns)
     if signals is not None:
-        signals.columns["Flags"] = limits
+        limited = frame["Flags"].to_numpy(np.int64) & 1 if "Flags" in frame else np.zeros(1)
+        signals.columns["Flags"] = np.asarray(limited, np.float64)
         signals.columns["difference"] = signals.columns["Tar"] - signals.columns["Act"]
     return signals
 
 
-def _gyro_signals(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> _Signals | None:
+def _gyro_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
     """Return the rate before and behind the gyro's filters within a chirp; None where SIDD does not have it."""
-    which, table = axis_of(settings.axis), log.tables.systemid
-    if table is None or "RATE" not in log.messages or which.output not in table:
+    output = axis_of(axis).output
+    if "RATE" not in log.messages or output not in chirp.rows:
         return None
-    rates = rate_signals(log)
-    try:
-        times, before = chirp_spline(log, chirp, which.output)
-    except FrequencyError:
+    rates, before = rate_signals(log), chirp.spline(output)
+    if before is None or not np.any(before(chirp.t)) or output not in rates.columns:
         return None
-    if not np.any(before(times)) or which.output not in rates.columns:
-        return None
-    shown = below_folding(log, below_folding(log, chirp, rates.t), times)
-    rows = rates.within(max(shown.start, times[0]), min(shown.stop, times[-1]))
+    shown = chirp.below_folding(rates.t)
+    shown = shown.below_folding(shown.t)
+    rows = rates.within(shown.start, shown.stop)
     t = rates.t[rows]
-    behind = np.asarray(rates.columns[which.output][rows], np.float64)
-    columns = {"before": np.asarray(before(t), np.float64), "behind": behind}
-    return _aligned(log, chirp, t, columns)
+    return _aligned(chirp, t, {"before": before(t), "behind": np.asarray(rates.columns[output][rows], np.float64)})
 
 
-def _aligned(log: FlightLog, chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | None:
+def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | None:
     """Bring signals within a chirp, or what of it their rows show, and the chirp itself to one uniform clock."""
-    try:
-        times, spline = chirp_spline(log, chirp)
-    except FrequencyError:
+    added = chirp.spline()
+    if added is None or not all(np.isfinite(each).sum() > FEWEST_ROWS for each in columns.values()):
         return None
-    if len(t) < FEWEST_ROWS:
-        return None
-    added = spline(np.clip(t, times[0], times[-1]))
-    if not all(np.isfinite(each).sum() > FEWEST_ROWS for each in columns.values()):
-        return None
-    clock, values, _ = on_uniform_clock(t, [np.asarray(added, np.float64), *columns.values()])
+    clock, values, _ = on_uniform_clock(t, [added(t), *columns.values()])
     found = dict(zip(columns, values[:, 1:].T, strict=True))
     return _Signals(values[:, 0], found, float(clock[1] - clock[0]))
 

@@ -44,9 +44,9 @@ _SECONDS, _FIRST_FADE = 20.0, 3.0
 #: Peak of the sensitivity that a craft may have before it is known.
 _RESONANCE = 4.0
 
-#: A plain chirp to compare with: the firmware's own SID_F_START_HZ and SID_F_STOP_HZ, Hz, its SID_T_FADE_IN and
-#: SID_T_FADE_OUT in parts of its SID_T_REC, and a magnitude at the mixer (its own, 15, is meant for angles).
-DEFAULT_BAND, DEFAULT_FADES, DEFAULT_MAGNITUDE = (0.5, 40.0), (15.0 / 70.0, 2.0 / 70.0), 0.05
+#: A plain chirp: the firmware's own SID_F_START_HZ and SID_F_STOP_HZ, Hz,
+#: and a magnitude at the mixer (its own, 15, is meant for angles).
+DEFAULT_BAND, DEFAULT_MAGNITUDE = (0.5, 40.0), 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,13 +160,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     if np.count_nonzero(good) < len(names) + 2:
         return ()
     hz, sigma, worth = frf.hz[good], sigma[good], frf.weight_of_points[good]
-    slope = np.empty((len(hz), len(names)), np.complex128)
-    centre = np.log(structure.response(found.values, hz))
-    steps = 1e-4 * np.maximum(np.abs(found.values), 1e-3)
-    for k, step in enumerate(steps):
-        moved = found.values.copy()
-        moved[k] += step
-        slope[:, k] = (np.log(structure.response(moved, hz) / np.exp(centre))) / step
+    slope = structure.slopes(found.values, hz)
     weight = worth / (sigma**2 + FLOOR**2)
     information = (slope.conj().T * weight) @ slope
     stated = np.linalg.pinv(information.real, hermitian=True)
@@ -181,11 +175,6 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
         unit = RELATIVE if name == "gain" else structure.specs[names.index(name)].unit if name in names else "s"
         errors.append(Expected(name, float(np.hypot(whole, between.get(name, 0.0))), unit, random))
     return tuple(errors)
-
-
-def _delay_error(errors: tuple[Expected, ...]) -> float:
-    """Return the random error of the effective delay; infinite where nothing is determined."""
-    return next((error.random for error in errors if error.name == "effective_delay"), np.inf)
 
 
 def motion_per_unit(loop: RateLoop) -> Floats:
@@ -236,7 +225,7 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
             rate_deg=float(np.degrees(rate)),
             mixer=float(mixer),
         )
-        found_designs.append((errors[0].random * _delay_error(errors), design))
+        found_designs.append((errors[0].random * errors[-1].random, design))  # of gain and effective delay
     if not found_designs:
         raise LoopError(f"{loop.axis}: RATE is logged too seldom for a chirp around {crossover:.1f} Hz")
     least = min(badness for badness, _ in found_designs)

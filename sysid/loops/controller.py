@@ -1,9 +1,14 @@
-"""One axis' loop: ArduCopter's rate controller (AC_PID as of 4.0), angle controller and gyro filters, all discrete.
+"""One axis' loop: rate controller of ArduCopter (AC_PID as of 4.0) or PX4, angle controller and gyro filters, discrete.
 
 Per loop of length T: the target passes a first-order low-pass (FLTT), the error e = target - rate another (FLTE);
 u = P e + I sum(e T) + D low-pass_FLTD((e - e_before) / T) + FF target + D_FF (target - target_before) / T. P and D
 together are scaled by Dmod where their slew exceeds SMAX, and are limited to PDMX; the integral is limited to IMAX and
 may only shrink while the mixer is at a limit. Source: ArduPilot libraries/AC_PID/AC_PID.cpp (formulae only).
+
+PX4: ``torque = K (P (target - rate) + I sum((target - rate) T) - D acceleration) + FF target``, with the angular
+acceleration through a first-order low-pass (IMU_DGYRO_CUTOFF, here FLTD) and, on yaw since 1.15, the torque through
+another (MC_YAW_TQ_CUTOFF). Sources: PX4 src/lib/rate_control, src/modules/mc_att_control,
+sensors/vehicle_angular_velocity (formulae only).
 """
 
 from __future__ import annotations
@@ -34,7 +39,7 @@ class LoopError(RotoridError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateController:
-    """Gains and filters of one axis of ArduCopter's rate controller, named as its parameters.
+    """Gains and filters of one axis of a rate controller, named as ArduCopter's parameters.
 
     Rates in rad/s, output in units of the mixer (-1..1), filters in Hz (0: none), `loop_rate` in Hz.
     """
@@ -51,22 +56,31 @@ class RateController:
     PDMX: float = 0.0
     IMAX: float = 1.0
     loop_rate: float = 400.0
+    K: float = 1.0  #: Factor of P, I and D (PX4).
+    output_filter: float = 0.0  #: Low-pass of the torque (MC_YAW_TQ_CUTOFF of PX4), Hz.
+    of_target: float = 1.0  #: Part of the target in the derivative: 0 for PX4, whose derivative is that of the rate.
 
     def error_response(self, hz: Floats) -> Complexes:
         """Compute the response from error (target after its filter, less rate) to output."""
-        rate = self.loop_rate
-        back = np.exp(-2j * np.pi * np.asarray(hz, np.float64) / rate)
-        integral = 1.0 / (rate * (1.0 - back))
-        derivative = rate * (1.0 - back) * first_order(rate, self.FLTD).response(hz)
-        pid = self.P + self.I * integral + self.D * derivative
-        return np.asarray(pid * first_order(rate, self.FLTE).response(hz), np.complex128)
+        return np.asarray(self._feedback(hz, self.D) * first_order(self.loop_rate, self.output_filter).response(hz))
 
     def target_response(self, hz: Floats) -> Complexes:
         """Compute the response from the rate target to output, at constant rate."""
         rate = self.loop_rate
-        back = np.exp(-2j * np.pi * np.asarray(hz, np.float64) / rate)
-        forward = self.FF + self.D_FF * rate * (1.0 - back)
-        return np.asarray(first_order(rate, self.FLTT).response(hz) * (self.error_response(hz) + forward))
+        forward = self.FF + self.D_FF * self._change(hz)
+        whole = self._feedback(hz, self.of_target * self.D) + forward
+        filters = cascade([first_order(rate, self.FLTT), first_order(rate, self.output_filter)], hz)
+        return np.asarray(filters * whole)
+
+    def _feedback(self, hz: Floats, derivative: float) -> Complexes:
+        change = self._change(hz)
+        pid = self.P + self.I / change + derivative * change * first_order(self.loop_rate, self.FLTD).response(hz)
+        return np.asarray(self.K * pid * first_order(self.loop_rate, self.FLTE).response(hz), np.complex128)
+
+    def _change(self, hz: Floats) -> Complexes:
+        """Compute the response of the rate of change from one loop to the next."""
+        back = np.exp(-2j * np.pi * np.asarray(hz, np.float64) / self.loop_rate)
+        return np.asarray(self.loop_rate * (1.0 - back))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,6 +125,7 @@ class LoopSettings:
     angle: AngleController
     gyro: GyroPath
     remarks: tuple[str, ...] = field(default=())
+    autopilot: str = "ArduPilot"
 
     def feedback(self, hz: Floats) -> Complexes:
         """Compute mixer output per measured rate, sign reversed: rate loop and, through the attitude, angle loop.
@@ -135,6 +150,11 @@ class LoopSettings:
             result[rows] = without + (values @ np.array(per_unit) if gains else 0.0)
         return result
 
+    def value(self, name: str) -> float:
+        """Return a value by a name as in `changed`."""
+        others = {"angle_P": self.angle.P, "gyro_filter": self.gyro.low_pass}
+        return others[name] if name in others else float(getattr(self.controller, name))
+
     def changed(self, **values: float) -> LoopSettings:
         """Return the same with other values: a name of `RateController`, `angle_P` or `gyro_filter`.
 
@@ -157,6 +177,13 @@ class LoopSettings:
 
     def parameters(self) -> dict[str, float]:
         """Return values by the autopilot's parameter names."""
+        controller = self.controller
+        if self.autopilot == "PX4":
+            name = f"MC_{self.axis.upper()}"
+            values = {f"{name}RATE_{term}": getattr(controller, term) for term in ("P", "I", "D", "FF", "K")}
+            values |= {f"{name}_P": self.angle.P, "IMU_GYRO_CUTOFF": self.gyro.low_pass}
+            values["IMU_DGYRO_CUTOFF"] = controller.FLTD
+            return values | ({"MC_YAW_TQ_CUTOFF": controller.output_filter} if controller.output_filter else {})
         letters = AXES[self.axis]
-        result = {f"ATC_RAT_{letters}_{name}": getattr(self.controller, name) for name in (*NEEDED, *OPTIONAL)}
+        result = {f"ATC_RAT_{letters}_{name}": getattr(controller, name) for name in (*NEEDED, *OPTIONAL)}
         return result | {f"ATC_ANG_{letters}_P": self.angle.P, "INS_GYRO_FILTER": self.gyro.low_pass}

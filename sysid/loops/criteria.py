@@ -7,7 +7,7 @@ hub-to-hub distance to its rotor's diameter; decibels and degrees stay.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,11 @@ import numpy as np
 from core.parameter import Parameter
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fit import fit
+from sysid.frequency.response import lagging
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.known_margins import MARGINS
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
-from sysid.loops.responses import attitude_loop, beyond_band, lagging, rate_transfer
 
 #: Rejection of disturbances at the attitude that is asked for, rad/s.
 _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
@@ -27,7 +27,7 @@ _REJECTION = {"roll": 0.9, "pitch": 0.5, "yaw": 0.7}
 #: Diameter of the UH-60's rotor, m.
 _REFERENCE = 16.36
 
-_MIL, _ADS, _HOLD = "MIL-F-9490D, table III", "ADS-33E-PRF, 3.3.2.1", "Tischler et al. 2017, hover"
+_MIL, _HOLD = "MIL-F-9490D, table III", "Tischler et al. 2017, hover"
 _TISCHLER = "Tischler and Remple 2012"
 
 
@@ -57,7 +57,11 @@ def sheet(loop: RateLoop, size: float | None = None) -> tuple[Criterion, ...]:
 
     Of a craft of known `size` [m], hub to hub, the limits of helicopters are scaled to it.
     """
-    return (*_at_mixer(loop), *_at_attitude(loop, size), *_steps(loop))
+    # The craft's response, and some that the data leave possible.
+    drawn = np.vstack([loop.plant.response, loop.plant.draws[1:30]])
+    broken = loop.attitude_loop(drawn)
+    steps = _steps(loop.hz, {"rate": loop.rate_transfer(drawn), "attitude": broken / (1.0 + broken)})
+    return (*_at_mixer(loop), *_at_attitude(loop, broken, size), *steps)
 
 
 def _at_mixer(loop: RateLoop) -> Iterator[Criterion]:
@@ -70,11 +74,10 @@ def _at_mixer(loop: RateLoop) -> Iterator[Criterion]:
         yield _criterion(f"{names[name]} at the mixer", getattr(margins, name), limit, least, source)
 
 
-def _at_attitude(loop: RateLoop, size: float | None) -> Iterator[Criterion]:
+def _at_attitude(loop: RateLoop, broken: Complexes, size: float | None) -> Iterator[Criterion]:
     """Yield those of the attitude loop broken at the attitude, and of how the attitude follows its target."""
     scale = 1.0 if size is None else float(np.sqrt(_REFERENCE / size))
     scaled = ", unscaled" if size is None else f", times {scale:.2g} (Froude, Ivler and Geyer 2024)"
-    broken = attitude_loop(loop, _drawn(loop))
     found = margins_of(loop.hz, broken)
     turn = 2.0 * np.pi
     yield _criterion("phase margin of the attitude", _known(found.phase_deg, "deg"), 45.0, True, _MIL)
@@ -83,24 +86,18 @@ def _at_attitude(loop: RateLoop, size: float | None) -> Iterator[Criterion]:
     yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, least, True, _HOLD + scaled)
     yield _criterion("disturbance rejection peak at the attitude", _known(found.peak_db, "dB"), 5.0, False, _HOLD)
     closed = broken / (1.0 + broken)
-    at_135, at_180 = (lagging(loop.hz, closed, level) for level in (-135.0, -180.0))
-    yield _criterion("attitude bandwidth", _known(turn * at_135, "rad/s"), scale * 2.0, True, _ADS + scaled)
-    twice = np.array(
-        [
-            np.interp(2.0 * f, loop.hz, row, right=np.nan)
-            for f, row in zip(at_180, np.unwrap(np.angle(closed), axis=1), strict=True)
-        ]
+    at_135, (at_180, twice) = lagging(loop.hz, closed, -0.75 * np.pi)[0], lagging(loop.hz, closed, -np.pi)
+    yield _criterion(
+        "attitude bandwidth", _known(turn * at_135, "rad/s"), scale * 2.0, True, f"ADS-33E-PRF, 3.3.2.1{scaled}"
     )
     late = -(twice + np.pi) / (2.0 * turn * at_180)
     yield _criterion("bandwidth of the attitude, 3 dB", _known(turn * _falling(loop.hz, closed), "rad/s"))
     yield _criterion("phase delay of the attitude", _known(late, "s"))
 
 
-def _steps(loop: RateLoop) -> Iterator[Criterion]:
-    drawn = _drawn(loop)
-    broken = attitude_loop(loop, drawn)
-    for what, transfer in (("rate", rate_transfer(loop, drawn)), ("attitude", broken / (1.0 + broken))):
-        rise, over, settling = step_numbers(loop.hz, transfer)
+def _steps(hz: Floats, transfers: Mapping[str, Complexes]) -> Iterator[Criterion]:
+    for what, transfer in transfers.items():
+        rise, over, settling = step_numbers(hz, transfer)
         yield _criterion(f"rise time of a step of {what}", _known(rise, "s"))
         yield _criterion(f"overshoot of a step of {what}", _known(over, "%"))
         yield _criterion(f"settling time of a step of {what}", _known(settling, "s"))
@@ -131,11 +128,6 @@ def identified(loop: RateLoop) -> Iterator[Criterion]:
     for name, values, limit in (("Cramer-Rao bound", bounds, 20.0), ("insensitivity", blind, 10.0)):
         worst = Parameter(max(values, default=None), None, "%", reason)
         yield _criterion(f"largest {name} of {', '.join(stated) or 'parameters'}", worst, limit, False, _TISCHLER)
-
-
-def _drawn(loop: RateLoop) -> Complexes:
-    """Return the craft's response, and some that the data leave possible, shape (draws, n)."""
-    return np.vstack([loop.plant.response, loop.plant.draws[1:30]])
 
 
 def _known(drawn: Floats, unit: str) -> Parameter:
@@ -170,3 +162,13 @@ def step_numbers(hz: Floats, transfer: Complexes) -> tuple[Floats, Floats, Float
         settles = len(outside) > 0 and outside[-1] + 1 < len(step)
         settling[k] = dt * float(outside[-1] + 1) if settles else np.nan
     return rise, 100.0 * np.maximum(steps.max(axis=1) - 1.0, 0.0), settling
+
+
+def beyond_band(grid: Floats, hz: Floats, transfer: Complexes) -> Complexes:
+    """Return a transfer function known on a band, (n,), at a grid from 0 Hz on: one at rest, dying out beyond."""
+    whole = np.interp(grid, hz, transfer.real) + 1j * np.interp(grid, hz, transfer.imag)
+    low, high = grid < hz[0], grid > hz[-1]
+    share = grid[low] / hz[0]
+    whole[low] = 1.0 + share * 1j * transfer[0].imag + share**2 * (transfer[0].real - 1.0)
+    whole[high] = transfer[-1] * (hz[-1] / grid[high]) ** 2
+    return np.asarray(whole, np.complex128)

@@ -26,7 +26,6 @@ from sysid.loops.controller import AXES, LoopError
 from sysid.loops.loop import RateLoop, rate_loop
 from sysid.loops.lua import Multisine, multisine_script, orthogonal_multisines
 from sysid.loops.missions import (
-    Leg,
     drag_errors,
     drag_legs,
     position_legs,
@@ -35,15 +34,11 @@ from sysid.loops.missions import (
     waypoints,
 )
 from sysid.loops.parameter_file import parameter_file
+from sysid.loops.plant import FIRST_MODES
 from sysid.loops.settings import firmware_version, read_copter
 
 #: What a flight can be designed for.
 PURPOSES = ("rates", "drag", "inertia", "thrust", "position")
-
-#: Frequency [Hz] below which a chirp that ends leaves modes of frames unseen, and what to do for `tune`.
-_WIDE = 30.0
-_TUNE_BOTH = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
-
 
 #: How a chirp is started and ended: by a copter, and by a QuadPlane.
 _CHIRPS = (
@@ -160,6 +155,7 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
     setting = log_setting(log.vehicle, log.format, log.parameters, (Need.FAST_RATES, Need.PID))
     if setting is not None and setting.wanted is not None:
         values[setting.parameter] = float(setting.wanted)
+    both = "rotorid tune takes this log together with that of a chirp up to 40 Hz, which looks for modes of the frame"
     start, end = _CHIRPS[log.vehicle.firmware == "ArduPlane"]
     comments = (
         f"rotorid design --for rates: {chirp.axis} of the craft of {log.path.name}",
@@ -170,7 +166,7 @@ def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
         end,
         "load these before the flight, one axis a run; put SID_AXIS back to 0 afterwards",
         *((setting.sentence(),) if setting is not None and setting.wanted is None else ()),
-        *(() if chirp.high >= _WIDE else (_TUNE_BOTH,)),
+        *(() if chirp.high >= FIRST_MODES else (both,)),
     )
     return parameter_file(values, comments)
 
@@ -222,27 +218,20 @@ def _multisine_error(loop: RateLoop, sine: Multisine, scale: float) -> Expected:
 
 
 def _mission(log: FlightLog, purpose: str, limits: Limits) -> Design:
-    origin = log.tables.origin
-    gps = log.tables.gps
-    if gps is not None and len(gps.dropna(subset=["lat", "lon"])):
-        first = gps.dropna(subset=["lat", "lon"]).iloc[0]
-        home = (float(np.degrees(first["lat"])), float(np.degrees(first["lon"])), float(first["alt"]))
+    origin, gps = log.tables.origin, log.tables.gps
+    fixes = None if gps is None else gps.dropna(subset=["lat", "lon"])
+    if fixes is not None and len(fixes):
+        lat, lon, alt = (float(fixes[name].iloc[0]) for name in ("lat", "lon", "alt"))
     elif origin is not None:
-        home = (float(np.degrees(origin.lat)), float(np.degrees(origin.lon)), origin.alt)
+        lat, lon, alt = origin.lat, origin.lon, origin.alt
     else:
         raise LoopError(f"{log.path.name} has no position: a mission needs the place where it is flown")
+    home = (float(np.degrees(lat)), float(np.degrees(lon)), alt)
     vtol = log.vehicle.firmware == "ArduPlane"
-    legs: tuple[Leg, ...]
-    if purpose == "drag":
-        legs = drag_legs(limits.height_m)
-        units = {"drag_linear": "1/s", "drag_quadratic": "1/m", "wind": "m/s"}
-        expected = tuple(Expected(name, sigma, units[name]) for name, sigma in drag_errors(legs).items())
-    elif purpose == "thrust":
-        legs = thrust_legs(limits.height_m)
-        expected = tuple(Expected(name, sigma, RELATIVE) for name, sigma in thrust_errors(legs).items())
-    else:
-        legs = position_legs(limits.height_m)
-        expected = tuple(Expected(name, sigma, RELATIVE) for name, sigma in thrust_errors(legs).items())
+    legs = {"drag": drag_legs, "thrust": thrust_legs, "position": position_legs}[purpose](limits.height_m)
+    errors = drag_errors(legs) if purpose == "drag" else thrust_errors(legs)
+    units = {"drag_linear": "1/s", "drag_quadratic": "1/m", "wind": "m/s"}
+    expected = tuple(Expected(name, sigma, units.get(name, RELATIVE)) for name, sigma in errors.items())
     reach = max(float(np.hypot(leg.north, leg.east)) for leg in legs)
     lines = [
         f"Mission for {purpose}, made from {log.path.name}.",

@@ -6,20 +6,18 @@ Every check returns None where the evidence is there, else the reason.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import axis_of
-from sysid.frequency.excitation import find_chirps
+from sysid.frequency.excitation import find_chirps, mixer_chirps, ordinary_runs
 from sysid.frequency.limits import share_at_limits
 from sysid.loops.controller import AXES
 from sysid.loops.filters import Floats
-from sysid.loops.loop import RateLoop
-from sysid.loops.signals import mixer_chirps
+from sysid.loops.loop import RateLoop, pid_rows
 from sysid.loops.unseen import unseen_mode
 from sysid.records.filtering import welch
 
@@ -30,12 +28,15 @@ COHERENT, AROUND, MOST_OF = 0.8, (0.4, 1.6), 0.9
 SATURATED = 0.05
 
 #: Part of the battery's voltage that may go between the first and last third of a chirp where nothing makes up for it
-#: (thrust goes with its square); fewest readings of a third.
-SAG, _FEWEST_VOLTAGES = 0.02, 5
+#: (thrust goes with its square).
+SAG = 0.02
 
 #: An oscillation: rms of the mixer input in a narrow band, share of its power above 2 Hz, and part of the windows.
 NARROW_RMS, NARROW_SHARE, NARROW_PART = 0.02, 0.6, 0.1
-_WINDOW, _LOWEST = 4.0, 2.0
+
+#: Windows [s] in which manoeuvres and oscillations are looked for, and the lowest frequency [Hz] of what is noise:
+#: below, the craft moves.
+WINDOW, LOWEST = 4.0, 2.0
 
 #: Rate of rows [Hz] below which an oscillation of a frame may be beyond half of it.
 _FOLDS_BELOW = 200.0
@@ -58,19 +59,6 @@ _OF_THE_LOOPS = (
     *("ATC_RAT_", "ATC_ANG_", "INS_GYRO_FILTER", "INS_HNT", "MOT_THST_EXPO", "SCHED_LOOP"),
     *("MC_ROLL", "MC_PITCH", "MC_YAW", "IMU_GYRO_", "IMU_DGYRO_", "THR_MDL_FAC"),
 )
-
-#: Bits of PIDR.Flags that tell of a limit: mixer at its limit, P and D limited.
-_LIMITED = 1 | 2
-
-
-@dataclass(frozen=True, slots=True)
-class Oscillation:
-    """An axis that oscillates by itself: its frequency [Hz], windows with it, and all windows."""
-
-    hz: float
-    strong: int
-    windows: int
-    folded_at: float  #: Rate of the rows, Hz: an oscillation above half of it shows folded, as one below.
 
 
 def unfit_log(log: FlightLog) -> str | None:
@@ -178,55 +166,34 @@ def _changed_in_flight(log: FlightLog) -> list[str]:
 
 
 def oscillation(log: FlightLog, axis: str) -> str | None:
-    """Return where an axis oscillates by itself, and what to do, in a sentence."""
-    found = find_oscillation(log, axis)
-    if found is None:
-        return None
-    folded = ""
-    if found.folded_at < _FOLDS_BELOW:
-        folded = f" (or at {found.folded_at - found.hz:.0f} Hz and more, which rows at {found.folded_at:.0f} Hz fold)"
-    return (
-        f"{log.path.name}: {axis} oscillates at {found.hz:.1f} Hz{folded} in {found.strong} of {found.windows} windows "
-        f"of {_WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
-    )
-
-
-def find_oscillation(log: FlightLog, axis: str) -> Oscillation | None:
-    """Find whether an axis oscillates by itself: outside chirps, narrow and strong."""
+    """Return where an axis oscillates by itself, outside chirps, narrow and strong, and what to do, in a sentence."""
     column = log.tables.column("rates", axis_of(axis).input)
-    if column is None or log.flight is None:
+    if column is None or len(column) < 2:
         return None
-    t = column.index.to_numpy(np.float64)
-    quiet = (t > log.flight.start + 2.0) & (t < log.flight.stop - 2.0)
-    for chirp in find_chirps(log):
-        quiet &= ~((t > chirp.start - 0.2) & (t < chirp.stop + 0.5))
-    if np.count_nonzero(quiet) < 32:
+    t, values = column.index.to_numpy(np.float64), np.asarray(column, dtype=np.float64)
+    rate = 1.0 / float(np.median(np.diff(t)))
+    size = int(WINDOW * rate)
+    runs = ordinary_runs(log, t, np.isfinite(values)) if size >= 64 else []
+    windows = [values[run[: len(run) // size * size]].reshape(-1, size) for run in runs]
+    if not sum(map(len, windows)):
         return None
-    step = float(np.median(np.diff(t)))
-    windows = _windows(t, np.asarray(column, dtype=np.float64), quiet, step)
-    if not len(windows):
-        return None
-    hz, spectra = welch(windows, 1.0 / step, windows.shape[1] // 2)
+    hz, spectra = welch(np.concatenate(windows), rate, size // 2)
     strength = [_narrow(hz, power) for power in spectra]
     strong = [peak for rms, share, peak in strength if rms > NARROW_RMS and share > NARROW_SHARE]
     if len(strong) < max(NARROW_PART * len(strength), 1.0):
         return None
-    return Oscillation(float(np.median(strong)), len(strong), len(strength), 1.0 / step)
-
-
-def _windows(t: Floats, values: Floats, keep: NDArray[np.bool_], step: float) -> Floats:
-    """Return gapless windows, shape (n, size), of rows `step` [s] apart."""
-    size = int(_WINDOW / step)
-    if size < 64:
-        return np.empty((0, size))
-    good = np.flatnonzero(keep & np.isfinite(values))
-    runs = np.split(good, np.flatnonzero((np.diff(good) > 1) | (np.diff(t[good]) > 3.0 * step)) + 1)
-    return np.concatenate([values[run[: len(run) // size * size]].reshape(-1, size) for run in runs])
+    peak = float(np.median(strong))
+    # Above half of the rate of the rows it shows folded, as one below.
+    folded = f" (or at {rate - peak:.0f} Hz and more, which rows at {rate:.0f} Hz fold)" if rate < _FOLDS_BELOW else ""
+    return (
+        f"{log.path.name}: {axis} oscillates at {peak:.1f} Hz{folded} in {len(strong)} of {len(strength)} windows "
+        f"of {WINDOW:.0f} s; land, lower P and D of this axis by a quarter, and fly again"
+    )
 
 
 def _narrow(hz: Floats, power: Floats) -> tuple[float, float, float]:
     """Return rms about the strongest frequency, its share of the power above 2 Hz, and the frequency, Hz."""
-    fast = hz > _LOWEST
+    fast = hz > LOWEST
     total = float(power[fast].sum())
     if not total > 0.0:
         return 0.0, 0.0, 0.0
@@ -240,10 +207,9 @@ def _narrow(hz: Floats, power: Floats) -> tuple[float, float, float]:
 
 def saturation(log: FlightLog, axis: str) -> str | None:
     """Return where the controller or the mixer was at a limit during the axis' chirps, or why that is not seen."""
-    message = f"PID{axis_of(axis).letter}"
-    if message not in log.messages:
+    if pid_rows(log, axis, ()) is None:
         return (
-            f"{log.path.name} has no {message} messages, which show when the controller is at a limit; "
+            f"{log.path.name} has no PID{axis_of(axis).letter} messages, which show when the controller is at a limit; "
             f"{bit_to_set(Need.PID, log)}"
         )
     return limited_chirp(log, axis)
@@ -251,32 +217,24 @@ def saturation(log: FlightLog, axis: str) -> str | None:
 
 def limited_chirp(log: FlightLog, axis: str) -> str | None:
     """Return where the controller or the mixer was at a limit during the axis' chirps, as far as PID messages tell."""
-    message = f"PID{axis_of(axis).letter}"
-    if message not in log.messages:
+    frame, chirps = pid_rows(log, axis, ()), mixer_chirps(log, axis)
+    if frame is None or not chirps:
         return None
-    frame = log.messages[message]
-    t = frame.index.to_numpy(np.float64)
-    limited, rows, scaled = 0, 0, 0
-    for chirp in mixer_chirps(log, axis):
-        inside = (t >= chirp.start) & (t <= chirp.stop)
-        rows += int(inside.sum())
-        if "Flags" in frame:
-            limited += int(np.sum((frame["Flags"].to_numpy()[inside].astype(int) & _LIMITED) > 0))
-        if "Dmod" in frame:
-            scaled += int(np.sum(frame["Dmod"].to_numpy(np.float64)[inside] < 0.99))
-    if rows < 16:
-        return f"{log.path.name} has no {message} messages during the chirp on the {axis} axis"
-    if limited > SATURATED * rows:
-        return (
-            f"{log.path.name}: {axis} is at a limit for {100.0 * limited / rows:.0f} % of its chirp, where the craft "
-            "does not answer as a linear one; fly the chirp with half of SID_MAGNITUDE"
-        )
-    if scaled > SATURATED * rows:
-        return (
-            f"{log.path.name}: the slew limit (SMAX) lowers the gains of {axis} for {100.0 * scaled / rows:.0f} % of "
-            "its chirp; fly the chirp with half of SID_MAGNITUDE"
-        )
-    return None
+    inside = pd.concat([frame.loc[chirp.start : chirp.stop] for chirp in chirps])
+    if len(inside) < 16:
+        return f"{log.path.name} has no PID{axis_of(axis).letter} messages during the chirp on the {axis} axis"
+    # Bits of the flags: mixer at its limit, P and D limited.
+    limits = inside["Flags"].to_numpy().astype(int) & 3 if "Flags" in inside else np.zeros(1)
+    limited = 100.0 * float(np.mean(limits > 0))
+    scaled = 100.0 * float(np.mean(inside["Dmod"].to_numpy(np.float64) < 0.99)) if "Dmod" in inside else 0.0
+    if max(limited, scaled) <= 100.0 * SATURATED:
+        return None
+    why = (
+        f"{axis} is at a limit for {limited:.0f} % of its chirp, where the craft does not answer as a linear one"
+        if limited > 100.0 * SATURATED
+        else f"the slew limit (SMAX) lowers the gains of {axis} for {scaled:.0f} % of its chirp"
+    )
+    return f"{log.path.name}: {why}; fly the chirp with half of SID_MAGNITUDE"
 
 
 def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
@@ -302,7 +260,7 @@ def sagged(log: FlightLog, axis: str) -> str | None:
             voltage[(t >= start) & (t <= start + third) & np.isfinite(voltage)]
             for start in (chirp.start, chirp.stop - third)
         ]
-        if min(map(len, parts)) < _FEWEST_VOLTAGES:
+        if not all(map(len, parts)):
             continue
         fell = 1.0 - float(np.median(parts[1]) / np.median(parts[0]))
         if fell > SAG:

@@ -6,7 +6,7 @@ Signs: `loop` L is the negative of what comes back when one goes in, so that the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ from sysid.loops.filters import Complexes, Floats
 REJECTED = 10.0 ** (-3.0 / 20.0)
 
 
-@dataclass(frozen=True, slots=True)
-class MarginSet:
+class MarginSet(NamedTuple):
     """Margins of K loops, each of shape (K,); NaN where the band does not show one."""
 
     gain_db: Floats  #: Smallest factor of the gain to instability, dB; negative beyond it.
@@ -30,7 +29,7 @@ class MarginSet:
 
     def row(self, k: int) -> dict[str, float]:
         """Return one loop's margins by name."""
-        return {item.name: float(getattr(self, item.name)[k]) for item in fields(self)}
+        return {name: float(values[k]) for name, values in self._asdict().items()}
 
 
 def margins_of(hz: Floats, loop: Complexes) -> MarginSet:

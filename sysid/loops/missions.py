@@ -5,17 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
 from core.units import STANDARD_GRAVITY
-
-#: MAVLink commands; those of VTOLs take off, land and stay on the motors that lift (state 3).
-_WAYPOINT, _TAKEOFF, _LAND, _SPEED = 16, 22, 21, 178
-_VTOL_TAKEOFF, _VTOL_LAND, _VTOL_STATE, _LIFTED = 84, 85, 3000, 3.0
-
-#: Relative altitude, and the frame of commands without a place.
-_RELATIVE, _MISSION = 3, 2
 
 #: Metres per degree of latitude.
 _METRES_PER_DEGREE = 111_320.0
@@ -23,6 +17,13 @@ _METRES_PER_DEGREE = 111_320.0
 #: What ordinary logs leave of the mean acceleration of a leg: standard deviation [m/s^2] of a sample, and the time [s]
 #: over which samples are alike.
 _ACCELERATION_NOISE, _ALIKE = 0.15, 2.0
+
+
+class _Command(IntEnum):
+    """MAVLink's commands; those of VTOLs take off, land and stay on the motors that lift."""
+
+    WAYPOINT, TAKEOFF, LAND, SPEED = 16, 22, 21, 178
+    VTOL_TAKEOFF, VTOL_LAND, VTOL_STATE = 84, 85, 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,28 +40,30 @@ class Leg:
 def waypoints(home: tuple[float, float, float], legs: Sequence[Leg], vtol: bool = False) -> str:
     """Write a mission: take-off, legs with their speeds, landing at home; of a VTOL without its wings."""
     lat, lon, alt = home
-    lines = ["QGC WPL 110", _line(0, 1, 0, _WAYPOINT, (0.0, 0.0), lat, lon, alt)]
-    up, down = (_VTOL_TAKEOFF, _VTOL_LAND) if vtol else (_TAKEOFF, _LAND)
-    lines.append(_line(1, 0, _RELATIVE, up, (0.0, 0.0), 0.0, 0.0, legs[0].height))
+    up, down = (_Command.VTOL_TAKEOFF, _Command.VTOL_LAND) if vtol else (_Command.TAKEOFF, _Command.LAND)
+    lines = ["QGC WPL 110"]
+
+    def add(command: _Command, x: float, y: float, z: float, *first: float) -> None:
+        # Places are relative to home, which comes first; commands without one are of the mission's frame.
+        frame = 0 if len(lines) == 1 else 2 if command in (_Command.SPEED, _Command.VTOL_STATE) else 3
+        numbers = [f"{value:.8f}" for value in (*first, *(0.0,) * (4 - len(first)), x, y, z)]
+        head = (len(lines) - 1, int(len(lines) == 1), frame, int(command))
+        lines.append("\t".join([*map(str, head), *numbers, "1"]))
+
+    add(_Command.WAYPOINT, lat, lon, alt)
+    add(up, 0.0, 0.0, legs[0].height)
     if vtol:
-        lines.append(_line(2, 0, _MISSION, _VTOL_STATE, (_LIFTED, 0.0), 0.0, 0.0, 0.0))
+        add(_Command.VTOL_STATE, 0.0, 0.0, 0.0, 3.0)  # stays on the motors that lift
     speed = None
     for leg in legs:
         if leg.speed != speed:
-            lines.append(_line(len(lines) - 1, 0, _MISSION, _SPEED, (1.0, leg.speed), 0.0, 0.0, 0.0))
+            add(_Command.SPEED, 0.0, 0.0, 0.0, 1.0, leg.speed)
             speed = leg.speed
         north = lat + leg.north / _METRES_PER_DEGREE
         east = lon + leg.east / (_METRES_PER_DEGREE * math.cos(math.radians(lat)))
-        lines.append(_line(len(lines) - 1, 0, _RELATIVE, _WAYPOINT, (leg.stay, 0.0), north, east, leg.height))
-    lines.append(_line(len(lines) - 1, 0, _RELATIVE, down, (0.0, 0.0), lat, lon, 0.0))
+        add(_Command.WAYPOINT, north, east, leg.height, leg.stay)
+    add(down, lat, lon, 0.0)
     return "\n".join(lines) + "\n"
-
-
-def _line(
-    k: int, current: int, frame: int, command: int, two: tuple[float, float], x: float, y: float, z: float
-) -> str:
-    numbers = [f"{value:.8f}" for value in (*two, 0.0, 0.0, x, y, z)]
-    return "\t".join([str(k), str(current), str(frame), str(command), *numbers, "1"])
 
 
 def drag_legs(height: float) -> tuple[Leg, ...]:

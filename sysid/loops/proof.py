@@ -11,13 +11,23 @@ import pandas as pd
 from core.parameter import Parameter
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
+from sysid.frequency.axes import axis_of
+from sysid.frequency.excitation import ordinary_runs
 from sysid.loops.as_flown import contradiction
 from sysid.loops.controller import AXES, LoopError
-from sysid.loops.evidence import limited_chirp, loop_parameters, oscillation, two_ways_apart, unfit_log
+from sysid.loops.criteria import beyond_band
+from sysid.loops.evidence import (
+    WINDOW,
+    limited_chirp,
+    loop_parameters,
+    oscillation,
+    two_ways_apart,
+    unfit_log,
+)
+from sysid.loops.filters import Complexes, Floats
 from sysid.loops.known_margins import MARGINS
 from sysid.loops.loop import RateLoop, rate_loop
-from sysid.loops.responses import attitude_bandwidth, flown_fit
-from sysid.loops.safety import Aim
+from sysid.loops.safety import MARGIN_WORDS, Aim
 from sysid.loops.same_craft import REBUILT, gain_apart, other_craft
 from sysid.loops.settings import read_settings
 
@@ -37,9 +47,11 @@ Changes = dict[str, tuple[float, float]]
 #: Standard deviations, and sizes, beyond which a measured margin differs from the one foretold.
 DIFFERENT, SIZES = 3.0, {"gain_db": 1.0, "phase_deg": 6.0, "peak_db": 1.5}
 
-#: Margins below which a loop is thin, those that a tune keeps, and the same in words.
-_KEPT = {"gain_db": (Aim().gain_db, "dB of gain margin"), "phase_deg": (Aim().phase_deg, "deg of phase margin")}
-WANTED = " and ".join(f"{least:g} {name}" for least, name in _KEPT.values())
+#: Margins below which a loop is thin, those that a tune keeps, in words.
+WANTED = f"{Aim().gain_db:g} {MARGIN_WORDS['gain_db'][1]} and {Aim().phase_deg:g} {MARGIN_WORDS['phase_deg'][1]}"
+
+#: Least standard deviation [rad/s] of the rate target in a window with a manoeuvre.
+_MOVING = 0.08
 
 AS_PREDICTED, BETTER, WORSE = "as predicted", "better", "worse: restore rollback.param"
 
@@ -65,12 +77,13 @@ class Proof(Summarised):
     @property
     def thin(self) -> dict[str, str]:
         """Margins measured after the change that are less than a tune keeps, in words, by axis."""
-        found: dict[str, list[str]] = {}
-        for row in self.table.reset_index().to_dict("records"):
-            least, name = _KEPT.get(str(row["quantity"]), (-np.inf, ""))
-            if float(row["measured"]) < least:
-                found.setdefault(str(row["axis"]), []).append(f"{float(row['measured']):.2g} {name}")
-        return {axis: " and ".join(margins) for axis, margins in found.items()}
+        measured, found = self.table["measured"], {}
+        for axis in dict.fromkeys(str(axis) for axis, _ in self.table.index):
+            known = [name for name in ("gain_db", "phase_deg") if (axis, name) in measured.index]
+            lacking = Aim().lacking({name: float(measured[axis, name]) for name in known})
+            if lacking:
+                found[axis] = " and ".join(lacking)
+        return found
 
     def summary(self) -> dict[str, str]:
         """Return the flights and the verdict."""
@@ -184,10 +197,10 @@ def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[Fligh
         rows.append((axis, name, a.value, a.sigma, b.value, b.sigma, unit))
     if not measured:
         return rows
-    bandwidth = [attitude_bandwidth(loop) for loop in (predicted, second)]
+    bandwidth = [loop.attitude_bandwidth for loop in (predicted, second)]
     rows.append((axis, "attitude_bandwidth_hz", bandwidth[0], None, bandwidth[1], None, "Hz"))
-    fits = [fit for log in logs if (fit := flown_fit(predicted, log)) is not None]
-    own = [fit for log in logs if (fit := flown_fit(second, log)) is not None]
+    fits = [fit for log in logs if (fit := _flown_fit(predicted, log)) is not None]
+    own = [fit for log in logs if (fit := _flown_fit(second, log)) is not None]
     if fits and own:
         rows.append((axis, "step_fit", float(np.mean(fits)), None, float(np.mean(own)), None, "%"))
     return rows
@@ -221,3 +234,41 @@ def _changes(before: FlightLog, after: FlightLog) -> tuple[Changes, Changes]:
     ours = {name: differ[name] for name in loop_parameters(first) if name in differ}
     others = {n: pair for n, pair in differ.items() if n not in ours and not n.startswith(BY_THEMSELVES)}
     return dict(sorted(ours.items())), others
+
+
+def _flown_fit(loop: RateLoop, log: FlightLog) -> float | None:
+    """Return how well the loop foretells the rates of a flight from its rate targets, %; None without manoeuvres.
+
+    Over windows outside chirps in which the target moves: 100 (1 - rms(measured - foretold) / rms(measured)), each
+    less its mean.
+    """
+    table = log.tables.rates
+    which = axis_of(loop.axis)
+    if table is None or len(table) < 2 or not {which.output, which.reference} <= set(table.columns):
+        return None
+    t = table.index.to_numpy(np.float64)
+    target, rate = (table[name].to_numpy(np.float64) for name in (which.reference, which.output))
+    runs = ordinary_runs(log, t, np.isfinite(target) & np.isfinite(rate))
+    step = float(np.median(np.diff(t)))
+    transfer = loop.rate_transfer()
+    size = int(WINDOW / step)
+    wrong = power = 0.0
+    for run in runs:
+        if len(run) < 2 * size:
+            continue
+        foretold = _through(target[run], step, loop.hz, transfer)
+        for first in range(size // 2, len(run) - size, size):
+            part = slice(first, first + size)
+            if np.std(target[run][part]) < _MOVING:
+                continue
+            measured, own = rate[run][part], foretold[part]
+            wrong += float(np.sum(((measured - measured.mean()) - (own - own.mean())) ** 2))
+            power += float(np.sum((measured - measured.mean()) ** 2))
+    return 100.0 * (1.0 - np.sqrt(wrong / power)) if power > 0.0 else None
+
+
+def _through(values: Floats, step: float, hz: Floats, transfer: Complexes) -> Floats:
+    """Pass samples through a transfer function known on a band."""
+    padded = np.concatenate([np.full(256, values[0]), values, np.full(256, values[-1])])
+    whole = beyond_band(np.asarray(np.fft.rfftfreq(len(padded), step), np.float64), hz, transfer)
+    return np.asarray(np.fft.irfft(np.fft.rfft(padded) * whole, len(padded))[256 : 256 + len(values)])

@@ -24,6 +24,13 @@ DEVIATIONS = 3.0
 #: Least gain, dB, and phase, deg, that another filter of the gyro may take from an axis whose gains stay.
 _BYSTANDER_GAIN, _BYSTANDER_PHASE = 0.5, 3.0
 
+#: Margins of an aim in words, with the sign of those of which more is better.
+MARGIN_WORDS = {
+    "gain_db": (1.0, "dB of gain margin"),
+    "phase_deg": (1.0, "deg of phase margin"),
+    "peak_db": (-1.0, "dB of peak"),
+}
+
 #: Median of horizontal vibration, m/s^2, from which the gyro filter is not opened.
 _CALM = 10.0
 
@@ -56,6 +63,14 @@ class Aim:
             1.0 - bounds["phase_deg"] / self.phase_deg,
             bounds["peak_db"] / self.peak_db - 1.0,
         )
+
+    def lacking(self, margins: Mapping[str, float]) -> list[str]:
+        """Return in words the margins that are less than the aim."""
+        return [
+            f"{margins[name]:.2g} {words}"
+            for name, (sign, words) in MARGIN_WORDS.items()
+            if name in margins and sign * margins[name] < sign * getattr(self, name)
+        ]
 
     def keeping(self, spare: Mapping[str, float]) -> Aim:
         """Return the aim of a best estimate of which a worst case may take so much."""
@@ -168,12 +183,9 @@ def other_gyro_filter(loop: RateLoop, factor: float) -> float:
 def is_calm(logs: Sequence[FlightLog]) -> bool:
     """Return whether horizontal vibration is known to be low, so that the gyro's filter may be opened."""
     for log in logs:
-        if "VIBE" not in log.messages:
+        frame = log.messages.get("VIBE")
+        if frame is None or not {"VibeX", "VibeY"} <= set(frame.columns):
             return False
-        frame = log.messages["VIBE"]
-        if not {"VibeX", "VibeY"} <= set(frame.columns) or not len(frame):
-            return False
-        levels = [float(np.nanmedian(frame[name].to_numpy(np.float64))) for name in ("VibeX", "VibeY")]
-        if not max(levels) < _CALM:
+        if not frame[["VibeX", "VibeY"]].median().max(skipna=False) < _CALM:
             return False
     return True

@@ -9,9 +9,6 @@ from sysid.loops.loop import RateLoop
 from sysid.records.context import air_density, standard_density
 from sysid.records.motor_scaling import curve, motor_commands
 
-#: Parameters that make another craft of it.
-_OF_THE_CRAFT = ("FRAME_CLASS", "FRAME_TYPE")
-
 #: Factor of the craft's gain that two flights of one craft do not differ by; and that beyond which they are not summed,
 #: because the error of the sum is not that of either: batteries and loads make less.
 REBUILT, SUMMED = 1.5, 1.2
@@ -29,7 +26,7 @@ _ENDS, _SHORTEST = 5.0, 10.0
 
 def other_craft(before: FlightLog, after: FlightLog) -> str | None:
     """Return why two logs are not of one craft."""
-    for name in _OF_THE_CRAFT:
+    for name in ("FRAME_CLASS", "FRAME_TYPE"):
         a, b = before.parameters_flown.get(name), after.parameters_flown.get(name)
         if a is not None and b is not None and a != b:
             return f"{name} is {a:g} in {before.path.name} and {b:g} in {after.path.name}: these are two craft"

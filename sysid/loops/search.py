@@ -16,9 +16,9 @@ from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
-from sysid.loops.responses import attitude_loop
+from sysid.loops.plant import FIRST_MODES
 from sysid.loops.safety import LEAST, ActuatorNoise, Aim, keeps, other_gyro_filter, worst_case
-from sysid.loops.unseen import AMPLIFIED, FIRST_MODES, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
+from sysid.loops.unseen import AMPLIFIED, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Largest factors by which P and D are changed, and by which ordinary flights may raise them; what typing them may add,
 #: and steps of P and of D; factors of I over P's, and of the derivative's filter.
@@ -43,8 +43,8 @@ _SLOWER = (0.7, 0.5)
 #: Logarithm of bandwidth or answer to gusts that is the rounding of gains that flew.
 _ROUNDED = 1e-9
 
-#: Score that another filter of the target or error must gain to be proposed.
-_WORTH_A_FILTER = 0.02
+#: Scores that differ by less are one: no other filter is proposed for less.
+SAME_SCORE = 0.02
 
 #: Candidates whose margins are computed at once, and of how many frequencies one is taken in this first look.
 _AT_ONCE, _EVERY = 256, 2
@@ -147,14 +147,14 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float 
 
 def lacks(loop: RateLoop, aim: Aim) -> bool:
     """Return whether the flown gains miss an aim, by the best estimate and by more than a trifle."""
-    flown = flown_margins(loop).row(0)
+    flown = flown_margins(loop)
     gain = flown["gain_db"] if np.isfinite(flown["gain_db"]) else np.inf
     return not flown["stable"] or aim.missed_by(flown | {"gain_db": gain}) > _TRIFLE
 
 
-def flown_margins(loop: RateLoop) -> MarginSet:
+def flown_margins(loop: RateLoop) -> dict[str, float]:
     """Return the margins of a loop as flown, by the best estimate."""
-    return margins_of(loop.hz, loop.with_settings(loop.flown).response)
+    return margins_of(loop.hz, loop.with_settings(loop.flown).response).row(0)
 
 
 def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) -> AxisTuning:
@@ -169,9 +169,10 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) 
         best = _first_step(loop, aim, candidates, best)
     if best.tuned is None or best.short or loop.ordinary:
         return best
-    for more in (_others(loop), _angles(loop)):
+    angle = loop.flown.angle.P
+    for more in (_others(loop), [{"angle_P": typed(angle * k)} for k in _ANGLE if angle * k <= _HIGHEST_ANGLE]):
         found = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
-        if found.tuned is not None and found.score > best.score + _WORTH_A_FILTER and _attitude_keeps(found.tuned):
+        if found.tuned is not None and found.score > best.score + SAME_SCORE and _attitude_keeps(found.tuned):
             best = found
     return best
 
@@ -247,30 +248,21 @@ def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
 
 def _others(loop: RateLoop) -> list[dict[str, float]]:
     """Lay out the filters of target and error, and the feed-forward, of those that are in use."""
-    flown = loop.flown.controller
-    factors = {
-        "FLTT": _filters(flown.FLTT, _OTHER_FILTERS),
-        "FLTE": _filters(flown.FLTE, _OTHER_FILTERS),
-        "FF": _FF if flown.FF > 0.0 else (1.0,),
-    }
+    flown = loop.flown
+    factors = {name: _filters(flown.value(name), _OTHER_FILTERS) for name in ("FLTT", "FLTE")}
+    factors["FF"] = _FF if flown.controller.FF > 0.0 else (1.0,)
     return [
-        {name: typed(getattr(flown, name) * factor) for name, factor in zip(factors, chosen, strict=True)}
+        {name: typed(flown.value(name) * factor) for name, factor in zip(factors, chosen, strict=True)}
         for chosen in itertools.product(*factors.values())
         if set(chosen) != {1.0}
     ]
-
-
-def _angles(loop: RateLoop) -> list[dict[str, float]]:
-    """Lay out the gain of the attitude controller."""
-    flown = loop.flown.angle.P
-    return [{"angle_P": typed(flown * k)} for k in _ANGLE if flown * k <= _HIGHEST_ANGLE]
 
 
 def _attitude_keeps(tuned: RateLoop) -> bool:
     """Return whether the attitude loop keeps its phase margin for everything that the data leave possible."""
     if tuned.settings.angle.P <= tuned.flown.angle.P:
         return True
-    phase = margins_of(tuned.hz, attitude_loop(tuned, tuned.plant.draws)).phase_deg
+    phase = margins_of(tuned.hz, tuned.attitude_loop(tuned.plant.draws)).phase_deg
     return bool((phase[np.isfinite(phase)] >= _ATTITUDE_PHASE).all())
 
 
@@ -293,7 +285,7 @@ def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str,
         rows.append(margins_of(hz, broken))
         gusts[some] = _gust_response(hz, true_plant, broken)
         ending[some] = amplified_at_end(loop, hz, broken)
-    nominal = _stack(rows)
+    nominal = MarginSet(*map(np.concatenate, zip(*rows, strict=True)))
     flown_loop = (loop.with_settings(loop.flown).response)[::_EVERY][None, :]
     flown_rejection = margins_of(hz, flown_loop).rejection_hz[0]
     flown_gust = _gust_response(hz, loop.plant.response[::_EVERY] / loop.flown.gyro.response(hz), flown_loop)[0]
@@ -376,7 +368,7 @@ def _tuning(
 
 def _thinner(loop: RateLoop) -> str:
     """Return what to do about flown gains with which no chirp should be flown; empty of those that keep some margin."""
-    flown = flown_margins(loop).row(0)["gain_db"]
+    flown = flown_margins(loop)["gain_db"]
     if not flown < LEAST.gain_db:
         return ""
     return f"the flown gains leave {max(flown, 0.0):.1f} dB: lower P, I and D of this axis by a quarter, and fly again"
@@ -399,8 +391,3 @@ def _gust_response(hz: Floats, plant: Complexes, broken: Complexes) -> Floats:
     """Compute rms attitude under gusts whose corner is at 1 Hz, to a common factor, shape (K,)."""
     spectrum = plant / (2j * np.pi * hz) / (1.0 + 1j * hz)
     return np.asarray(np.sqrt(np.sum(np.abs(spectrum / (1.0 + broken)) ** 2 * np.gradient(hz), axis=1)))
-
-
-def _stack(rows: Sequence[MarginSet]) -> MarginSet:
-    names = ("gain_db", "phase_deg", "crossover_hz", "rejection_hz", "peak_db", "stable")
-    return MarginSet(*(np.concatenate([getattr(row, name) for row in rows]) for name in names))

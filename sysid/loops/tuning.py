@@ -18,8 +18,9 @@ import numpy as np
 from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.craft.quadplane import own_names
+from sysid.frequency.excitation import mixer_chirps
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
-from sysid.loops.controller import AXES, LoopError, LoopSettings
+from sysid.loops.controller import AXES, LoopError
 from sysid.loops.criteria import identified, sheet
 from sysid.loops.evidence import (
     autotuned,
@@ -34,15 +35,16 @@ from sysid.loops.evidence import (
     unsupported,
     weak_band,
 )
-from sysid.loops.loop import RateLoop, rate_loop
+from sysid.loops.loop import RateLoop, loop_of_flights, rate_loop
 from sysid.loops.margins import margins_of
-from sysid.loops.ordinary import loop_of_flights
 from sysid.loops.parameter_file import parameter_file
+from sysid.loops.plant import FIRST_MODES
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
 from sysid.loops.same_craft import SUMMED, gain_apart, other_craft, other_load
 from sysid.loops.search import (
     DEFAULT_I,
     LARGEST_OF_STICKS,
+    SAME_SCORE,
     AxisTuning,
     flown_margins,
     integral_part,
@@ -51,14 +53,10 @@ from sysid.loops.search import (
     would_tell,
 )
 from sysid.loops.settings import read_settings
-from sysid.loops.signals import mixer_chirps
-from sysid.loops.unseen import FIRST_MODES, UNSEEN_RAISED, saw_modes, unseen_mode
+from sysid.loops.unseen import UNSEEN_RAISED, saw_modes, unseen_mode
 
 #: Largest part of P that I may be asked to be.
 _LARGEST_I = 3.0
-
-#: Scores that differ by less are one: the gyro filter is not changed for less.
-_SAME_SCORE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -196,7 +194,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
         best = tuned
     axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in found)
     proposed = _proposed(axes)
-    during = _during(loops)
+    during = {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
     before, flown = _before(flights, during, proposed), {name: during[name] for name in proposed}
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
     remarks += _said_once(each for item in axes for each in _remarks(item, loops.get(item.axis), aim, i_term, proposed))
@@ -260,24 +258,18 @@ def _filters_opened(item: AxisTuning) -> str | None:
     if item.tuned is None or item.loop is None or item.noise is None:
         return None
     flown, tuned = item.loop.flown, item.tuned.settings
-    higher = [name for name in ("FLTT", "FLTE", "FLTD") if _filter(tuned, name) > _filter(flown, name) > 0.0]
+    filters = {"FLTT": "FLTT", "FLTE": "FLTE", "FLTD": "FLTD", "gyro_filter": "INS_GYRO_FILTER"}
+    values = {name: tuned.value(name) for name in filters if tuned.value(name) > flown.value(name) > 0.0}
     crossover = item.tuned.margins.crossover_hz.value
-    gyro = tuned.gyro.low_pass > flown.gyro.low_pass
-    if crossover is None or not (higher or gyro):
+    if crossover is None or not values:
         return None
-    values = {name: _filter(tuned, name) for name in higher} | ({"gyro_filter": tuned.gyro.low_pass} if gyro else {})
     hz = np.array([crossover])
     before, after = (each.feedback(hz) * each.gyro.response(hz) for each in (flown, flown.changed(**values)))
-    names = [f"{name} {_filter(flown, name):g} to {_filter(tuned, name):g} Hz" for name in higher]
-    names += [f"INS_GYRO_FILTER {flown.gyro.low_pass:g} to {tuned.gyro.low_pass:g} Hz"] if gyro else []
+    names = [f"{filters[name]} {flown.value(name):g} to {value:g} Hz" for name, value in values.items()]
     return (
         f"{listed(names)} wins {float(np.degrees(np.angle(after / before))[0]):.0f} deg at the crossover; noise at the "
         f"motors, with the new gains, is {item.noise:.2g} times that of the flown ones"
     )
-
-
-def _filter(settings: LoopSettings, name: str) -> float:
-    return float(getattr(settings.controller, name))
 
 
 def _said_once(told: Iterable[tuple[str, str]]) -> list[str]:
@@ -344,7 +336,7 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
         sum(item.wider for item in items),
         sum(item.gains for item in items),
         -max(raised, default=0),
-        round(sum(item.score for item in items) / _SAME_SCORE),
+        round(sum(item.score for item in items) / SAME_SCORE),
     )
 
 
@@ -380,16 +372,8 @@ def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
     """Return that a proposal gives rejection up for margins that the flown gains lack."""
     if item.tuned is None or item.loop is None or item.wider:
         return None
-    flown, tuned = flown_margins(item.loop).row(0), margins_of(item.tuned.hz, item.tuned.response).row(0)
-    short = [
-        f"{flown[name]:.2g} {words}"
-        for name, words, lacks in (
-            ("gain_db", "dB of gain margin", flown["gain_db"] < aim.gain_db),
-            ("phase_deg", "deg of phase margin", flown["phase_deg"] < aim.phase_deg),
-            ("peak_db", "dB of peak", flown["peak_db"] > aim.peak_db),
-        )
-        if lacks
-    ]
+    flown, tuned = flown_margins(item.loop), margins_of(item.tuned.hz, item.tuned.response).row(0)
+    short = aim.lacking(flown)
     why = f"leave {listed(short)}" if flown["stable"] and short else "are unstable"
     return (
         f"disturbances are rejected up to {tuned['rejection_hz']:.2g} Hz instead of {flown['rejection_hz']:.2g}: "
@@ -409,11 +393,6 @@ def _proposed(axes: Sequence[AxisTuning]) -> dict[str, float]:
             gains = [f"ATC_RAT_{AXES[item.axis]}_{term}" for term in ("P", "I", "D")]
             proposed |= {name: after[name] for name in gains} | other
     return proposed
-
-
-def _during(loops: Mapping[str, RateLoop]) -> dict[str, float]:
-    """Return parameters of loops as they were during the chirps."""
-    return {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
 
 
 def _before(logs: Sequence[FlightLog], flown: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:

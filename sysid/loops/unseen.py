@@ -12,20 +12,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.frequency.records import AxisRecord, Logged
+from sysid.frequency.records import AxisRecord
 from sysid.loops.controller import LoopSettings
 from sysid.loops.filters import Complexes, Floats
 from sysid.loops.loop import RateLoop
-from sysid.records.filtering import hann
+from sysid.loops.plant import FIRST_MODES
+from sysid.records.filtering import densities
 
 #: Factor by which a mode of 3 % damping that carries a third of the acceleration stands above the rigid craft.
 MODE = 6.0
 
 #: Gain of a mode that leaves it 4 dB.
 _SMALL = 0.63
-
-#: Chirps that end below [Hz] have not seen the first modes of frames.
-FIRST_MODES = 30.0
 
 #: Last frequency of the noise's spectrum, in parts of half the logging rate; and how far beyond the band it must reach
 #: to count as seen.
@@ -62,7 +60,7 @@ _NOT_RAISED = 1.0 + 1e-6
 #: mode just beyond has, of ln gain over ln f (-1 for the integration, up to -1 for each lag) and of the phase [rad]
 #: over ln f (lags and delays only turn it back); by how many standard deviations of the slope it must be beyond them;
 #: and where they count however uncertain they are.
-_LAST, _SLOPE, _TURN, _SURE, _STEEP, _FORWARD = 1.2, (-3.0, -0.9), 0.0, 2.5, (-3.5, -0.4), 1.0
+_LAST, _SLOPE, _SURE, _STEEP, _FORWARD = 1.2, (-3.0, -0.9), 2.5, (-3.5, -0.4), 1.0
 
 
 def saw_modes(loop: RateLoop) -> bool:
@@ -100,7 +98,7 @@ def bends_at_its_end(loop: RateLoop) -> str | None:
     slopes, turns = (np.polyfit(x, each.T, 1)[0] for each in (craft.real, np.unwrap(craft.imag)))
     (slope, error), (turn, wrong) = ((float(each[0]), _SURE * float(np.std(each))) for each in (slopes, turns))
     low, high = max(_SLOPE[0] - error, _STEEP[0]), min(_SLOPE[1] + error, _STEEP[1])
-    if low <= slope <= high and turn <= min(_TURN + wrong, _FORWARD):
+    if low <= slope <= high and turn <= min(wrong, _FORWARD):
         return None
     return (
         f"{loop.axis}: the response bends at its end, {end:.0f} Hz, as by a mode of the frame just beyond; "
@@ -219,15 +217,11 @@ def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> F
     """Compute power spectra of the rate in windows in which the chirp has not reached the frequencies `above`."""
     if len(record.output) < 2 * size or not above.any():
         return np.empty((0, len(above)))
-    taper = hann(size)
-
-    def power(signal: Logged) -> Floats:
-        windows = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size // 2]
-        spectra = np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, axis=1)
-        return np.asarray(np.abs(spectra) ** 2)
-
-    chirp = power(record.instruments[:, 0])[:, above].sum(axis=1)
-    return np.asarray(power(record.output)[chirp < _NO_CHIRP * chirp.max()], np.float64)
+    signals = (record.instruments[:, 0], record.output)
+    windows = (np.lib.stride_tricks.sliding_window_view(each, size)[:: size // 2] for each in signals)
+    chirp, power = (densities(np.asarray(each, np.float64), 1.0 / record.dt) for each in windows)
+    reached = chirp[:, above].sum(axis=1)
+    return np.asarray(power[reached < _NO_CHIRP * reached.max()])
 
 
 def promised(tuned: RateLoop, bounds: Mapping[str, float], aim: Mapping[str, float]) -> dict[str, float]:

@@ -28,7 +28,7 @@ import pandas as pd
 
 from logparse import Tables
 from logparse.canonical.series import euler_angles
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 from sysid.records.resampling import NewClock
 
 if TYPE_CHECKING:

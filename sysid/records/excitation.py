@@ -43,7 +43,6 @@ class Coherence:
     #: shape (K, p): Part of the output's power that all inputs together account for, 0 to 1 (Bendat and Piersol 2010,
     #: section 7.3).
     multiple: Floats
-    ordinary: Floats  #: shape (K, m, p): The same of each input alone.
     #: Multiple coherence that unrelated signals stay below with probability `CONFIDENCE` at a frequency.
     threshold: float
     averages: float  #: Independent spectra that were averaged.
@@ -180,7 +179,6 @@ def coherence(experiments: Sequence[Experiment]) -> Coherence:
     s_uu, s_uy = cross[:, :m, :m], cross[:, :m, m:]
     power_u = np.real(np.einsum("kii->ki", s_uu))
     power_y = np.maximum(np.real(np.einsum("kii->ki", cross[:, m:, m:])), 1e-300)
-    ordinary = np.abs(s_uy) ** 2 / np.maximum(power_u[:, :, None] * power_y[:, None, :], 1e-300)
     # Inputs on one scale; what identical ones share is counted once.
     size = 1.0 / np.sqrt(np.maximum(power_u, 1e-300))
     scaled_uy = s_uy * size[:, :, None]
@@ -193,7 +191,6 @@ def coherence(experiments: Sequence[Experiment]) -> Coherence:
     return Coherence(
         frequency=frequency,
         multiple=multiple,
-        ordinary=np.clip(ordinary, 0.0, 1.0),
         threshold=threshold,
         averages=averages,
         input_names=names,

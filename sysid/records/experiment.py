@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from core.lazy import lazy
 from core.summary import Summarised, listed
 from logparse import Finding, RotoridError, Vehicle
-from sysid.records.arrays import MIN_SAMPLES as MIN_SAMPLES
-from sysid.records.arrays import Floats as Floats
+from sysid.records import MIN_SAMPLES as MIN_SAMPLES
+from sysid.records import Floats as Floats
 from sysid.records.context import angles_of
 from sysid.records.flight_record import record_flight
 from sysid.records.resampling import FASTER
@@ -217,19 +217,8 @@ class Experiment(Summarised):
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
         contexts = [each.context for each in beside]
-        piece = record_flight(log, trajectory, rate, inputs, outputs, frame, name, contexts, within)
-        return cls.from_arrays(
-            piece.t,
-            piece.u,
-            piece.y,
-            name=piece.name,
-            input_names=piece.input_names,
-            output_names=piece.output_names,
-            units=piece.units,
-            context=piece.context,
-            vehicle=log.vehicle,
-            findings=piece.findings,
-        )
+        make = cls.from_arrays
+        return record_flight(make, log, trajectory, rate, inputs, outputs, frame, name, contexts, within)
 
     @classmethod
     def from_table(

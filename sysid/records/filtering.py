@@ -7,11 +7,43 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.records._filter_kernels import filtered
-from sysid.records.arrays import Floats
+from core.compiled import njit
+from core.kernel_types import Matrix, Vector
+from sysid.records import Floats
 
 #: Samples by which signals are continued at both ends before they are filtered forth and back.
 _ENDS = 9
+
+
+@njit(cache=True, nogil=True)
+def filtered(b: Vector, a: Vector, signals: Matrix, state: Matrix) -> Matrix:
+    """Filter the columns of signals in the direct form II transposed.
+
+    `b, a` (n + 1,): coefficients, a[0] being 1; `signals` (N, k); `state` (n + 1, k): at the start, its last row zero;
+    it is left as the state at the end. Returns (N, k).
+    """
+    samples, columns = signals.shape
+    result = np.empty((samples, columns))
+    if b.size == 3:
+        # Most are of this order: two numbers of state stay in registers.
+        for c in range(columns):
+            first, second = state[0, c], state[1, c]
+            for t in range(samples):
+                x = signals[t, c]
+                y = first + b[0] * x
+                first = second + b[1] * x - a[1] * y
+                second = b[2] * x - a[2] * y
+                result[t, c] = y
+            state[0, c], state[1, c] = first, second
+        return result
+    for t in range(samples):
+        for c in range(columns):
+            x = signals[t, c]
+            y = state[0, c] + b[0] * x
+            for i in range(1, b.size):
+                state[i - 1, c] = state[i, c] + b[i] * x - a[i] * y
+            result[t, c] = y
+    return result
 
 
 def lfilter(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
-from sysid.records.arrays import MIN_SAMPLES, Floats
+from sysid.records import MIN_SAMPLES, Floats
 from sysid.records.context import has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import mixer_differs, project, rounding
@@ -39,26 +38,14 @@ POSITION_UNKNOWN = "position-unknown"
 #: Finding of motor outputs whose rounding hides what was asked.
 BELOW_ROUNDING = "constant-input"
 
+Record = TypeVar("Record")
+
 OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightPiece:
-    """A piece of a flight on one clock; attributes as those of `sysid.records.experiment.Experiment`."""
-
-    name: str
-    t: Floats
-    u: Floats
-    y: Floats
-    input_names: tuple[str, ...]
-    output_names: tuple[str, ...]
-    units: Mapping[str, str]
-    context: pd.DataFrame
-    findings: tuple[Finding, ...]
-
-
 def record_flight(
+    make: Callable[..., Record],
     log: FlightLog,
     trajectory: Trajectory,
     rate: float,
@@ -68,8 +55,8 @@ def record_flight(
     name: str | None,
     contexts: Iterable[pd.DataFrame | None] = (),
     within: tuple[float, float] | None = None,
-) -> FlightPiece:
-    """Cut the piece; errors are those of `Experiment.from_flight`."""
+) -> Record:
+    """Cut the piece and make a record of it as `Experiment.from_arrays` does; errors as in `Experiment.from_flight`."""
     for kind, value, known in (("inputs", inputs, INPUT_SETS), ("outputs", outputs, OUTPUTS), ("frame", frame, FRAMES)):
         if value not in known:
             raise ValueError(f"{kind} must be one of {', '.join(known)}, not {value!r}")
@@ -132,15 +119,17 @@ def record_flight(
             # Counted from where the craft was, as positions are, so that their difference is the loop's error.
             u = u - y[0]
         y = y - y[0]
-    return FlightPiece(
+    names_u, names_y = (tuple(map(str, table.columns)) for table in (piece, motion))
+    return make(
+        t,
+        u,
+        y,
         name=label,
-        t=t,
-        u=u,
-        y=y,
-        input_names=tuple(map(str, piece.columns)),
-        output_names=tuple(map(str, motion.columns)),
-        units={**source.units, **dict.fromkeys(map(str, motion.columns), unit)},
+        input_names=names_u,
+        output_names=names_y,
+        units={**dict.fromkeys(names_u, source.unit), **dict.fromkeys(names_y, unit)},
         context=context,
+        vehicle=log.vehicle,
         findings=(*source.findings, *findings, *more),
     )
 

@@ -27,8 +27,7 @@ does that with the measured yaw:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +35,7 @@ import pandas as pd
 import pymap3d
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 from sysid.records.context import angles_of
 from sysid.records.mixer import project, voltage_at
 
@@ -73,7 +72,7 @@ class Inputs:
 
     #: Index `t`; NaN where the signal has no meaning, such as a position target while nobody holds a position.
     signals: pd.DataFrame
-    units: Mapping[str, str]
+    unit: str
     title: str  #: What they are, for messages.
     #: Times between which the signals may be used in one piece, s.
     restarts: Floats = field(default_factory=lambda: np.empty(0))
@@ -84,19 +83,13 @@ class Inputs:
 
 def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
     """Read one of the `INPUT_SETS` from a log's tables."""
-    if kind == "motors":
-        return _motors(tables)
-    if kind == "rotor_speeds":
-        return _rotor_speeds(tables)
+    if kind == "reference":
+        return _reference(tables, trajectory)
     if kind == "mixer":
         return _turned(_mixer(tables, vehicle), trajectory, frame)
     if kind == "rate_outputs":
         return _turned(_rate_outputs(tables), trajectory, frame)
-    if kind == "reference":
-        return _reference(tables, trajectory)
-    if kind == "velocity_reference":
-        return _velocity_reference(tables)
-    raise ValueError(f"inputs must be one of {', '.join(INPUT_SETS)}, not {kind!r}")
+    return {"motors": _motors, "rotor_speeds": _rotor_speeds, "velocity_reference": _velocity_reference}[kind](tables)
 
 
 def _motors(tables: Tables) -> Inputs:
@@ -105,11 +98,7 @@ def _motors(tables: Tables) -> Inputs:
         raise MissingDataError(
             "no motor outputs (RCOU, or SERVO_OUTPUT_RAW in telemetry); log them (rotorid inspect names the setting)"
         )
-    return Inputs(
-        signals=motors,
-        units={str(column): "us" for column in motors.columns},
-        title="motor outputs",
-    )
+    return Inputs(signals=motors, unit="us", title="motor outputs")
 
 
 def _rotor_speeds(tables: Tables) -> Inputs:
@@ -117,22 +106,13 @@ def _rotor_speeds(tables: Tables) -> Inputs:
     names = {} if esc is None else {name: f"m{str(name)[1:]}" for name in esc if str(name)[:1] == "w"}
     if esc is None or not any(esc[name].gt(0.0).sum() > 1 for name in names):
         raise MissingDataError("no rotor speeds (ESC messages with RPM; ESCs with telemetry report them)")
-    return Inputs(
-        signals=esc[list(names)].rename(columns=names),
-        units=dict.fromkeys(names.values(), "rad/s"),
-        title="rotor speeds",
-    )
+    return Inputs(signals=esc[list(names)].rename(columns=names), unit="rad/s", title="rotor speeds")
 
 
 def _mixer(tables: Tables, vehicle: Vehicle | None) -> Inputs:
     motors = _motors(tables).signals
     voltage = voltage_at(tables.battery, motors.index.to_numpy(np.float64))
-    signals = project(motors, vehicle or Vehicle(), voltage)
-    return Inputs(
-        signals=signals,
-        units={str(column): "1" for column in signals.columns},
-        title="motor outputs",
-    )
+    return Inputs(signals=project(motors, vehicle or Vehicle(), voltage), unit="1", title="motor outputs")
 
 
 def _rate_outputs(tables: Tables) -> Inputs:
@@ -163,12 +143,7 @@ def _rate_outputs(tables: Tables) -> Inputs:
                 "log the rate controller at the rate of the loop (rotorid inspect names the setting)",
             )
         )
-    return Inputs(
-        signals=signals,
-        units=dict.fromkeys(columns.values(), "1"),
-        title="rate controller outputs",
-        findings=tuple(findings),
-    )
+    return Inputs(signals=signals, unit="1", title="rate controller outputs", findings=tuple(findings))
 
 
 def _turned(inputs: Inputs, trajectory: Trajectory, frame: str) -> Inputs:
@@ -187,13 +162,7 @@ def _turned(inputs: Inputs, trajectory: Trajectory, frame: str) -> Inputs:
     columns: dict[str, Floats] = dict(
         turned.get(str(name), (str(name), signals[name].to_numpy(np.float64))) for name in signals.columns
     )
-    return Inputs(
-        signals=pd.DataFrame(columns, index=signals.index),
-        units=dict.fromkeys(columns, "1"),
-        title=inputs.title,
-        restarts=inputs.restarts,
-        findings=inputs.findings,
-    )
+    return replace(inputs, signals=pd.DataFrame(columns, index=signals.index))
 
 
 def yaw_of(states: pd.DataFrame) -> Floats:
@@ -232,7 +201,7 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
     restarts, steps = _jumps(t, wanted - position, tables, position)
     return Inputs(
         signals=signals,
-        units=dict.fromkeys("xyz", "m"),
+        unit="m",
         title="position targets",
         restarts=restarts,
         steps=steps,
@@ -261,12 +230,7 @@ def _velocity_reference(tables: Tables) -> Inputs:
     signals = pd.DataFrame(
         targets.to_numpy(np.float64) * [1.0, 1.0, -1.0], index=targets.index, columns=["v_x", "v_y", "v_z"]
     )
-    return Inputs(
-        signals=signals,
-        units=dict.fromkeys(signals.columns, "m/s"),
-        title="velocity targets",
-        findings=findings,
-    )
+    return Inputs(signals=signals, unit="m/s", title="velocity targets", findings=findings)
 
 
 def _no_reference(tables: Tables, kind: str, messages: str) -> str:

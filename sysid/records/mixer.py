@@ -20,7 +20,7 @@ import pandas as pd
 
 from core.cubic_spline import cubic_spline
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 from sysid.records.motor_scaling import curve, motor_commands
 
 #: Singular values of the factors below this part of the largest mean that a command has no effect of its own.
@@ -130,7 +130,7 @@ DIFFERS = 0.06
 _COHERENT = 0.95
 
 #: Fewest rows of outputs, and the time between the controller's rows beyond which nothing is interpolated, s.
-_FEWEST, GAP = 100, 0.3
+FEWEST, GAP = 100, 0.3
 
 #: Commands nearer to the ends of a motor's range than this are left out: there the mixer gives what it can.
 MARGIN = 0.02
@@ -148,7 +148,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
     if vehicle is None or not names or tables.motors is None or not tables.has("rates"):
         return []
     asked = list(tables.columns("rates", ["out_thrust", "out_roll", "out_pitch", "out_yaw"]))
-    if not set(names) <= set(tables.motors) or any(column.notna().sum() < _FEWEST for column in asked):
+    if not set(names) <= set(tables.motors) or any(column.notna().sum() < FEWEST for column in asked):
         return []
     motors = tables.motors.loc[start:stop, names].dropna()
     t = motors.index.to_numpy(np.float64)
@@ -156,7 +156,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
     command = motor_commands(motors.to_numpy(np.float64), vehicle)
     inside = np.all((command > MARGIN) & (command < 1.0 - MARGIN), axis=1)
     inside &= np.isfinite(outputs).all(axis=1) & (outputs[:, 0] > MARGIN) & (np.abs(outputs) < 1.0).all(axis=1)
-    if inside.sum() < _FEWEST:
+    if inside.sum() < FEWEST:
         return []
     factors = factors_of(vehicle)
     to_axes = np.linalg.pinv(factors - factors.mean(axis=0))[:2].T

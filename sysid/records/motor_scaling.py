@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from logparse import Vehicle
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 
 _Command = TypeVar("_Command", float, Floats)
 

@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from sysid.records._filter_kernels import filtered_at
-from sysid.records.arrays import Floats
+from core.compiled import njit
+from core.kernel_types import Vector
+from sysid.records import Floats
 from sysid.records.filtering import low_pass_taps
 
 #: How far around the new clock a source is read, in steps of the new clock: more than the filter's half length.
@@ -25,6 +26,30 @@ FASTER = 1.5
 _PASS, _STOP = 0.4, 0.6
 
 _GRID = 4096
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
+    """Filter a signal and interpolate it by straight lines, both only where asked.
+
+    `extended` (M + taps - 1,): signal, continued at both ends by half the filter; `between` (N,): where, in samples of
+    the signal, 0 to M - 1. Returns (N,).
+    """
+    result = np.empty(between.size)
+    last = extended.size - taps.size
+    for k in range(between.size):
+        first = min(int(between[k]), last)
+        share = between[k] - first
+        total = 0.0
+        for j in range(taps.size):
+            total += taps[j] * extended[first + j]
+        if share > 0.0:
+            after = 0.0
+            for j in range(taps.size):
+                after += taps[j] * extended[first + 1 + j]
+            total += share * (after - total)
+        result[k] = total
+    return result
 
 
 def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:

@@ -12,7 +12,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment
 
 #: Columns of motion, which the context of an experiment has.
-_ANGLES, _RATES, _VELOCITY = ("roll", "pitch", "yaw"), ("w_x", "w_y", "w_z"), ("v_n", "v_e", "v_d")
+_ANGLES = ("roll", "pitch", "yaw")
 
 
 def write_table(record: Experiment, path: str | Path, mass: float | None = None) -> tuple[Path, Path]:
@@ -55,7 +55,7 @@ def write_table(record: Experiment, path: str | Path, mass: float | None = None)
         "attitude": {"columns": list(_ANGLES), "kind": "angles", "unit": "rad"},
     }
     frame[list(_ANGLES)] = context[list(_ANGLES)].to_numpy()
-    for key, names in (("velocity", _VELOCITY), ("rates", _RATES)):
+    for key, names in (("velocity", ("v_n", "v_e", "v_d")), ("rates", ("w_x", "w_y", "w_z"))):
         if set(names) <= set(context.columns) and context[list(names)].notna().all(axis=None):
             frame[list(names)] = context[list(names)].to_numpy()
             described[key] = list(names)

@@ -18,7 +18,7 @@ from logparse import Finding
 if TYPE_CHECKING:
     import numpy as np
 
-    from sysid.records.arrays import Floats
+    from sysid.records import Floats
 else:
     np = lazy("numpy")  # pages read winds without it
 

@@ -160,7 +160,6 @@ def chirped() -> FrequencyResponse:
         response=response,
         coherence=0.9 * ones,
         sigma=0.05 * ones,
-        sigma_phase=0.05 * ones,
         averages=20.0 * ones,
         resolution=0.5 * ones,
         multiple_coherence=0.9 * ones,

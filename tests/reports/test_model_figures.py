@@ -139,7 +139,7 @@ def test_motor_outputs_are_not_laid_over_the_controllers():
 def test_a_response_is_blank_where_nothing_was_estimated_and_nowhere_else() -> None:
     frf = chirped()
     sigma = np.concatenate([[np.inf] * 2, frf.sigma[2:]])
-    blank = replace(frf, sigma=sigma, sigma_phase=sigma, response=np.concatenate([[1.0, 1.0], frf.response[2:]]))
+    blank = replace(frf, sigma=sigma, response=np.concatenate([[1.0, 1.0], frf.response[2:]]))
     data = bode_figure(fitted_response(blank, None), "roll").data
     drawn = [trace for trace in data if trace.get("name") == "measured" and "fill" not in trace]
     direct = [trace for trace in data if trace.get("name") == "plain regression (biased)"]

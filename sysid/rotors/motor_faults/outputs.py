@@ -19,7 +19,7 @@ import pandas as pd
 import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 from sysid.records.mixer import INDEPENDENT, MARGIN, expectation, factors_of, sampled_at
 from sysid.records.motor_scaling import curve, motor_commands
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
-from sysid.records.arrays import Floats
+from sysid.records import Floats
 from sysid.records.mixer import INDEPENDENT, factors_of
 from sysid.rotors.motor_faults.moments import MEMORY, read_moments
 from sysid.rotors.steady_trims import SteadyTrims

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from logparse import read_log
-from sysid.autopilot.gains import feed_forward, gains_of_craft, stick_values
+from sysid.autopilot.gathering import feed_forward, gains_of_craft, stick_values
 from sysid.loops.tuning import tune
 
 

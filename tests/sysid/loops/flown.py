@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, settings_of
 from sysid.frequency.records import AxisRecord
-from sysid.loops.loop import RateLoop, loop_of_records
-from sysid.loops.signals import LoopRecord
+from sysid.loops.loop import LoopRecord, RateLoop, loop_of_records
 
 
 def bending(gain: float, *, mode: tuple[float, float, float], **plant: float) -> AxisPlant:

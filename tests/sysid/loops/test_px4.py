@@ -1,5 +1,6 @@
 """PX4's rate controller: responses are those of the recursion, settings those of a log; nothing is proposed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,11 @@ from scipy.signal import lfilter
 
 from logparse import read_log
 from sysid.loops import LoopError, design, read_settings, tune
-from sysid.loops.controller import AngleController, GyroPath
+from sysid.loops.controller import AngleController, GyroPath, LoopSettings, RateController
 from sysid.loops.filters import low_pass_alpha, second_order
-from sysid.loops.px4 import Px4RateController, Px4Settings
 
 REAL = Path(__file__).parents[4] / "shared" / "logs" / "real"
-CONTROLLER = Px4RateController(P=0.15, I=0.2, D=0.003, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
+CONTROLLER = RateController(P=0.15, I=0.2, D=0.003, FF=0.05, K=1.3, FLTD=30.0, of_target=0.0, loop_rate=800.0)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def log():
     return read_log(path)
 
 
-def run(c: Px4RateController, target: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def run(c: RateController, target: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Run the recursion from rest; torque and the part of it that is the integral."""
     error, alpha = target - rate, low_pass_alpha(c.loop_rate, c.FLTD)
     change = lfilter([alpha], [1.0, alpha - 1.0], np.diff(rate, prepend=rate[:1]) * c.loop_rate)
@@ -52,18 +52,18 @@ def test_responses_are_those_of_the_recursion(which):
 
 def test_the_derivative_answers_the_rate_and_not_the_target():
     hz = np.array([10.0, 40.0])
-    without = Px4RateController(P=0.15, I=0.2, D=0.0, FF=0.05, K=1.3, FLTD=30.0, loop_rate=800.0)
+    without = replace(CONTROLLER, D=0.0)
     np.testing.assert_allclose(CONTROLLER.target_response(hz), without.target_response(hz))
     assert np.all(np.abs(CONTROLLER.error_response(hz)) > np.abs(without.error_response(hz)))
 
 
 def test_the_torque_of_yaw_has_its_own_filter():
-    yaw = Px4RateController(P=0.2, I=0.0, D=0.0, output_filter=2.0, loop_rate=800.0)
+    yaw = RateController(P=0.2, I=0.0, D=0.0, output_filter=2.0, loop_rate=800.0)
     assert abs(yaw.error_response(np.array([2.0]))[0]) == pytest.approx(0.2 / np.sqrt(2.0), rel=0.02)
 
 
 def test_other_gains_keep_the_names_of_px4():
-    settings = Px4Settings("roll", CONTROLLER, AngleController(P=6.5), GyroPath(40.0, 8000.0))
+    settings = LoopSettings("roll", CONTROLLER, AngleController(P=6.5), GyroPath(40.0, 8000.0), autopilot="PX4")
     changed = settings.changed(P=0.1, gyro_filter=60.0)
     assert changed.parameters()["MC_ROLLRATE_P"] == 0.1
     assert changed.parameters()["MC_ROLLRATE_K"] == 1.3

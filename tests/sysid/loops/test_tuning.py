@@ -25,7 +25,6 @@ from sysid.loops import LoopError, tune, tuning
 from sysid.loops.evidence import oscillation, sagged, two_ways_apart, unsupported, weak_band
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file, read_parameter_file, typed
-from sysid.loops.responses import attitude_loop
 from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
@@ -156,7 +155,7 @@ def test_attitude_gain_is_raised_within_its_own_phase_margin():
     truth = margins_of(HZ, true_loop(axis, gains_of(item.tuned.settings), HZ)).row(0)
     assert truth["gain_db"] >= item.worst["gain_db"]
     assert truth["phase_deg"] >= item.worst["phase_deg"]
-    assert margins_of(item.tuned.hz, attitude_loop(item.tuned)).phase_deg[0] >= 60.0
+    assert margins_of(item.tuned.hz, item.tuned.attitude_loop()).phase_deg[0] >= 60.0
 
 
 def test_values_come_back_as_typed():
