@@ -36,7 +36,7 @@ from sysid.rotors.motor_faults.trims import weak_from_start
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pipeline.results.fleet import FlightEntry, FlightParameter
+    from pipeline.results.fleet import FlightEntry
 
     Floats = NDArray[np.float64]
 

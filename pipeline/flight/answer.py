@@ -11,7 +11,7 @@ from core.parameter import Parameter
 from core.quantity import counted, duration, number, uncertain
 from pipeline.flight.identification import parameter_rows
 from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, VibrationReading
-from pipeline.results.answer import HOLDS, Answer, AnswerLine, Picture, Tone, clause
+from pipeline.results.answer import Answer, AnswerLine, Picture, Tone, clause
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.model import ParameterRow, PredictionUse
@@ -274,33 +274,26 @@ def _bandwidth(result: FlightResult) -> AnswerLine | None:
 
 def ahead(result: FlightResult) -> AnswerLine:
     """Answer with the model that predicts furthest, and its error there."""
-    fitted = [each for each in result.models if not isinstance(each.model, Failure)]
+    fitted = [each.report for each in result.models if not isinstance(each.model, Failure)]
     if not fitted:
         needed = (result.flight, result.trajectory, result.experiment, *(each.model for each in result.models))
         reason = next((each.reason for each in needed if isinstance(each, Failure)), "no model")
         return _none("no model", brief(reason))
-    uses = {each.key: each.report.uses.prediction for each in fitted}
-    names = {each.key: each.title.partition(" →")[0] for each in fitted}
-    able = {key: use for key, use in uses.items() if use.horizon_s is not None}
-    best = max(able, key=lambda key: able[key].horizon_s or 0.0, default="")
-    if not best or (able[best].horizon_s or 0.0) < HOLDS:
+    best = max(fitted, key=lambda each: each.uses.prediction.horizon_s or 0.0)
+    use, changed = best.uses.prediction, changed_load(result)
+    if not use.holds:
         tried = f"{counted(len(fitted), 'model')} tried"
-        if not any(use.judged for use in uses.values()):
-            missing = next(
-                (each.report.missing for each in fitted if each.report.missing), "too little flight was held out"
-            )
-            return _none("not judged", f"{tried}: {brief(missing)}")
-        return _none("none holds", tried)
-    use, changed = able[best], changed_load(result)
-    text = f"by {names[best]}, {_error(use)}"
+        if any(each.uses.prediction.judged for each in fitted):
+            return _none("none holds", tried)
+        missing = next((each.missing for each in fitted if each.missing), "too little flight was held out")
+        return _none("not judged", f"{tried}: {brief(missing)}")
+    text = f"by {best.short}, {_error(use)}"
     word, tone = ("yes", Tone.GOOD)
     if changed:
         # Models were fitted to two loads, and this held after the change only.
         word, tone, text = "with care", Tone.CARE, f"{text}; {changed}"
-    value = use.horizon_s if use.reach_s is None else use.reach_s
-    return AnswerLine(
-        purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=use.reach_sigma_s, unit="s"
-    )
+    value, sigma = use.ahead
+    return AnswerLine(purpose="Predict ahead", word=word, tone=tone, text=text, value=value, sigma=sigma, unit="s")
 
 
 def _none(word: str, text: str) -> AnswerLine:

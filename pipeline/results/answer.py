@@ -15,9 +15,6 @@ from pipeline.results.span import Span
 if TYPE_CHECKING:
     from pipeline.results.fleet import FlightEntry
 
-#: What predicts shorter [s] than a person needs to react is of use to a filter only.
-HOLDS = 1.0
-
 
 class Tone(StrEnum):
     """How good an answer is, for its colour."""

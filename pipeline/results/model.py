@@ -16,6 +16,9 @@ from pipeline.results.coverage import Linearity
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.validation.report import ModelRecord, OrderScan, ValidationReport
 
+#: Time [s] that a person needs to react.
+HOLDS = 1.0
+
 #: Numbers by output; None for what could not be determined.
 ByOutput = Mapping[str, float | None]
 
@@ -101,6 +104,11 @@ class ModelReport:
     def held_out(self) -> tuple[RmseRow, ...]:
         """Errors on flight time that it was not fitted to."""
         return tuple(row for row in self.rmse if row.part == "held-out")
+
+    @property
+    def short(self) -> str:
+        """Its title without where it leads to."""
+        return self.title.partition(" →")[0]
 
     def in_short(self) -> ModelReport:
         """Return what tables over all flights show."""
@@ -193,6 +201,16 @@ class PredictionUse:
     rmse_m: Mapping[str, float] = field(default_factory=dict)  #: RMS error by output there, m.
     judged: bool = False  #: False where no record was held out.
     sentence: str = "prediction: not judged"  #: The answer as a clause.
+
+    @property
+    def holds(self) -> bool:
+        """Whether it predicts for as long as a person needs to react; what does not is of use to a filter only."""
+        return (self.horizon_s or 0.0) >= HOLDS
+
+    @property
+    def ahead(self) -> tuple[float | None, float | None]:
+        """How far it predicts, s, with a standard error where that is known between horizons."""
+        return (self.horizon_s, None) if self.reach_s is None else (self.reach_s, self.reach_sigma_s)
 
     @classmethod
     def up_to(cls, horizons: tuple[float, ...], errors: Mapping[str, float]) -> PredictionUse:

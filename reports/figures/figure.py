@@ -213,11 +213,6 @@ def _axis(axis: str | Drawn) -> Drawn:
     return {"title": {"text": axis}} if isinstance(axis, str) else axis
 
 
-def short(title: str) -> str:
-    """Leave out of a model's title what legends have no room for: where it leads to."""
-    return title.partition(" →")[0]
-
-
 def model_color(key: str) -> str:
     """Return the colour that a kind of model has everywhere."""
     return MODEL_COLORS.get(key, "@body")

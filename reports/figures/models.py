@@ -26,7 +26,6 @@ from reports.figures.figure import (
     line,
     margin,
     model_color,
-    short,
     time_axis,
 )
 from reports.figures.frequency import bode, of_model, pole_map
@@ -64,7 +63,7 @@ def horizon_figure(
         for result in judged:
             rows = [row for row in result.horizons if row.output == output]
             errors = [row.rmse_m for row in rows]
-            style = short(result.title), model_color(result.key), "solid", result.key in hidden
+            style = result.short, model_color(result.key), "solid", result.key in hidden
             lines.append(([row.horizon_s for row in rows], errors, *style))
         for x, y, label, color, dash, off in lines:
             drawn = curve(x, np.array(y, dtype=float), label, color, 2.0, dash, "%{x:g} s: %{y:.3g} m")
@@ -102,7 +101,7 @@ def model_board(models: Sequence[ModelResult], hidden: Collection[str]) -> Board
     choices = []
     for result in sorted(models, key=lambda each: each.key in hidden):
         for output, drawn in response_figures(result).items():
-            choices.append((f"{result.key}-{output}", f"{short(result.title)} → {output}"))
+            choices.append((f"{result.key}-{output}", f"{result.report.short} → {output}"))
             figures += [replace(each, place=each.id.partition("-")[0]) for each in drawn]
     captions = {figure.place: (figure.caption, figure.height) for figure in reversed(figures)}
     return Board(tuple(choices), tuple(figures), {each: captions[each] for each in ("bode", "roots") if captions})
@@ -213,7 +212,7 @@ def compare(
             truth = line(whole.t, whole.y[:, number], "measured", "@ink", width=2.2, most=most)
             plot.add(truth, main, group="measured", legend=number == 0)
         for result, part in runs:
-            name, color = short(result.title), model_color(result.key)
+            name, color = result.report.short, model_color(result.key)
             style: Drawn = {"group": name, "visible": "legendonly" if result.key in hidden else True}
             t, y_hat = part.experiment.t, part.y_hat[:, number] + _alignment(whole, part, number)
             if part.drift is not None:

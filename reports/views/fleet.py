@@ -14,9 +14,9 @@ from urllib.parse import quote
 from core.quantity import counted, duration, number, per_degree, uncertain, with_unit
 from core.table import Cell, Row, Table
 from pipeline.results.account import GRAVITY, gravity
-from pipeline.results.answer import HOLDS, AnswerLine, Tone, clause
+from pipeline.results.answer import AnswerLine, Tone, clause
 from pipeline.results.drift import Drift, History, ParameterChange, Step
-from pipeline.results.model import ModelReport
+from pipeline.results.model import HOLDS, ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import log_words, summary
 from reports.views.summary import thrust_known, thrust_of
@@ -292,12 +292,11 @@ def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
 def _ahead(numbers: FleetReport) -> AnswerLine:
     """Answer with the joint model that predicts furthest, else with the best flight."""
     joint = furthest(numbers)
-    if joint is not None and (joint[1].uses.prediction.horizon_s or 0.0) >= HOLDS:
+    if joint is not None and joint[1].uses.prediction.holds:
         craft, model = joint
         of = f" ({called(craft, numbers.groups)})" if len(numbers.groups) > 1 else ""
-        text = f"by {model.title.partition(' →')[0]}, on {counted(len(model.held_out), 'flight')} held out{of}"
-        use = model.uses.prediction
-        reach, sigma = (use.horizon_s, None) if use.reach_s is None else (use.reach_s, use.reach_sigma_s)
+        text = f"by {model.short}, on {counted(len(model.held_out), 'flight')} held out{of}"
+        reach, sigma = model.uses.prediction.ahead
     else:
         own = [each for each in _said(numbers.flights, "Predict ahead") if (each[1].value or 0.0) >= HOLDS]
         if not own:

@@ -10,7 +10,6 @@ from markupsafe import Markup, escape
 
 from core.quantity import MINUS, counted, duration, number, uncertain
 from core.table import Row, Table
-from pipeline.results.answer import HOLDS
 from pipeline.results.model import ByOutput, ModelReport, PredictionUse, RmseRow, average
 from pipeline.results.report import CraftReport, FlightReport
 from reports.views import log_words, summary
@@ -42,7 +41,7 @@ def _reach(use: PredictionUse) -> str:
 
 
 def _holds(model: ModelReport) -> bool:
-    return model.model is not None and (model.uses.prediction.horizon_s or 0.0) >= HOLDS
+    return model.model is not None and model.uses.prediction.holds
 
 
 def _why_not(model: ModelReport) -> str:
