@@ -157,6 +157,17 @@ class TablesReport:
     model: SixDofReport
     findings: tuple[Finding, ...]
 
+    @property
+    def horizons(self) -> tuple[float, ...]:
+        """How far ahead it was judged, s."""
+        return tuple(sorted({each.horizon for each in self.errors}))
+
+    def mean(self, state: str, horizon: float, which: str) -> float | None:
+        """Return the mean over records of the errors of the model, or of one of the guesses without it."""
+        values = [getattr(each, which) for each in self.errors if each.state == state and each.horizon == horizon]
+        known = [float(value) for value in values if value is not None]
+        return sum(known) / len(known) if known else None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableResult:

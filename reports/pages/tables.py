@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from core.quantity import number, uncertain
 from core.table import Row, Table
 from pipeline.flight.table_analysis import TableResult, TablesReport
@@ -48,24 +46,14 @@ def _facts(report: TablesReport) -> str:
     return " · ".join(parts)
 
 
-def _mean(report: TablesReport, state: str, horizon: float, which: str) -> float | None:
-    values = [getattr(each, which) for each in report.errors if each.state == state and each.horizon == horizon]
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
-
-
-def _horizons(report: TablesReport) -> list[float]:
-    return sorted({each.horizon for each in report.errors})
-
-
 def _errors(report: TablesReport) -> Table:
     rows: list[Row] = []
     for state, unit in _UNITS.items():
         rows.append(Row(f"{state} ({unit})", kind="part"))
-        for horizon in _horizons(report):
+        for horizon in report.horizons:
             cells = [
                 "–" if value is None else number(value)
-                for value in (_mean(report, state, horizon, which) for which in ("model", "held", "carried_on"))
+                for value in (report.mean(state, horizon, which) for which in ("model", "held", "carried_on"))
             ]
             rows.append(Row(f"{horizon:g} s", cells))
     return Table(
@@ -146,7 +134,7 @@ def _figure(report: TablesReport, state: str) -> Figure | None:
         ("held", "state stays", "@own", "dot"),
         ("carried_on", "constant velocity", "@joint", "dash"),
     ):
-        values = [(horizon, _mean(report, state, horizon, which)) for horizon in _horizons(report)]
+        values = [(horizon, report.mean(state, horizon, which)) for horizon in report.horizons]
         known = [(horizon, value) for horizon, value in values if value is not None]
         if known:
             drawn = curve([horizon for horizon, _ in known], [value for _, value in known], name, color, 2.0, dash)
