@@ -94,7 +94,8 @@ def tune(
     Example: rotorid tune ROLL.bin PITCH.bin YAW.bin --out tuning
     """
     from core.serialization import as_json as strict_json
-    from reports.pages.loops import loops_page, tuning_report
+    from reports.pages.loops import loops_page
+    from sysid.loops.report import tuning_report
     from sysid.loops.tuning import tune as propose
 
     out = out or folder_of(parted(logs[0])[0])

@@ -14,9 +14,10 @@ from core.serialization import as_json, from_json
 from pipeline.flight.identification import coherence_report
 from pipeline.flight.summary import flight_report, models_file
 from pipeline.results.model import ParameterRow
-from reports.pages.loops import TuningReport, loops_page, tuning_report
+from reports.pages.loops import loops_page
 from reports.views.parameters import EMPTY, parameters
 from reports.views.rotation import rotation_view
+from sysid.loops.report import TuningReport, tuning_report
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning
