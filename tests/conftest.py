@@ -68,6 +68,7 @@ _LENGTHY = {
     ROOT / "tests" / f"{name}.py"
     for name in [
         "api/test_analyses",
+        "api/test_attacks",
         "api/test_crafts",
         "api/test_database",
         "api/test_ends",
@@ -95,10 +96,12 @@ _LENGTHY = {
         "pipeline/test_bad_fields",
         "pipeline/test_executors",
         "pipeline/test_fleet",
+        "pipeline/test_identification",
         "rotorid/test_front_door",
         "rotorid/test_start",
         "simulation/test_cases",
         "simulation/test_sample_logs",
+        "sysid/autopilot/test_drag_and_thrust_curve",
         "sysid/autopilot/test_notch_of_the_gyro",
         "sysid/frequency/test_bad_input",
         "sysid/loops/test_as_flown",
@@ -108,6 +111,7 @@ _LENGTHY = {
         "sysid/test_gusts",
         "sysid/test_kim2017",
         "sysid/test_motor_dropout",
+        "sysid/test_motor_loss",
         "sysid/test_pem",
         "sysid/test_rigid_body",
         "sysid/test_trim",
