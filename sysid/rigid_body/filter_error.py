@@ -297,19 +297,15 @@ def _huber(z: Floats) -> Floats:
     return np.where(size > HUBER, HUBER * (size - 0.5 * HUBER), 0.5 * size**2)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _explained(motions: Sequence[Motion], values: Floats, law: int) -> list[_Velocities]:
     """As `_velocities`, of all flights."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return [_velocities(motion, values, flight, law) for flight, motion in enumerate(motions)]
+    return [_velocities(motion, values, flight, law) for flight, motion in enumerate(motions)]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _linearise(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Disturbances]) -> _Linearised:
     """Form the normal equations of the innovations by n parameters, large ones with less weight."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _linearised(parts, n, disturbances)
-
-
-def _linearised(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Disturbances]) -> _Linearised:
     hessian, gradient = np.zeros((n, n)), np.zeros(n)
     costs, scores, flights = [], [], []
     for flight, ((left, jacobian, dt), both) in enumerate(zip(parts, disturbances, strict=True)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -125,7 +126,7 @@ def to_control(model: TransferMatrix) -> control.TransferFunction:
         [[model.transfer_functions[o][i] for i in model.input_names] for o in model.output_names],
         inputs=list(model.input_names),
         outputs=list(model.output_names),
-        name=_identifier(model.name),
+        name=re.sub(r"[\W_]", "_", model.name),  # that package takes no other characters
     )
 
 
@@ -169,8 +170,3 @@ def _cell(texts: Any) -> Any:
     cell = np.empty((1, len(texts)), dtype=object)
     cell[0, :] = texts
     return cell
-
-
-def _identifier(name: str) -> str:
-    """Leave out of a name what python-control does not take."""
-    return "".join(character if character.isalnum() else "_" for character in name)

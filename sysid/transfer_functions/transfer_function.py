@@ -364,7 +364,10 @@ class TransferFunctionModel(FunctionsModel):
 
     def record(self) -> TransferFunctionsRecord:
         """Return what files hold of the model."""
-        functions = {output: _records(row) for output, row in self.transfer_functions.items()}
+        functions = {
+            output: {name: function.record() for name, function in row.items()}
+            for output, row in self.transfer_functions.items()
+        }
         held = held_alike(self, TransferFunctionsRecord.__struct_fields__)
         return TransferFunctionsRecord(
             **held | {"transfer_functions": functions, "initial_seconds": INITIAL_SECONDS},
@@ -384,7 +387,3 @@ class TransferFunctionModel(FunctionsModel):
 def held_alike(of: FunctionsModel | FunctionsRecord, names: Iterable[str]) -> dict[str, Any]:
     """Return what a model, or its record, has under the same names as the other."""
     return {name: getattr(of, name) for name in names if hasattr(of, name)}
-
-
-def _records(row: Mapping[str, TransferFunction]) -> dict[str, FunctionRecord]:
-    return {name: function.record() for name, function in row.items()}

@@ -254,7 +254,8 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
     used, further = list(kinds.thrusting), list(kinds.further)
     inputs = np.concatenate([body.inputs for body in bodies])
     speeds = kinds.quantity is BodyQuantity.SPEED
-    expo = 1.0 if speeds else _expo(kinds, records)
+    vehicle = records[0].vehicle if kinds.quantity is BodyQuantity.PWM else None
+    expo = 1.0 if speeds else 0.0 if vehicle is None else vehicle.thrust_expo
     if speeds:
         scale = len(used) * float(np.mean(inputs[:, used] ** 2))
         reference = float(np.mean(inputs[:, used]))
@@ -273,13 +274,6 @@ def _shape(kinds: InputKinds, bodies: Sequence[BodyRecord], records: Sequence[Ex
         centre=extra.mean(axis=0),
         width=np.maximum(extra.std(axis=0), 1e-9),
     )
-
-
-def _expo(kinds: InputKinds, records: Sequence[Experiment]) -> float:
-    vehicle = records[0].vehicle
-    if kinds.quantity is not BodyQuantity.PWM or vehicle is None:
-        return 0.0
-    return vehicle.thrust_expo
 
 
 def _unpack(
@@ -402,9 +396,10 @@ def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, Body
     # Both laws of drag stand for one effect: where one is impossible, what the other came out as leans on it.
     effects = [(f"drag_rotor_{axis}", f"drag_quadratic_{axis}") for axis in "xyz"]
     for names in (*effects, *((f"{axis}_damping",) for axis in ("roll", "pitch", "yaw"))):
-        wrong = [name for name in names if name in out and _below_zero(out[name])]
-        for name in names:
-            if not wrong or name not in out:
+        there = {name: out[name] for name in names if name in out}
+        wrong = [name for name, each in there.items() if (each.value or 0.0) < -_BEYOND * (each.sigma or 0.0)]
+        for name in there:
+            if not wrong:
                 continue
             if name in wrong:
                 came = f"{out[name].value:.2g} ± {out[name].sigma:.2g}"
@@ -434,7 +429,3 @@ def wrong_turns(parameters: Mapping[str, BodyParameter], spread: Mapping[str, fl
             {axis: float(gains[axis].used) for axis in wrong},
         ),
     )
-
-
-def _below_zero(each: BodyParameter) -> bool:
-    return each.value is not None and each.sigma is not None and each.value < -_BEYOND * each.sigma
