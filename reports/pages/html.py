@@ -16,8 +16,9 @@ from markupsafe import Markup, escape
 
 from core.quantity import complex_numbers, number
 from reports.figures.figure import Figure
+from reports.views.formula import transfer_function
 from reports.views.log_words import sentence
-from reports.views.models import PLACES, functions_intro, orders, transfer_function
+from reports.views.models import PLACES, functions_intro, orders
 from reports.views.summary import TRUST_WORDS
 
 

@@ -18,7 +18,7 @@ from core.quantity import (
     uncertain,
     with_unit,
 )
-from reports.views.models import polynomial, transfer_function
+from reports.views.formula import polynomial, transfer_function
 
 
 @pytest.mark.parametrize(
