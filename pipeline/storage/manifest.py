@@ -134,7 +134,8 @@ def _fingerprint(packages: Iterable[str]) -> str:
         if spec is None or spec.origin is None:
             continue
         folder = Path(spec.origin).parent
-        for file in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
+        # What was compiled of them comes and goes.
+        for file in sorted(each for each in folder.rglob("*") if each.is_file() and "__pycache__" not in each.parts):
             sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
     return sources.hexdigest()

@@ -14,6 +14,7 @@ from pipeline.execution import cluster
 from pipeline.execution.cluster import Cluster, SchedulerError, software
 from pipeline.execution.executors import WorkerDiedError, as_done
 from pipeline.fleet import crafts, job
+from pipeline.storage import manifest
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server
@@ -199,3 +200,16 @@ def test_the_same_version_with_other_sources_is_refused():
         cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
     with pytest.raises(SchedulerError, match=f"has rotorid {re.escape(here['rotorid'])} instead of 2"):
         cluster.call_guarded(here | {"sources": "bb", "rotorid": "2"}, calls.square, (3,), {})
+
+
+def test_sources_are_the_same_before_and_after_loops_are_compiled(tmp_path, monkeypatch):
+    """Else a folder is analysed anew, and workers refused, for what was compiled meanwhile."""
+    monkeypatch.syspath_prepend(tmp_path)
+    compiled = tmp_path / "sources_of_old" / "__pycache__"
+    compiled.mkdir(parents=True)
+    (compiled.parent / "__init__.py").write_text("")
+    before = manifest._fingerprint(["sources_of_old"])
+    (compiled / "loop.nbi").write_bytes(b"compiled")
+    assert manifest._fingerprint(["sources_of_old"]) == before
+    (compiled.parent / "page.html").write_text("a template")
+    assert manifest._fingerprint(["sources_of_old"]) != before

@@ -102,7 +102,8 @@ def test_flies_with_other_inputs_and_with_a_controller(fitted):
     Of inputs that act two samples later all that matters is known when a controller is asked.
     """
     model, _, unseen = fitted
-    model = replace(model, shape=replace(model.shape, delays=np.full(4, 0.02)))
+    alike = {name: value for name, value in model.shape.values.items() if not name.startswith("delay")}
+    model = replace(model, shape=replace(model.shape, values=alike | {"delay": 0.02}))
     start = unseen[300:450]
     states, given = model.fly(start, lambda t, state, inputs: inputs)
     assert np.array_equal(given[:-1], start.u[:-1])
