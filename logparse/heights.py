@@ -47,12 +47,6 @@ def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
             yield source, height
 
 
-def credible_heights(tables: Tables, flight: "_Interval") -> list[tuple[str, "pd.Series[float]"]]:
-    """Return the heights of a flight by source, the most credible first, those that did not come back last."""
-    stayed = not_returned(tables, flight)
-    return sorted(heights(tables), key=lambda each: each[0] in stayed)
-
-
 def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
     """Return how far above the ground [m] sources of height stayed where others came back with a craft that did."""
     gps = tables.gps

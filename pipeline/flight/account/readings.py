@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from core.quantity import joined
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.heights import above_ground, credible_heights, ground_level, slope_down
+from logparse.heights import above_ground, ground_level, heights, not_returned, slope_down
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
@@ -75,9 +75,14 @@ class Readings:
         return pwm_range(self.tables.parameters)
 
     @cached_property
+    def stayed(self) -> dict[str, float]:
+        """How far above the ground [m] sources of height stayed where others came back with the craft."""
+        return not_returned(self.tables, self.flight)
+
+    @cached_property
     def heights(self) -> list[tuple[str, pd.Series[float]]]:
-        """Heights by source, the most credible first."""
-        return credible_heights(self.tables, self.flight)
+        """Heights by source, the most credible first, those that did not come back last."""
+        return sorted(heights(self.tables), key=lambda each: each[0] in self.stayed)
 
     @cached_property
     def height(self) -> pd.Series[float] | None:

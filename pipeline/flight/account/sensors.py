@@ -11,7 +11,7 @@ from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
 from core.units import EARTH_RADIUS
-from logparse.heights import WRONG, not_returned
+from logparse.heights import WRONG
 from pipeline.flight.account.readings import (
     ACCELERATION,
     RECOVERS,
@@ -120,7 +120,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
 def _height(readings: Readings) -> Iterator[Finding]:
     """Find a barometer that stayed in the air when the craft came down, or an autopilot whose height ran away."""
     flight = readings.flight
-    if (above := not_returned(readings.tables, flight).get("baro")) is not None:
+    if (above := readings.stayed.get("baro")) is not None:
         side = "above" if above > 0.0 else "below"
         yield finding(
             "height-estimate-wrong",
@@ -129,10 +129,10 @@ def _height(readings: Readings) -> Iterator[Finding]:
             advice="Look at the barometer's foam and wiring: do not hold height before it is cured.",
             height_error_m=above,
         )
-    known = dict(readings.heights)
-    own, (source, credible) = known.get("autopilot"), readings.heights[0] if readings.heights else ("autopilot", None)
-    if own is None or credible is None or source == "autopilot":
+    own = dict(readings.heights).get("autopilot")
+    if own is None or readings.own_height:
         return
+    source, credible = readings.heights[0]
     height = own.loc[flight.start : flight.stop]
     if len(height) < 10 or len(credible.loc[flight.start : flight.stop]) < 10:
         return
