@@ -20,7 +20,7 @@ from pipeline.flight.training import exclusion_of, position_good, position_sigma
 from pipeline.results.answer import Advice, names_of
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import Exclusion
-from sysid.frequency.axes import SID_AXES
+from sysid.frequency.axes import MIXER_CHIRPS
 from sysid.rigid_body.model_record import LIGHT, TURBULENCE
 
 if TYPE_CHECKING:
@@ -106,8 +106,7 @@ def _margins(result: FlightResult) -> Iterator[Advice]:
 
 
 def _chirps(axes: list[AxisRotation]) -> str:
-    at_mixer = {name: number for number, (name, mixer) in SID_AXES.items() if mixer}
-    return joined([f"{at_mixer[axis.axis]} for {axis.axis}" for axis in axes])
+    return joined([f"{MIXER_CHIRPS[axis.axis]} for {axis.axis}" for axis in axes])
 
 
 def _logged(result: FlightResult, *needs: Need) -> str:

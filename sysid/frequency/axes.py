@@ -59,6 +59,9 @@ SID_AXES: Mapping[int, tuple[str, bool]] = MappingProxyType(
     | {k: (("roll", "pitch")[k % 2], False) for k in range(14, 20)}
 )
 
+#: SID_AXIS of a chirp that is added after the controller, by axis.
+MIXER_CHIRPS: Mapping[str, int] = MappingProxyType({name: k for k, (name, mixer) in SID_AXES.items() if mixer})
+
 
 def axis_of(name: str) -> Axis:
     """Return an axis by its name."""

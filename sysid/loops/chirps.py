@@ -17,9 +17,6 @@ from sysid.loops.plant import DELAY_BETWEEN_FLIGHTS, gain_between_flights
 #: Unit of an expected error that is a share of the quantity itself.
 RELATIVE = "1 (relative)"
 
-#: SID_AXIS of a chirp at the mixer.
-SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
-
 #: Highest frequency in parts of the rate at which RATE is logged.
 _BELOW_RATE = 0.4
 

@@ -9,12 +9,12 @@ import numpy as np
 from logparse import FlightLog, RotoridError
 from logparse.craft.log_settings import Need, log_setting
 from logparse.craft.quadplane import own_names
+from sysid.frequency.axes import MIXER_CHIRPS
 from sysid.frequency.fit import fit
 from sysid.loops.as_flown import contradiction_of
 from sysid.loops.chirps import (
     FADE_OUT,
     RELATIVE,
-    SID_AXIS,
     ChirpDesign,
     Expected,
     Limits,
@@ -101,7 +101,7 @@ def _rates(log: FlightLog, limits: Limits) -> Design:
     expected: list[Expected] = []
     chirps: list[ChirpDesign] = []
     reasons = []
-    for axis in SID_AXIS:
+    for axis in AXES:
         try:
             chirp = _chirp(log, axis, limits)
         except RotoridError as error:
@@ -143,7 +143,7 @@ def _predicted(chirp: ChirpDesign) -> list[str]:
 
 def _chirp_file(log: FlightLog, chirp: ChirpDesign, limits: Limits) -> str:
     values = {
-        "SID_AXIS": float(SID_AXIS[chirp.axis]),
+        "SID_AXIS": float(MIXER_CHIRPS[chirp.axis]),
         "SID_MAGNITUDE": chirp.magnitude,
         "SID_F_START_HZ": chirp.low,
         "SID_F_STOP_HZ": chirp.high,

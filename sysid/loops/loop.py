@@ -16,7 +16,7 @@ import pandas as pd
 from core.parameter import Parameter
 from core.summary import Summarised
 from logparse import FlightLog, GivenLogs, logs_of
-from sysid.frequency.axes import axis_of
+from sysid.frequency.axes import MIXER_CHIRPS, axis_of
 from sysid.frequency.estimate import response, response_of_records
 from sysid.frequency.excitation import Chirp, Within, mixer_chirps
 from sysid.frequency.fit import fit
@@ -327,10 +327,10 @@ def _records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[L
     signals = rate_signals(log)
     chirps = mixer_chirps(log, axis, within)
     if not chirps:
-        number = {"roll": 10, "pitch": 11, "yaw": 12}.get(axis, 0)
         raise LoopError(
-            f"{log.path.name} has no chirp at the mixer on the {axis} axis; fly mode SYSTEMID with SID_AXIS {number} "
-            "(`rotorid design` writes the parameters), with RATE and PID messages at 100 Hz or more"
+            f"{log.path.name} has no chirp at the mixer on the {axis} axis; fly mode SYSTEMID with SID_AXIS "
+            f"{MIXER_CHIRPS[axis]} (`rotorid design` writes the parameters), with RATE and PID messages at 100 Hz or "
+            "more"
         )
     return tuple(
         LoopRecord(chirp_record(log, signals, which, chirp), _feedback(log, signals, axis, chirp)) for chirp in chirps
