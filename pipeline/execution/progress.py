@@ -131,7 +131,8 @@ def _bar() -> Iterator[Progress]:
 class Clock:
     """Estimates the time to go from how far the work had come when, s.
 
-    What was done before the first report of a fraction, such as loading packages, is no measure of the rest.
+    What was done before the first report of a fraction, such as loading packages, is no measure of the rest; nor is
+    what is reported with a fraction of 0 later, as compiling.
     """
 
     def __init__(self) -> None:
@@ -141,9 +142,8 @@ class Clock:
 
     def reach(self, fraction: float, now: float) -> None:
         """Note a part of the whole."""
-        if self._began is None:
-            if fraction > 0.0:
-                self._began = (fraction, now)
+        if self._began is None or fraction == 0.0:
+            self._began = (fraction, now) if fraction else None
             return
         # A report that brings nothing new leaves the countdown going.
         if fraction <= self._fraction:

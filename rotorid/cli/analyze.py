@@ -245,7 +245,6 @@ def _one_flight(
         from pipeline.storage.manifest import write_entry
         from reports.files.folder import write_account
 
-        compile_missing(progress)
         # Loading the packages takes as long as a sixth of an ordinary analysis.
         advance = Overall(progress, loaded=0.7)
         advance("read", 0.0)
@@ -255,7 +254,13 @@ def _one_flight(
                 _announce_all(logs)
             return
         announced: list[FlightResult] = []
-        told = None if as_json else partial(_announce, out=out, announced=announced)
+
+        def told(begun: "FlightResult") -> None:
+            if not as_json:
+                announced.append(begun)
+                _announce(begun, out)
+            compile_missing(progress)  # half a minute on a new computer: what happened is told before it
+
         try:
             (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, told=told)
         except RotoridError as error:
@@ -280,12 +285,11 @@ def _one_flight(
     _end(numbers, ())
 
 
-def _announce(result: "FlightResult", out: Path, announced: "list[FlightResult]") -> None:
-    """Print what happened, and write a page with it, before anything is identified; note that it was announced."""
+def _announce(result: "FlightResult", out: Path) -> None:
+    """Print what happened, and write a page with it, before anything is identified."""
     from pipeline.results.failure import present
     from reports.files.folder import write_account
 
-    announced.append(result)
     answer = present(result.answer)
     if answer is not None:
         console().print(answer.lines[0].text, markup=False, soft_wrap=True)
