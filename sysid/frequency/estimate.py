@@ -293,7 +293,7 @@ def _without_bends(
         found = _composite(left, windows, axis, first.hz, first.gyro_filter_hz, model)
         moved = np.abs(np.log(found.response / first.response)) / found.sigma
         first = found
-        if np.max(moved, where=found.usable, initial=0.0) < 0.3:
+        if np.max(moved, where=found.counts, initial=0.0) < 0.3:
             break
         try:
             model = refit(model, found)

@@ -136,9 +136,9 @@ def _stands_out(attempt: FrequencyFit, deviations: float) -> bool:
 
 
 def _fastest(attempt: FrequencyFit) -> float:
-    """Return the highest usable frequency, rad/s."""
+    """Return the highest frequency that counts, rad/s."""
     response = attempt.responses[0]
-    return 2.0 * np.pi * float(response.hz[response.usable][-1])
+    return 2.0 * np.pi * float(response.hz[response.counts][-1])
 
 
 def _possible(attempt: FrequencyFit) -> bool:
@@ -149,7 +149,7 @@ def _possible(attempt: FrequencyFit) -> bool:
     return bool(
         max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < 0.5
         and (values["delay"] > -0.003 or "speed_moment" in values)  # at its frequencies delays hardly show
-        and (mode is None or 2.0 * np.pi * float(response.hz[response.usable][0]) < mode < fastest)
+        and (mode is None or 2.0 * np.pi * float(response.hz[response.counts][0]) < mode < fastest)
         and _LEAST_MODE[0] < values.get("mode_damping", 0.1) < 0.4
         and abs(values.get("mode_share", 1.0)) > _LEAST_MODE[1]
     )
@@ -178,8 +178,9 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
         guess["delay"] = 0.3 * delay
     guesses = [guess]
     if "mode_frequency" in structure.names:
-        # A mode is where the phase and the gain bend most against a smooth course.
+        # A mode is where the phase and the gain bend most against a smooth course, beyond their errors.
         bend = np.abs(np.gradient(np.gradient(np.log(np.abs(plain)) + 1j * np.unwrap(np.angle(plain)))))
+        bend /= np.hypot(response.sigma[good], FLOOR)
         bend[: max(len(bend) // 4, 2)] = 0.0
         mode = float(omega[np.argmax(bend)])
         guesses = [guess | {"mode_frequency": mode, "mode_share": share} for share in (0.2, -0.2)]

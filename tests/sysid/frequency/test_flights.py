@@ -120,6 +120,16 @@ def test_a_flexible_mode_is_found_with_its_damping(tmp_path: Path) -> None:
     assert found.transfer_function().state_space[0].shape == (4, 4)
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+def test_a_weak_mode_is_found_among_frequencies_that_count_though_noise_rules_them(seed: int, tmp_path: Path) -> None:
+    """Beyond 17 Hz the chirp is not coherent: chance bends the last frequencies more than the mode bends its own."""
+    plant = replace(PLANT, lag=0.048, flex_hz=21.5, flex_damping=0.06, flex_share=0.14, filter_hz=20.0)
+    excitation = replace(CHIRP, gust=1.0, noise=0.02)
+    known = frequency.fit(frequency.response(flown(tmp_path, excitation, seed, plant, rate=400.0), "roll")).parameters
+    assert known["mode_frequency"].value == pytest.approx(2.0 * np.pi * 21.5, rel=0.03)
+    assert known["mode_damping"].value == pytest.approx(0.06, rel=0.2)
+
+
 def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
     """Of a light craft most of the slow command works against the air: without it in the structure nothing fits."""
     rng = np.random.default_rng(8)
