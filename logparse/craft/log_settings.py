@@ -115,16 +115,19 @@ _PX4: Mapping[Need, Bit] = dict.fromkeys(Need, _DEFAULT_SET) | {
 
 #: Stream rates of ArduPilot's telemetry ports that carry what is lacking.
 _STREAMS: Mapping[Need, str] = {
-    Need.MOTORS: "SRn_RC_CHAN",
-    Need.FAST_MOTORS: "SRn_RC_CHAN",
-    Need.IMU: "SRn_RAW_SENS",
-    Need.FAST_IMU: "SRn_RAW_SENS",
-    Need.GPS: "SRn_EXT_STAT",
-    Need.BARO: "SRn_RAW_SENS",
-    Need.COMPASS: "SRn_RAW_SENS",
-    Need.BATTERY: "SRn_EXT_STAT",
-    Need.ATTITUDE: "SRn_EXTRA1",
+    Need.MOTORS: "RC_CHAN",
+    Need.FAST_MOTORS: "RC_CHAN",
+    Need.IMU: "RAW_SENS",
+    Need.FAST_IMU: "RAW_SENS",
+    Need.GPS: "EXT_STAT",
+    Need.BARO: "RAW_SENS",
+    Need.COMPASS: "RAW_SENS",
+    Need.BATTERY: "EXT_STAT",
+    Need.ATTITUDE: "EXTRA1",
 }
+
+#: First ArduPilot whose stream rates are MAVn_, from 1 on; those before have SRn_, from 0 on.
+_MAV_STREAMS_SINCE = (4, 7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +179,15 @@ def bits_of(vehicle: Vehicle) -> Mapping[Need, Bit]:
         return _PX4
     firmware = vehicle.firmware or ("ArduCopter" if vehicle.frame_class else None)
     bits = dict(_EVERY_VEHICLE if firmware is None else _ARDUPILOT.get(firmware, {}))
-    version = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
-    if version and (int(version[1]), int(version[2])) < _FAST_IMU_SINCE:
+    if (version := _version(vehicle)) and version < _FAST_IMU_SINCE:
         bits.pop(Need.FAST_IMU, None)
     return bits
+
+
+def _version(vehicle: Vehicle) -> tuple[int, int] | None:
+    """Return major and minor number of the firmware; None where the log does not tell."""
+    version = re.match(r"(\d+)\.(\d+)", vehicle.version or "")
+    return version and (int(version[1]), int(version[2]))
 
 
 def log_setting(
@@ -247,7 +255,9 @@ def _by_radio(need: Need, vehicle: Vehicle) -> str:
     )
     if need in (Need.FAST_RATES, Need.PID):
         return f"Telemetry cannot carry them: use {own}."
-    stream = {"PX4": "MAV_n_RATE of the telemetry port", "ArduPilot": f"{_STREAMS[need]} of the telemetry port"}.get(
-        vehicle.autopilot or "", "the rate of the telemetry stream"
-    )
+    prefix = "MAVn_" if (_version(vehicle) or (0, 0)) >= _MAV_STREAMS_SINCE else "SRn_"
+    stream = {
+        "PX4": "MAV_n_RATE of the telemetry port",
+        "ArduPilot": f"{prefix}{_STREAMS[need]} of the telemetry port",
+    }.get(vehicle.autopilot or "", "the rate of the telemetry stream")
     return f"Raise {stream}, or use {own}."

@@ -1,8 +1,8 @@
 """The gyro's harmonic notch from raw batches: what it should follow, what noise reaches the motors with it and without.
 
-ArduPilot's notch (HarmonicNotchFilter) follows throttle as FREQ sqrt(throttle / REF), not below FM_RAT of it, or the
-rotors' speeds that the ESCs report. Noise at the motors is the gyro's spectrum through notch, low-pass and the rate
-controller: in each batch with the notch where it stood at that batch's throttle.
+ArduPilot's notch (HarmonicNotchFilter) follows throttle as FREQ sqrt(throttle / REF), not below FM_RAT of it, or, from
+FREQ on, the rotors' speeds that the ESCs report. Noise at the motors is the gyro's spectrum through notch, low-pass and
+the rate controller: in each batch with the notch where it stood at that batch's throttle.
 """
 
 from __future__ import annotations
@@ -94,17 +94,18 @@ def notch_values(
     if hidden is not None:
         return [*refused(NAMES, ParameterFile.MOTOR_NOTCH, flown, hidden), *filters]
     costs = _costs(study, loops)
+    by_esc = values[_PREFIX + "MODE"] == Follows.ESC
     reasons = {
         "ENABLE": f"noise at the mixer in hover {rms['now']} as flown, {rms['then']} with it; it costs {costs}",
-        "MODE": "rotor speeds as the ESCs report them" if values[_PREFIX + "MODE"] == Follows.ESC else "throttle",
-        "REF": "throttle of hover" if values[_PREFIX + "MODE"] == Follows.THROTTLE else "as ESC telemetry wants it",
-        "FREQ": follows,
+        "MODE": "rotor speeds as the ESCs report them" if by_esc else "throttle",
+        "REF": "as ESC telemetry wants it" if by_esc else "throttle of hover",
+        "FREQ": f"lowest that it follows the ESCs to; {lines.hz:.1f} Hz is the {follows}" if by_esc else follows,
         "BW": "a wider one would be hardly quieter at the throttles flown, and cost more phase",
         "ATT": "as ArduPilot advises",
         "HMNCS": "lines stand out at " + ", ".join(f"{k * lines.hz:.0f} Hz" for k in lines.harmonics),
-        "FM_RAT": "down to the throttle of descents",
+        "FM_RAT": "down to FREQ" if by_esc else "down to the throttle of descents",
     }
-    sigmas = {"FREQ": lines.sigma, "BW": lines.sigma}
+    sigmas = {"FREQ": lines.sigma * values[_PREFIX + "FREQ"] / lines.hz, "BW": lines.sigma}
     found = {
         _PREFIX + name: Parameter(values[_PREFIX + name], sigmas.get(name), "Hz" if name in sigmas else "", why)
         for name, why in reasons.items()
@@ -169,18 +170,19 @@ def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
     assert throttle is not None  # the batches are of a flight with its throttle
     least = float(np.percentile(throttle.loc[flight.start : flight.stop].dropna(), 1.0))
     esc = _reported(log, lines)
-    part = np.sqrt(max(least, 0.0) / lines.hover)
+    part = float(np.clip(np.sqrt(max(least, 0.0) / lines.hover), *_LEAST_PART))
+    frequency = typed(part * lines.hz) if esc else typed(lines.hz)  # that of ESCs is the lowest that is followed
     values = {
         _PREFIX + "ENABLE": 1.0,
         _PREFIX + "MODE": float(Follows.ESC if esc else Follows.THROTTLE),
         _PREFIX + "REF": 1.0 if esc else typed(lines.hover),
-        _PREFIX + "FREQ": typed(lines.hz),
+        _PREFIX + "FREQ": frequency,
         _PREFIX + "BW": 0.0,
         _PREFIX + "ATT": _ATTENUATION,
         _PREFIX + "HMNCS": float(sum(1 << (k - 1) for k in lines.harmonics)),
-        _PREFIX + "FM_RAT": round(float(np.clip(part, *_LEAST_PART)), 2),
+        _PREFIX + "FM_RAT": 1.0 if esc else round(part, 2),
     }
-    choices = [values | {_PREFIX + "BW": typed(width * lines.hz)} for width in _BANDWIDTHS]
+    choices = [values | {_PREFIX + "BW": typed(width * frequency)} for width in _BANDWIDTHS]
     everywhere = replace(lines, batches=lines.steady)
     noise = [motor_noise(log, everywhere, {**log.parameters_flown, **each}).mixer["roll"] for each in choices]
     return next(each for each, loud in zip(choices, noise, strict=True) if loud <= _AS_QUIET * noise[-1])
@@ -224,7 +226,7 @@ def _path(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> G
         if mode == Follows.THROTTLE and values[f"{prefix}REF"] > 0.0:
             base = notch_by_throttle(values, prefix, batch.throttle)
         elif mode > Follows.THROTTLE:
-            base = lines.hz * (batch.throttle / lines.hover) ** lines.exponent
+            base = max(nominal, lines.hz * (batch.throttle / lines.hover) ** lines.exponent)
         notches += notch_at(values, prefix, batch.rate, base)
     return GyroPath(parameters["INS_GYRO_FILTER"], batch.rate, tuple(notches))
 

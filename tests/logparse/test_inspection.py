@@ -107,10 +107,12 @@ def test_a_bit_that_is_set_points_to_the_sensor():
     assert "set already" in findings["mag"].advice
 
 
-def test_telemetry_is_told_its_stream_rates():
+@pytest.mark.parametrize(("minor", "name"), [(6, "SRn_RC_CHAN"), (7, "MAVn_RC_CHAN")])
+def test_telemetry_is_told_its_stream_rates(minor, name):
     beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
-    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
-    assert "SRn_RC_CHAN" in findings["motors"].advice
+    version = message([0.0], flight_sw_version=[4 << 24 | minor << 16], system=[1], component=[1])
+    findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat, AUTOPILOT_VERSION=version), kind="tlog")))
+    assert name in findings["motors"].advice
 
 
 def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():

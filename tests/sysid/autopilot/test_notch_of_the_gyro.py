@@ -77,7 +77,11 @@ def test_lines_and_what_they_follow():
     assert found["INS_HNTCH_FREQ"] == pytest.approx(83.0, rel=0.005)
     assert (found["INS_HNTCH_MODE"], found["INS_HNTCH_REF"], found["INS_HNTCH_HMNCS"]) == (1.0, 0.4, 3.0)
     # Where ESCs report the line's speed the notch follows them; where they report another, as with wrong poles, not.
-    assert proposed(flight(esc=1.0))["INS_HNTCH_MODE"] == 3.0
+    by_esc = proposed(flight(esc=1.0))
+    assert (by_esc["INS_HNTCH_MODE"], by_esc["INS_HNTCH_REF"], by_esc["INS_HNTCH_FM_RAT"]) == (3.0, 1.0, 1.0)
+    # FREQ is then no frequency of hover but the lowest that is followed (ArduPilot's parameter reference).
+    assert by_esc["INS_HNTCH_FREQ"] == pytest.approx(found["INS_HNTCH_FM_RAT"] * found["INS_HNTCH_FREQ"], rel=0.01)
+    assert by_esc["INS_HNTCH_BW"] < by_esc["INS_HNTCH_FREQ"]
     assert proposed(flight(esc=0.5))["INS_HNTCH_MODE"] == 1.0
     lines = notch_study(flight(exponent=0.8)).lines
     assert lines.exponent == pytest.approx(0.8, abs=0.05)
