@@ -43,7 +43,7 @@ class Comparison(Summarised):
                         "output": output,
                         "rmse": rmse,
                         "best_baseline": float(baselines.min()),
-                        "trusted": each.trusted[output],
+                        "trusted": output in each.uses.free_run.follows,
                     }
                 )
         return WholeTable(pd.DataFrame(rows).set_index(["model", "output"]))

@@ -10,9 +10,10 @@ from logparse import Vehicle
 from pipeline.config import ConfigError
 from pipeline.results.answer import Answer, AnswerLine, Tone
 from pipeline.results.fleet import FlightEntry
-from pipeline.results.model import ModelReport, Trust, Verdict
+from pipeline.results.model import ModelReport
 from pipeline.results.report import FleetReport, FlightReport
 from reports.report_json import read_report
+from sysid.validation.uses import Trust, Verdict
 
 #: The file of the results that holds the entries of flights for their craft; for the service only.
 FILE = "flights.json"

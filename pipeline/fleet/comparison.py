@@ -15,8 +15,9 @@ from pipeline.config import AnalysisConfig
 from pipeline.fleet.meta_analysis import corrected, difference
 from pipeline.names import printable
 from pipeline.results.drift import ParameterChange
-from pipeline.results.model import ModelReport, Trust, average
+from pipeline.results.model import ModelReport, average
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
+from sysid.validation.uses import Trust
 
 #: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
 METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")

@@ -28,11 +28,11 @@ from pipeline.flight.craft import by_craft, changes, in_order, kept_apart
 from pipeline.flight.identification import compare_parameters, identify, parameter_rows, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.next_flights import for_craft
-from pipeline.flight.purposes import overall
 from pipeline.names import printable
 from pipeline.results.failure import Failure, findings_of, present, reasons
 from pipeline.results.fleet import FlightEntry, GroupEntry, GroupResult, LogFailure, Split
 from pipeline.results.flight import ModelResult, Prediction
+from pipeline.results.model import verdict_of
 from pipeline.results.report import CraftReport
 from pipeline.storage.dataset import EXPERIMENTS, part, read_experiment
 from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current, write_entry
@@ -219,7 +219,7 @@ def identify_craft(
         training=split.training,
         held_out=split.held_out,
         split=split.sentence,
-        verdict=overall(reports),
+        verdict=verdict_of(reports),
         rmse=tuple(row for model in reports for row in model.rmse),
         models=reports,
         thrust=present(thrust),

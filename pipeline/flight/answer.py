@@ -14,11 +14,12 @@ from pipeline.results.account import Account, BatteryReading, GpsReading, HoverR
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone, clause
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from pipeline.results.model import ParameterRow, PredictionUse
+from pipeline.results.model import ParameterRow
 from pipeline.results.rotation import AxisMargins, LoopState
 from pipeline.results.span import Span
 from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
 from sysid.rotors.thrust_regression import THRUST_CHANGED
+from sysid.validation.uses import PredictionUse
 
 
 def compose_answer(result: FlightResult) -> Answer:

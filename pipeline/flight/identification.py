@@ -16,7 +16,6 @@ from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Stages
 from pipeline.flight.coverage import BAND, in_band
 from pipeline.flight.kinds import RIGID_BODY_KEY, ModelKind
-from pipeline.flight.purposes import uses_of
 from pipeline.results.coverage import Linearity
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import ModelResult, Prediction
@@ -24,6 +23,7 @@ from pipeline.results.model import CoherenceReport, HorizonRow, ModelReport, Par
 from pipeline.results.span import Span
 from sysid.records.excitation import Coherence, coherence
 from sysid.rigid_body.model_record import RigidBodyRecord
+from sysid.validation.judgement import judge
 from sysid.validation.report import ModelRecord
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def identify(
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if isinstance(model, Failure):
         return without_model(kind, model)
-    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges]))
+    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges], outside=outside))
     predictions: tuple[Prediction, ...] = ()
     if not isinstance(validation, Failure):
         predictions = tuple(
@@ -82,7 +82,6 @@ def identify(
         spectra=_coherence(fitted) if kind.linear else None,
         flight=flight,
         craft=craft,
-        outside=outside,
     )
 
 
@@ -111,12 +110,11 @@ def model_result(
     spectra: Coherence | Failure | None = None,
     flight: str = "",
     craft: str | None = None,
-    outside: Set[str] = frozenset(),
 ) -> ModelResult:
     """Put together what is known of a model: of one `flight`, or of a `craft` of which every record is a flight."""
     judged, scanned = present(validation), present(orders)
     record = None if isinstance(model, Failure) else model.record()
-    uses = uses_of(judged, present(model), outside)
+    uses = judge(present(model)) if judged is None else judged.uses
     spans = {each.experiment.name: each.span for each in predictions}
     rows = (
         []

@@ -21,13 +21,12 @@ from logparse import Finding
 from pipeline.flight.craft import build_of, craft_name
 from pipeline.flight.identification import parameter_rows
 from pipeline.flight.kinds import THRUST_KEY
-from pipeline.flight.purposes import overall
 from pipeline.flight.rotation import curve_of
 from pipeline.names import printable
 from pipeline.results.failure import Failure, present
 from pipeline.results.fleet import FlightEntry, FlightParameter, ResponseCurve
 from pipeline.results.flight import FlightResult, ModelResult
-from pipeline.results.model import ModelsFile, OwnedModels
+from pipeline.results.model import ModelsFile, OwnedModels, verdict_of
 from pipeline.results.report import (
     CraftReport,
     FlightReport,
@@ -201,7 +200,7 @@ def flight_report(result: FlightResult) -> FlightReport:
             vehicle=result.log.vehicle,
             flight=_flown(result),
             config=result.config,
-            verdict=overall(models),
+            verdict=verdict_of(models),
             rmse=tuple(row for model in models for row in model.rmse),
             models=models,
             thrust=present(result.thrust),

@@ -16,16 +16,12 @@ from pipeline.results.account import Account
 from pipeline.results.answer import Advice, Answer
 from pipeline.results.coverage import Coverage, Envelope
 from pipeline.results.drift import Drift
-from pipeline.results.model import (
-    ModelReport,
-    ParameterRow,
-    RmseRow,
-    Verdict,
-)
+from pipeline.results.model import ModelReport, ParameterRow, RmseRow
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.autopilot.values import AutopilotValues
 from sysid.rotors.thrust_record import ThrustModel
+from sysid.validation.uses import Verdict
 
 #: Lines of an answer that tables over all flights show.
 _TABULATED = ("Happened", "Loops", "Parameters", "Predict ahead")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.results.failure import present
 from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Prediction
-from pipeline.results.model import ModelReport, Trust
+from pipeline.results.model import ModelReport
 from pipeline.results.span import Span
 from reports.figures.figure import (
     COLORS,
@@ -30,6 +30,7 @@ from reports.figures.figure import (
 )
 from reports.figures.frequency import bode, of_model, pole_map
 from sysid import ClosedLoopModel, Experiment, TransferFunction, TransferFunctionModel
+from sysid.validation.uses import Trust
 
 
 def off_by_default(models: Sequence[ModelReport]) -> set[str]:

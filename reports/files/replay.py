@@ -7,11 +7,10 @@ from pathlib import Path
 import pandas as pd
 
 from core.serialization import cleaned
-from pipeline.flight.purposes import overall
 from pipeline.flight.replay import Replay
 from pipeline.names import printable
 from pipeline.results.flight import ModelResult
-from pipeline.results.model import ModelReport
+from pipeline.results.model import ModelReport, verdict_of
 from reports.figures.models import compare
 from reports.pages import html
 from reports.views import log_words
@@ -69,7 +68,7 @@ def _page(replay: Replay) -> str:
         [compare(record, ran, measured=replay.measured)],
         name=replay.name,
         facts=f"models of {replay.owner} ({printable(str(replay.models))}), inputs of {printable(replay.inputs.name)}",
-        verdict=overall(models) if replay.measured else None,
+        verdict=verdict_of(models) if replay.measured else None,
         verdicts=[each for each in models if each.model is not None] if replay.measured else [],
         sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
         missing=missing,

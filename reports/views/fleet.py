@@ -16,10 +16,11 @@ from core.table import Cell, Row, Table
 from pipeline.results.account import GRAVITY, gravity
 from pipeline.results.answer import AnswerLine, Tone, clause
 from pipeline.results.drift import Drift, History, ParameterChange, Step
-from pipeline.results.model import HOLDS, ModelReport
+from pipeline.results.model import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import log_words, summary
 from reports.views.summary import thrust_known, thrust_of
+from sysid.validation.uses import HOLDS
 
 
 def links(flights: Sequence[FlightReport]) -> dict[str, str]:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 from core.quantity import MINUS, counted, duration, number, uncertain
 from core.table import Row, Table
-from pipeline.results.model import ByOutput, ModelReport, PredictionUse, RmseRow, average
+from pipeline.results.model import ByOutput, ModelReport, RmseRow, average
 from pipeline.results.report import CraftReport, FlightReport
 from reports.views import log_words, summary
 from reports.views.parameters import coherence, parameters
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.transfer_functions.model_record import FunctionsRecord, TransferFunctionsRecord
 from sysid.validation.report import OrderRow, OrderScan
+from sysid.validation.uses import PredictionUse
 
 #: Outputs of flights in words.
 PLACES = {"x": "x, north", "y": "y, east", "z": "z, up"}

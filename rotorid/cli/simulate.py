@@ -155,7 +155,6 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
     from pipeline.flight.replay import Trim, replay
-    from pipeline.results.failure import present
     from reports import write_replay
 
     if inputs is None:
@@ -166,8 +165,7 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     for each in result.results:
         if each.report.missing:
             typer.echo(f"{each.title}: {each.report.missing}", err=True)
-    for each in result.results:
-        for verdict in () if (judged := present(each.validation)) is None else judged.verdicts:
-            typer.echo(f"{each.title}: {verdict}")
+        elif each.validation is not None:
+            typer.echo(f"{each.title}: {each.report.uses.sentence}")
     for file in write_replay(result, out):
         typer.echo(file)

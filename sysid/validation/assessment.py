@@ -1,8 +1,8 @@
-"""Models against flights: free run and horizons, beside what anyone could predict without a model, and a verdict."""
+"""Models against flights: free run and horizons, beside what anyone could predict without a model."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -20,16 +20,15 @@ from sysid.transfer_functions.arx import ArxModel
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
+from sysid.validation.judgement import judge
 from sysid.validation.report import DriftBand, ModelRecord, ValidationReport
+from sysid.validation.uses import Uses
 
 #: How far ahead predictions are compared with the baselines, s.
 HORIZONS = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 #: Part of a free run's errors that its drift band should hold.
 BAND = 0.9
-
-#: A model beats a baseline when its error is at least this part smaller; less is chance.
-MARGIN = 0.05
 
 
 class Predictor(Protocol):
@@ -83,9 +82,7 @@ class Validation(Summarised):
     residuals: Mapping[str, ResidualTest]
     #: Per output the mean of ``rmse`` over the flights that the model has not seen; over all where it has seen all.
     average: Mapping[str, float]
-    verdicts: tuple[str, ...]  #: One sentence per output.
-    #: Per output whether the free run beats every baseline on average over the unseen flights.
-    trusted: Mapping[str, bool]
+    uses: Uses  #: What it is good for, by purpose.
     unseen: bool  #: False when every record was used for the fit, so that nothing is validated.
     predictions: Mapping[str, Floats]  #: Free run of every record by name, shape (N, p), for plots.
     #: The model works about each record's own mean inputs, known only afterwards: about the trim of the records fitted
@@ -104,7 +101,7 @@ class Validation(Summarised):
             "model": self.model,
             "held-out flights": str(self.table.loc[~self.table["trained"], "flight"].nunique()),
             "free-run RMSE": ", ".join(f"{output} {value:.3g}" for output, value in self.average.items()),
-            **dict(zip((f"verdict on {output}" for output in self.average), self.verdicts, strict=False)),
+            **dict(each.sentence.split(": ", 1) for each in self.uses.every),
         }
 
     def report(self) -> ValidationReport:
@@ -115,8 +112,6 @@ class Validation(Summarised):
             horizons=table_rows(self.horizons),
             residuals=self.residuals,
             average=self.average,
-            verdicts=self.verdicts,
-            trusted=self.trusted,
             unseen=self.unseen,
             own_trim=self.own_trim,
             drift=tuple(self._drift()),
@@ -139,7 +134,11 @@ class Validation(Summarised):
 
 
 def validate(
-    model: Predictor, experiments: Experiment | Sequence[Experiment], horizons: Sequence[float] = HORIZONS
+    model: Predictor,
+    experiments: Experiment | Sequence[Experiment],
+    horizons: Sequence[float] = HORIZONS,
+    *,
+    outside: Set[str] = frozenset(),
 ) -> Validation:
     """Judge a model on records, those it has not seen above all.
 
@@ -151,6 +150,8 @@ def validate(
         Of the model's kind; which of them it was fitted to is known from their names.
     horizons : sequence of float
         s.
+    outside : set of str, optional
+        Names of records that leave what the model was fitted to, where it extrapolates; they are judged apart.
     """
     records = require_alike(experiments)
     if isinstance(model, RigidBodyModel):
@@ -203,32 +204,17 @@ def validate(
     unseen = bool((~table["trained"]).any())
     judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
     scored = table[~table["trained"]] if unseen else table
-    scored_ahead = curve[~curve["trained"].astype(bool)] if unseen else curve
     average = {str(output): float(group["rmse"].mean()) for output, group in scored.groupby("output", sort=False)}
-    verdicts, trusted = [], {}
-    own_trim = isinstance(model, TransferFunctionModel | ArxModel)
-    for output in records[0].output_names:
-        sentence, good = _verdict(
-            output,
-            scored[scored["output"] == output],
-            scored_ahead[scored_ahead["output"] == output],
-            records[0].units.get(output, ""),
-            unseen,
-            own_trim,
-        )
-        verdicts.append(sentence)
-        trusted[output] = good and unseen
     return Validation(
         model=str(getattr(model, "name", type(model).__name__)),
         table=table,
         horizons=curve,
         residuals=_examine(judges, errors, start),
         average=average,
-        verdicts=tuple(verdicts),
-        trusted=trusted,
+        uses=judge(model, table, curve, outside),
         unseen=unseen,
         predictions=predictions,
-        own_trim=own_trim,
+        own_trim=isinstance(model, TransferFunctionModel | ArxModel),
         findings=tuple(found),
         drift=drift,
         inside=inside,
@@ -340,52 +326,6 @@ def _horizon_rows(
             }
         )
     return rows
-
-
-def _verdict(
-    output: str, rows: pd.DataFrame, ahead: pd.DataFrame, unit: str, unseen: bool, own_trim: bool
-) -> tuple[str, bool]:
-    """Report in one sentence what the numbers of the tables, averaged over flights, mean."""
-    unit = f" {unit}" if unit else ""
-    rmse = float(rows["rmse"].mean())
-    baselines = {
-        "the mean": float(rows["rmse_mean"].mean()),
-        "constant position": float(rows["rmse_constant_position"].mean()),
-        "constant velocity": float(rows["rmse_constant_velocity"].mean()),
-    }
-    if rows["rmse_reference"].notna().all():
-        baselines["the reference itself"] = float(rows["rmse_reference"].mean())
-    best = min(baselines, key=lambda name: baselines[name])
-    good = rmse < (1.0 - MARGIN) * baselines[best]
-    flights = len(rows)
-    where = f"{flights} {'unseen ' if unseen else 'training '}record{'s' if flights != 1 else ''}"
-    numbers = f"free-run RMSE {rmse:.3g}{unit} on {where}, against {baselines[best]:.3g}{unit} for {best}"
-    beaten = ahead.groupby("horizon")[["rmse", "rmse_constant_position", "rmse_constant_velocity"]].mean()
-    limit = (1.0 - MARGIN) * beaten[["rmse_constant_position", "rmse_constant_velocity"]].min(axis=1)
-    run = _longest_run([float(str(horizon)) for horizon in beaten.index], (beaten["rmse"] < limit).to_list())
-    if run is None:
-        short = "with measurements it predicts no better than constant position or velocity"
-    else:
-        span = f"{run[0]:g} s" if run[0] == run[1] else f"{run[0]:g} to {run[1]:g} s"
-        short = f"with measurements it predicts better than constant position and velocity {span} ahead"
-    if not unseen:
-        return f"{output}: not validated, every record was used for the fit; {numbers}; {short}.", False
-    if good and flights < 2:
-        return f"{output}: better than no model, but one record is weak evidence: {numbers}; {short}.", True
-    if good:
-        given = ", given each flight's own mean inputs" if own_trim else ""
-        return f"{output}: the model generalises{given}: {numbers}; {short}.", True
-    return f"{output}: do not trust the free run: {numbers}; {short}.", False
-
-
-def _longest_run(horizons: Sequence[float], good: Sequence[bool]) -> tuple[float, float] | None:
-    """Find the first and last horizon of the longest unbroken run of good ones."""
-    best: list[float] = []
-    run: list[float] = []
-    for horizon, holds in zip(horizons, good, strict=True):
-        run = [*run, horizon] if holds else []
-        best = run if len(run) > len(best) else best
-    return (best[0], best[-1]) if best else None
 
 
 def table_rows(table: pd.DataFrame) -> tuple[dict[str, str | float | bool | None], ...]:

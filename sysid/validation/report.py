@@ -43,8 +43,6 @@ class ValidationReport:
     horizons: tuple[Mapping[str, str | float | bool | None], ...]
     residuals: Mapping[str, ResidualTest]
     average: Mapping[str, float | None]
-    verdicts: tuple[str, ...]
-    trusted: Mapping[str, bool]
     unseen: bool
     own_trim: bool
     drift: tuple[DriftBand, ...]

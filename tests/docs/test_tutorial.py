@@ -47,7 +47,7 @@ def test_the_python_runs(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     for block in blocks("python"):
         exec(compile(block, "tutorial.md", "exec"), {})
-        assert "x: " in capsys.readouterr().out
+        assert "Prediction: " in capsys.readouterr().out
 
 
 DOCS = ROOT / "docs"

@@ -17,10 +17,10 @@ from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelR
 from pipeline.fleet.result import FleetResult
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.identification import model_result
-from pipeline.flight.purposes import overall
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
+from pipeline.results.model import verdict_of
 from pipeline.results.report import CraftReport
 from pipeline.storage.store import open_store
 from reports import publish, write_fleet
@@ -188,7 +188,7 @@ def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
         training=("flight01",),
         held_out=("flight02",),
         split="every second flight in order of name trains, the others judge",
-        verdict=overall(each.report for each in models),
+        verdict=verdict_of(each.report for each in models),
         models=tuple(each.report for each in models),
         rmse=tuple(row for each in models for row in each.report.rmse),
         missing={"thrust": "no accelerometer"},

@@ -7,6 +7,7 @@ from scipy.signal import lfilter, lsim
 from sysid import Experiment, ExperimentError, fit_closed_loop, validate
 from sysid.transfer_functions.closed_loop import complementary
 from sysid.transfer_functions.transfer_function import TransferFunction
+from sysid.validation.uses import Trust
 
 #: Longest time of a fit: what it finds must not depend on the computer.
 PATIENCE = 3600.0
@@ -124,4 +125,4 @@ def test_one_flight_tells_where_the_next_will_be(sitl):
     table = result.table.pivot(index="flight", columns="output", values="rmse")
     assert (table[["x", "y"]] < 0.10).to_numpy().all()
     assert all(table["z"][name] < np.hypot(0.06, believed[name]) for name in table.index)
-    assert all(result.trusted.values())
+    assert result.uses.free_run.trust is Trust.YES

@@ -16,6 +16,7 @@ from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG, accelerations
 from sysid.rigid_body.body_motion import LAG, THETA, motion
 from sysid.rigid_body.filter_error import Prior, fit_filter_error, step_within
 from sysid.rotors.thrust_regression import AIR_SIGMA
+from sysid.validation.uses import Trust
 from tests.sysid.flown_craft import HOVER, flown, record
 from tests.sysid.honesty import simulated_truth
 from tests.sysid.octocopter import RATE, exciting, fitted, level, parameters
@@ -130,7 +131,7 @@ def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
     assert np.hypot(trim.wind_n + 3.0 * np.cos(np.radians(80.0)), trim.wind_e + 3.0 * np.sin(np.radians(80.0))) < 0.5
     result = validate(trimmed, [seen], horizons=(1.0, 5.0))
     assert result.unseen
-    assert all(result.trusted.values())
+    assert result.uses.free_run.trust is Trust.YES
     assert max(result.average.values()) < 2.0
     following = validate(model.trimmed([seen], wind_spacing=20.0), [seen], horizons=(1.0,))
     # Wind does not lift.

@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from core.serialization import as_json, from_json
 from sysid import Experiment, ExperimentError, fit_transfer_functions, validate
 from sysid.validation.report import ValidationReport
+from sysid.validation.uses import Trust
 
 
 @dataclass(frozen=True)
@@ -48,53 +49,60 @@ def test_errors_and_baselines_in_closed_form():
     assert ahead["rmse_constant_velocity"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_verdicts_say_what_the_table_says():
+def test_the_judgement_says_what_the_table_says():
+    """A climb that constant velocity predicts exactly is not followed, however small the error."""
     validation = validate(Known(0.5), [record("unseen"), record("another")])
-    assert validation.trusted == {"x": True, "z": False}
-    x, z = validation.verdicts
-    assert "the model generalises: free-run RMSE 0.5 m on 2 unseen records" in x
-    assert "do not trust the free run" in z
-    assert f"{validation.average['x']:.3g} m" in x
+    run = validation.uses.free_run
+    assert (run.trust, run.follows, run.flights_within) == (Trust.LIMITED, ("x",), 2)
+    means = validation.table.groupby("output")[["rmse", "rmse_mean"]].mean()
+    assert run.error_over_mean == pytest.approx((means["rmse"] / means["rmse_mean"]).to_dict())
+    assert validation.uses.prediction.horizons_s == ()
+    assert "free simulation   with care (" in repr(validation)
 
 
-def test_a_model_that_beats_its_best_baseline_by_three_per_cent_is_not_trusted():
-    flights = [record("unseen"), record("another")]
-    x = validate(Known(0.5), flights).table.set_index("output").loc["x"]
-    best = x[["rmse_mean", "rmse_constant_position", "rmse_constant_velocity"]].mean().min()
-    assert [validate(Known(part * best), flights).trusted["x"] for part in (0.97, 0.93)] == [False, True]
+def test_a_model_that_beats_its_best_baseline_by_three_per_cent_does_not_follow():
+    """A steady climb with swings: constant velocity errs far less than the mean, and is what a model must beat."""
+    t = np.arange(400) * 0.1
+    climb = np.column_stack([2.0 * t + np.sin(0.3 * t)] * 2)
+    flights = [record("unseen", climb), record("another", climb)]
+    best = float(validate(Known(0.5), flights).table["rmse_constant_velocity"].mean())
+    close = [validate(Known(part * best), flights).uses.free_run for part in (0.97, 0.93)]
+    assert [each.follows for each in close] == [(), ("x", "z")]
 
 
-def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_verdict_says_so():
+def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_validation_says_so():
     rng = np.random.default_rng(0)
     records = []
     for name in "abc":
         u = np.repeat(rng.normal(0.0, 1.0, 60), 10)
         y = lfilter([0.1], [1.0, -0.9], u)[:, None]
         records.append(Experiment.from_arrays(np.arange(600) * 0.1, u, y, name=name, output_names=["z"]))
-    verdict = validate(fit_transfer_functions(records[:1], poles=1, zeros=0), records[1:])
-    assert verdict.own_trim
-    assert verdict.report().own_trim
-    given = "the model generalises, given each flight's own mean inputs: free-run RMSE"
-    assert given in verdict.verdicts[0]
+    validation = validate(fit_transfer_functions(records[:1], poles=1, zeros=0), records[1:])
+    assert validation.own_trim
+    assert validation.report().own_trim
+    assert validation.uses.free_run.trust is Trust.YES
     assert not validate(Known(0.5), records).own_trim
 
 
 def test_one_unseen_record_does_not_show_that_a_model_generalises():
-    verdict = validate(Known(0.5), [record("unseen")]).verdicts[0]
-    assert "one record is weak evidence: free-run RMSE 0.5 m on 1 unseen record" in verdict
+    y = np.column_stack([np.sin(0.3 * np.arange(400) * 0.1)] * 2)
+    alone = validate(Known(0.01), [record("unseen", y)]).uses.free_run
+    assert alone.trust is Trust.LIMITED
+    assert "only one record has judged it" in alone.verdict.sentence
+    assert validate(Known(0.01), [record("unseen", y), record("other", y)]).uses.free_run.trust is Trust.YES
 
 
 def test_nothing_unseen_is_nothing_validated():
     validation = validate(Known(0.01), [record("seen")])
     assert not validation.unseen
-    assert not any(validation.trusted.values())
-    assert all("not validated" in verdict for verdict in validation.verdicts)
+    assert validation.uses.free_run.trust is Trust.UNKNOWN
+    assert not validation.uses.prediction.judged
 
 
 def test_seen_flights_do_not_count():
     better_on_seen = validate(Known(0.5), [record("seen"), record("unseen")])
     assert better_on_seen.table["trained"].tolist() == [True, True, False, False]
-    assert "on 1 unseen record," in better_on_seen.verdicts[0]
+    assert better_on_seen.uses.free_run.flights_within == 1
 
 
 def test_a_craft_that_stands_still_and_short_records():
@@ -102,8 +110,8 @@ def test_a_craft_that_stands_still_and_short_records():
     validation = validate(Known(0.0), [still])
     assert np.isnan(validation.table["fit_percent"]).all()
     assert validation.horizons["horizon"].max() <= 2.0
-    assert not validation.trusted["x"]
-    assert from_json(as_json(validation.report()), ValidationReport).verdicts == validation.verdicts
+    assert validation.uses.free_run.follows == ()
+    assert from_json(as_json(validation.report()), ValidationReport).own_trim == validation.own_trim
 
 
 @dataclass(frozen=True)
@@ -136,8 +144,7 @@ def test_a_closed_loop_is_held_against_its_reference():
     )
     validation = validate(Known(0.3), [one])
     assert validation.table["rmse_reference"].tolist() == pytest.approx([0.2, 0.2])
-    assert "against 0.2 for the reference itself" in validation.verdicts[0]
-    assert not validation.trusted["x"]
+    assert validation.uses.free_run.better_than_target == ()
 
 
 def test_residuals_are_tested_on_unseen_records_only():

@@ -1,4 +1,4 @@
-"""What a model is good for: prediction some seconds ahead, free simulation of whole flights, its parameters.
+"""A model judged by purpose: prediction some seconds ahead, free simulation of whole flights, its parameters.
 
 One word for all three misleads: a rigid body that drifts away over a minute may be right a second ahead, and one axis
 that is wrong by ten times spoils a free run however good the others are. Each use has its own answer, with the number
@@ -8,21 +8,14 @@ counted apart: there a model extrapolates.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from core.quantity import joined
-from pipeline.results.model import FEWEST_JUDGES, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses, Verdict
-from sysid.validation.assessment import MARGIN
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from pipeline.results.model import ModelReport
-    from sysid import Validation
+from sysid.validation.uses import FEWEST_JUDGES, NO_MODEL, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
 
 #: Part of a reach from which on its standard error says that nothing is known of it.
 VAGUE = 0.5
@@ -30,31 +23,41 @@ VAGUE = 0.5
 #: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
 CLOSE_PERCENT = 50.0
 
+#: A model beats a baseline when its error is at least this part smaller; less is chance.
+MARGIN = 0.05
+
 #: Part of the error of constant position and of constant velocity below which a prediction is worth having.
 HALF = 0.5
-
-#: Why nothing is judged.
-NO_MODEL = "There is no model of the motion to judge"
 
 #: Shortest held-out record that can judge a free run, s: the first three seconds give the initial state.
 SHORTEST_JUDGE = 10.0
 
 
-def uses_of(validation: Validation | None, model: object | None, outside: Set[str] = frozenset()) -> Uses:
-    """Judge a model by purpose."""
-    prediction = prediction_use(validation, outside)
-    return Uses(
-        prediction=prediction,
-        free_run=free_run_use(validation, outside),
-        parameters=ParameterUse.counted(list(_determined(model)), confirmed=bool(prediction.horizons_s)),
-    )
+def judge(
+    model: object | None,
+    free_runs: pd.DataFrame | None = None,
+    horizons: pd.DataFrame | None = None,
+    outside: Set[str] = frozenset(),
+) -> Uses:
+    """Judge a model by purpose, from the tables of its validation; flights `outside` of the fitted envelope apart."""
+    prediction, free_run = PredictionUse(), FreeRunUse(trust=Trust.UNKNOWN, reason=NO_MODEL)
+    if free_runs is not None:
+        free_run = _free_run(free_runs, outside)
+        held_out = _held_out(free_runs)
+        if horizons is not None and len(held_out) and len(horizons):
+            seconds = float(_within(held_out, outside).groupby("flight")["duration"].first().sum())
+            prediction = _prediction(_within(_held_out(horizons), outside), seconds)
+    determined = list(_determined(model))
+    parameters = ParameterUse.counted(determined, confirmed=bool(prediction.horizons_s))
+    return Uses(prediction=prediction, free_run=free_run, parameters=parameters)
 
 
-def prediction_use(validation: Validation | None, outside: Set[str] = frozenset()) -> PredictionUse:
-    """Find how far ahead every axis beats constant position and constant velocity by half, on held-out flights."""
-    if validation is None or not validation.unseen or validation.horizons.empty:
-        return PredictionUse()
-    table = _within(validation.horizons[~validation.horizons["trained"].astype(bool)], outside)
+def _held_out(table: pd.DataFrame) -> pd.DataFrame:
+    return table[~table["trained"].astype(bool)]
+
+
+def _prediction(table: pd.DataFrame, seconds: float) -> PredictionUse:
+    """Find how far ahead every axis beats constant position and constant velocity by half, in so many seconds."""
     columns = ["rmse", "rmse_constant_position", "rmse_constant_velocity"]
     means = table.groupby(["horizon", "output"], sort=False)[columns].mean().reset_index()
     run: list[float] = []
@@ -68,8 +71,6 @@ def prediction_use(validation: Validation | None, outside: Set[str] = frozenset(
         return PredictionUse.up_to((), {})
     last = means[means["horizon"] == run[-1]]
     errors = {str(output): float(rmse) for output, rmse in zip(last["output"], last["rmse"], strict=True)}
-    held = validation.table[~validation.table["trained"].astype(bool)]
-    seconds = float(_within(held, outside).groupby("flight")["duration"].first().sum())
     reach, sigma = _reach(means, columns, run, seconds)
     return replace(PredictionUse.up_to(tuple(run), errors), reach_s=reach, reach_sigma_s=sigma)
 
@@ -95,13 +96,11 @@ def _reach(
     return (reach, reach * part) if part < VAGUE else (None, None)
 
 
-def free_run_use(validation: Validation | None, outside: Set[str] = frozenset()) -> FreeRunUse:
+def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
     """Judge the free run on held-out flights, those outside the fitted envelope apart."""
-    if validation is None:
-        return FreeRunUse(trust=Trust.UNKNOWN, reason=NO_MODEL)
-    if not validation.unseen:
+    scored = _held_out(table)
+    if scored.empty:
         return FreeRunUse(trust=Trust.UNKNOWN, reason="The model is not judged: every flight was used to fit it")
-    scored = validation.table[~validation.table["trained"].astype(bool)]
     longest = float(scored["duration"].max())
     if longest < SHORTEST_JUDGE:
         why = f"{longest:.0f} s of held-out flight are too short; {SHORTEST_JUDGE:.0f} s or more are needed"
@@ -112,7 +111,7 @@ def free_run_use(validation: Validation | None, outside: Set[str] = frozenset())
     means = {str(output): {str(k): float(v) for k, v in row.items()} for output, row in averaged.iterrows()}
     ratios = {output: _ratio(means[output]) for output in outputs}
     fit = chosen.groupby("output", sort=False)["fit_percent"].mean()
-    trained = validation.table[validation.table["trained"].astype(bool)]
+    trained = table[table["trained"].astype(bool)]
     own = trained.groupby("output", sort=False)["fit_percent"].mean()
     follows = tuple(
         output
@@ -193,42 +192,3 @@ def _determined(model: object | None) -> Iterator[bool]:
         for function in row.values():
             if function.determined is not None and any(function.num):
                 yield from (bool(each) for each in function.determined)
-
-
-def overall(models: Iterable[ModelReport]) -> Verdict:
-    """Sum the verdicts up over all models that there are."""
-    there = [model for model in models if model.model is not None]
-    return summarise(
-        {model.title: model.verdict for model in there}, {model.title: model.uses.prediction for model in there}
-    )
-
-
-def summarise(verdicts: Mapping[str, Verdict], predictions: Mapping[str, PredictionUse] | None = None) -> Verdict:
-    """Sum up several models of one motion: what the best can be trusted with, and what holds for the others."""
-    verdict = _summed(verdicts)
-    ahead = {title: use for title, use in (predictions or {}).items() if use.horizon_s is not None}
-    if not ahead:
-        return verdict
-    best = max(ahead, key=lambda title: ahead[title].horizon_s or 0.0)
-    told = ahead[best].sentence.removeprefix("prediction: ")
-    return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {told}.")
-
-
-def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
-    if not verdicts:
-        return Verdict(Trust.UNKNOWN, NO_MODEL + ".")
-    if len(verdicts) == 1:
-        return next(iter(verdicts.values()))
-    by_trust = {trust: [title for title, each in verdicts.items() if each.trust is trust] for trust in Trust}
-    phrases = {
-        Trust.YES: "Trust {} for flights like these",
-        Trust.LIMITED: "take {} with care",
-        Trust.NO: "do not trust {}",
-        Trust.UNKNOWN: "{} could not be judged",
-    }
-    said = [phrases[trust].format(joined(titles)) for trust, titles in by_trust.items() if titles]
-    sentence = "; ".join(said)
-    best = next(trust for trust, titles in by_trust.items() if titles)
-    # One good model among bad ones must not paint all of them green.
-    mixed = best is Trust.YES and any(by_trust[trust] for trust in (Trust.LIMITED, Trust.NO))
-    return Verdict(Trust.LIMITED if mixed else best, f"{sentence[0].upper()}{sentence[1:]}.")
