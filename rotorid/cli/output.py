@@ -1,7 +1,9 @@
 """Where commands write: the terminal and the folder given with ``--out``; and how they end."""
 
+import atexit
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
@@ -50,7 +52,10 @@ def console() -> "Console":
 
 
 def prepare(out: str | Path) -> None:
-    """Make the folder for the results and try to write there: before the work, not after it."""
+    """Make the folder for the results and try to write there: before the work, not after it.
+
+    It goes again where nothing came of the work.
+    """
     from pipeline.config import ConfigError
     from pipeline.storage.store import open_store
 
@@ -65,6 +70,12 @@ def prepare(out: str | Path) -> None:
     ) as error:  # the latter: fsspec knows no such protocol, or lacks its library
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"--out {out}: nothing can be written there: {reason}") from error
+    atexit.register(_discard_empty, Path(out).absolute())
+
+
+def _discard_empty(folder: Path) -> None:
+    with suppress(OSError):  # it holds something
+        folder.rmdir()
 
 
 def show_page(page: Path) -> None:

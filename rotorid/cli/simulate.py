@@ -65,7 +65,7 @@ def simulate(
     Example: rotorid simulate out/models.json --inputs other.bin --model motors --out replayed
     """
     out = out or folder_of(case)
-    if case.lower().endswith(".json") and Path(case).is_file():
+    if case.lower().endswith(".json"):
         run_models(Path(case), inputs, model, out, trim)
         return
     import simulation

@@ -120,7 +120,10 @@ def read_bench(paths: Sequence[Path]) -> BenchTable:
         findings += more
     rows = pd.concat(kept, ignore_index=True)
     if rows.empty:
-        raise BenchError(f"{paths[0].name}: no plausible row is left")
+        why = "; ".join(
+            f"{finding.reason}: {finding.advice}" for finding in findings if finding.severity is Severity.WARNING
+        )
+        raise BenchError(f"{paths[0].name}: no plausible row is left: {why}")
     density = float(np.median(densities)) if densities else None
     return BenchTable(" + ".join(path.name for path in paths), rows, density, tuple(findings))
 

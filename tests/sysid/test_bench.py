@@ -191,6 +191,11 @@ def test_what_was_not_measured_is_said(tmp_path):
         ("PWM (us),Thrust (furlong)", ["1100,1", "1200,2"], "unit 'furlong'"),
         ("PWM (us),Thrust (N)", ["a,b"], "no row has both"),
         ("PWM (us),Thrust (N)", ["1100,1", "1200,2"], "three or more"),
+        (
+            "PWM (us),Thrust (N)",
+            ["0.1,1", "0.2,2", "0.3,3"],
+            "no plausible row .* a PWM no ESC takes .* check the unit",
+        ),
     ],
 )
 def test_unusable_tables_are_refused(tmp_path, head, rows, words):
