@@ -11,7 +11,8 @@ the noise are.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -59,23 +60,38 @@ _CORNERS = np.geomspace(5.0, 250.0, 120)
 _RATE_APART = 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Signals:
     """What a chirp has of an axis, on one uniform clock."""
 
     chirp: Floats
     columns: dict[str, Floats]
     step: float
+    _transforms: dict[str, Complexes] = field(default_factory=dict)  #: Those that were asked for, by column.
+
+    @cached_property
+    def _taper(self) -> Floats:
+        """Return the window under which all are transformed."""
+        # An integral drifts: what it has at the ends must not leak into the band.
+        size = len(self.chirp)
+        ends = np.clip(np.minimum(np.arange(size), np.arange(size)[::-1]) * self.step / 0.4, 0, 1)
+        return np.asarray(0.5 - 0.5 * np.cos(np.pi * ends))
+
+    def _transform(self, name: str) -> Complexes:
+        """Return the transform of a signal, the chirp's by an empty name."""
+        if name not in self._transforms:
+            signal = self.columns[name] if name else self.chirp
+            self._transforms[name] = np.fft.rfft((signal - signal.mean()) * self._taper, self._size)
+        return self._transforms[name]
+
+    @property
+    def _size(self) -> int:
+        return int(scipy.fft.next_fast_len(4 * len(self.chirp)))
 
     def ratio(self, source: str, answer: str, hz: Floats) -> tuple[Complexes, Floats]:
         """Compute a response with the chirp as instrument, and the coherence of the answer with the chirp."""
-        size = scipy.fft.next_fast_len(4 * len(self.chirp))
-        grid = np.fft.rfftfreq(size, self.step)
-        # An integral drifts: what it has at the ends must not leak into the band.
-        ends = np.clip(np.minimum(np.arange(len(self.chirp)), np.arange(len(self.chirp))[::-1]) * self.step / 0.4, 0, 1)
-        taper = 0.5 - 0.5 * np.cos(np.pi * ends)
-        signals = (self.chirp, self.columns[source], self.columns[answer])
-        z, x, y = (np.fft.rfft((each - each.mean()) * taper, size) for each in signals)
+        grid = np.fft.rfftfreq(self._size, self.step)
+        z, x, y = (self._transform(name) for name in ("", source, answer))
         response, coherence = np.empty(len(hz), np.complex128), np.empty(len(hz))
         for k, (first, last) in enumerate(np.searchsorted(grid, np.outer(hz, [1.0 - _BAND, 1.0 + _BAND]))):
             band = slice(int(first), int(last))
@@ -270,7 +286,7 @@ def _gyro_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
     if "RATE" not in log.messages or output not in chirp.rows:
         return None
     rates, before = rate_signals(log), chirp.spline(output)
-    if before is None or not np.any(before(chirp.t)) or output not in rates.columns:
+    if before is None or not chirp.rows[output].any() or output not in rates.columns:
         return None
     shown = chirp.below_folding(rates.t)
     shown = shown.below_folding(shown.t)

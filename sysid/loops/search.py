@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -223,26 +223,22 @@ def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTunin
 
 def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
     """Lay out P, I (or a fixed part of P), D and the derivative's filter."""
-    flown = loop.flown.controller
-    ranges = RANGES[loop.axis]
-    candidates = []
+    flown, ranges = loop.flown.controller, RANGES[loop.axis]
     least, most = 1.0 / (LARGEST - _ROUNDING), (LARGEST_OF_STICKS if loop.ordinary else LARGEST) - _ROUNDING
     factors_p, factors_d = (np.geomspace(least, most, steps) for steps in (_STEPS_P, _STEPS_D))
-    searched = (
-        factors_p,
-        factors_d if flown.D > 0.0 else (1.0,),
-        _I if part is None else (1.0,),
-        (1.0,) if loop.ordinary else _filters(flown.FLTD, _FLTD),
-    )
-    for p, d, i, fltd in itertools.product(*searched):
-        values = {
-            "P": typed(flown.P * p),
-            "I": typed(flown.I * min(max(p * i, least), most)) if part is None else typed(part * typed(flown.P * p)),
-            "D": typed(flown.D * d),
-            "FLTD": typed(flown.FLTD * fltd),
-        }
-        if all(_within(values[name], getattr(flown, name), ranges[name]) for name in ranges):
-            candidates.append(values)
+
+    def allowed(name: str, values: Iterable[float]) -> list[float]:
+        return [value for value in map(typed, values) if _within(value, getattr(flown, name), ranges[name])]
+
+    filters = [typed(flown.FLTD * k) for k in ((1.0,) if loop.ordinary else _filters(flown.FLTD, _FLTD))]
+    derivatives = allowed("D", flown.D * factors_d if flown.D > 0.0 else [0.0])
+    candidates = []
+    for p in factors_p:
+        integrals = (
+            [flown.I * min(max(p * i, least), most) for i in _I] if part is None else [part * typed(flown.P * p)]
+        )
+        searched = allowed("P", [flown.P * p]), allowed("I", integrals), derivatives, filters
+        candidates += [dict(zip("PID", each[:3], strict=True), FLTD=each[3]) for each in itertools.product(*searched)]
     return candidates
 
 
