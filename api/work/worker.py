@@ -152,7 +152,7 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
     (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=told)
     advance("report", 0.0)
     # The report names the file as its user does, not as it is kept here.
-    reports.write(replace(result, log=replace(result.log, path=Path(name))), task.folder)
+    reports.write(replace(result, log=replace(result.log, file=Path(name).name)), task.folder)
     try:
         dataset.write_tables(result, task.folder / "tables")
         _hand_over(result, name, task.folder)

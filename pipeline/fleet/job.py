@@ -7,7 +7,7 @@ import itertools
 import logging
 import os
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
@@ -99,8 +99,8 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     """
     store = open_store(job.store)
     # The report calls the log as its user does, not as it was fetched.
-    result = replace(result, log=replace(result.log, path=Path(job.source.file)))
-    folder = flight_folder(job.folder, result.number)
+    result = replace(result, log=replace(result.log, file=job.source.file))
+    folder = flight_folder(job.folder, result.log.flight_number)
     entry = flight_entry(result, folder=folder, source=job.source.url, key=job.key, pages=job.pages)
     place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:

@@ -133,7 +133,7 @@ def analyze_flights(
         called = flight_name(name, number, len(logs))
         result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone, told=told)
         log.tables.release()
-        yield replace(result, number=number, of=len(logs))
+        yield replace(result, log=replace(result.log, flight_number=number, flight_count=len(logs)))
 
 
 def _analyze(
@@ -164,9 +164,14 @@ def _analyze(
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
     )
+    simulated = tables.truth is not None
     begun = FlightResult(
         name=name,
         log=_facts(log, sha256),
+        vehicle=log.vehicle,
+        craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
+        tune=tune_of(log.vehicle, log.parameters),
+        board=None if simulated else log.vehicle.board_id,
         config=config,
         flight=flight,
         motors=tables.motors,
@@ -471,18 +476,15 @@ def _sha256(path: Path) -> str:
 
 
 def _facts(log: FlightLog, sha256: str) -> LogFacts:
-    simulated = log.tables.truth is not None
     return LogFacts(
-        path=log.path,
-        size=log.path.stat().st_size,
+        file=log.path.name,
+        bytes=log.path.stat().st_size,
         sha256=sha256,
         format=log.format,
-        duration=log.duration,
-        start_utc=log.start_utc,
+        duration_s=log.duration,
+        start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
         boots=len(log.boots),
-        vehicle=log.vehicle,
-        craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
-        tune=tune_of(log.vehicle, log.parameters),
-        board=None if simulated else log.vehicle.board_id,
         flights=tuple(Span(flight.start, flight.stop) for flight in log.flights),
+        flight_number=1,
+        flight_count=1,
     )

@@ -40,7 +40,7 @@ def compose_answer(result: FlightResult) -> Answer:
 
 def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     """Yield how it turns and which models hold, where anything is determined; what was tried in vain is one line."""
-    if isinstance(result.flight, Failure) or result.log.vehicle.other_craft:
+    if isinstance(result.flight, Failure) or result.vehicle.other_craft:
         return
     account = present(result.account)
     crashed = account is not None and any(each.id == "crash" for each in account.story)

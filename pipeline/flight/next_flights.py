@@ -53,7 +53,7 @@ def for_craft(
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better; nothing of a craft for which there are no models."""
-    if result.log.vehicle.other_craft:
+    if result.vehicle.other_craft:
         return ()
     found = for_craft([flight_entry(result)])
     return tuple(sorted([*found, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
@@ -111,17 +111,17 @@ def _chirps(axes: list[AxisRotation]) -> str:
 
 def _logged(result: FlightResult, *needs: Need) -> str:
     """Name the bits of LOG_BITMASK that the flight must be logged with; empty for telemetry and unknown firmware."""
-    known = bits_of(result.log.vehicle)
+    known = bits_of(result.vehicle)
     bits = [str(known[need]) for need in needs if need in known]
     if result.log.format in TELEMETRY or not bits:
         return ""
-    parameter = "SDLOG_PROFILE" if result.log.vehicle.autopilot == "PX4" else "LOG_BITMASK"
+    parameter = "SDLOG_PROFILE" if result.vehicle.autopilot == "PX4" else "LOG_BITMASK"
     return f", with {joined(list(dict.fromkeys(bits)))} of {parameter} set"
 
 
 def _has_systemid(result: FlightResult) -> bool:
     """Return whether the firmware has mode SYSTEMID: ArduCopter since 4.0; unknown versions count as recent."""
-    vehicle = result.log.vehicle
+    vehicle = result.vehicle
     major = (vehicle.version or "4").partition(".")[0]
     return vehicle.firmware == "ArduCopter" and (not major.isdecimal() or int(major) >= 4)
 

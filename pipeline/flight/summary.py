@@ -31,7 +31,6 @@ from pipeline.results.report import (
     CraftReport,
     FlightReport,
     FlownReport,
-    LogReport,
     ModeSpan,
     OriginReport,
     TrajectoryReport,
@@ -49,21 +48,21 @@ def flight_entry(
     result: FlightResult, *, folder: str = "", source: str = "", key: str = "", pages: str = ""
 ) -> FlightEntry:
     """Return a flight in short, with where its products are."""
-    log = result.log
+    log, vehicle = result.log, result.vehicle
     models = {each.key: each.report.missing for each in result.models if each.report.missing}
     return FlightEntry(
         name=result.name,
-        number=result.number,
-        of=result.of,
+        number=log.flight_number,
+        of=log.flight_count,
         sha256=log.sha256,
-        size=log.size,
+        size=log.bytes,
         format=log.format,
-        start_utc=log.start_utc,
-        duration=float(log.duration),
-        craft=log.craft,
-        craft_name=craft_name(log.vehicle),
-        frame_class=log.vehicle.frame_class,
-        vehicle=partition(log.craft, log.vehicle.frame_class),
+        start_utc=log.started,
+        duration=log.duration_s or 0.0,
+        craft=result.craft,
+        craft_name=craft_name(vehicle),
+        frame_class=vehicle.frame_class,
+        vehicle=partition(result.craft, vehicle.frame_class),
         flight=present(result.flight),
         origin=_origin(result),
         track=_track(result),
@@ -71,9 +70,9 @@ def flight_entry(
         experiments=tuple(result.experiments),
         missing={**models, **result.missing},
         coverage=present(result.coverage),
-        board=log.board,
-        build=build_of(log.vehicle),
-        tune=dict(log.tune),
+        board=result.board,
+        build=build_of(vehicle),
+        tune=dict(result.tune),
         parameters=tuple(flight_parameters(result)),
         responses=tuple(response_curves(result)),
         trims=result.trims,
@@ -196,8 +195,8 @@ def flight_report(result: FlightResult) -> FlightReport:
         FlightReport(
             rotorid=version("rotorid"),
             name=result.name,
-            log=_log(result),
-            vehicle=result.log.vehicle,
+            log=result.log,
+            vehicle=result.vehicle,
             flight=_flown(result),
             config=result.config,
             verdict=verdict_of(models),
@@ -233,22 +232,6 @@ def models_file(report: FlightReport | CraftReport, models: Sequence[ModelResult
     own = isinstance(report, FlightReport)
     file = ModelsFile(rotorid=version("rotorid"), joint=() if own else (owned,), flights=(owned,) if own else ())
     return cleaned(file, ModelsFile, printable)
-
-
-def _log(result: FlightResult) -> LogReport:
-    log = result.log
-    return LogReport(
-        file=log.path.name,
-        bytes=log.size,
-        sha256=log.sha256,
-        format=log.format,
-        duration_s=log.duration,
-        start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
-        boots=log.boots,
-        flights=log.flights,
-        flight_number=result.number,
-        flight_count=result.of,
-    )
 
 
 def _flown(result: FlightResult) -> FlownReport | None:

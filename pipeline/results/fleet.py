@@ -128,7 +128,7 @@ class FlightEntry:
     #: Which flight of its log it is, 1 for the first, and how many the log has.
     number: int = 1
     of: int = 1
-    #: Of the log, as in `pipeline.LogFacts`.
+    #: Of the log and its craft, as in `pipeline.FlightResult`.
     sha256: str
     size: int
     format: str
@@ -151,7 +151,7 @@ class FlightEntry:
     #: Why a stage or a kind of model gave nothing, by its key.
     missing: Mapping[str, str] = field(default_factory=dict)
     coverage: Coverage | None = None  #: What the flight excited and covered.
-    board: str | None = None  #: The autopilot's own id, as in `pipeline.LogFacts`.
+    board: str | None = None  #: The autopilot's own id, as in `pipeline.FlightResult`.
     #: How the craft is built, and its gains and filters, as `pipeline.flight.craft.build_of` and `tune_of` list them.
     build: Mapping[str, str | float | None] = field(default_factory=dict)
     tune: Mapping[str, str | float] = field(default_factory=dict)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from core.summary import Summarised, listed
@@ -33,21 +32,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogFacts:
-    """What the file is, whether or not anything could be identified from it."""
+    """What the file is, whether or not anything could be identified from it, as report.json has it."""
 
-    path: Path
-    size: int  #: Bytes.
+    file: str  #: Its name, without its folder.
+    bytes: int
     sha256: str  #: Of the file's content; names the log whatever its file is called.
     format: str  #: ``"dataflash"``, ``"dataflash-text"``, ``"tlog"``, ``"mavlink-raw"`` or ``"ulog"``.
-    duration: float  #: Seconds on the boot clock that the log covers.
-    start_utc: datetime | None  #: UTC at t = 0.
+    duration_s: float | None  #: Seconds on the boot clock that the log covers.
+    start_utc: str | None  #: UTC at t = 0, ISO 8601.
     boots: int  #: Power-ups in the file.
-    vehicle: Vehicle
-    craft: str  #: Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
-    flights: tuple[Span, ...]  #: Airborne intervals of the power-up that was analysed.
-    #: Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
-    tune: Mapping[str, str | float] = field(default_factory=dict)
-    board: str | None = None  #: The autopilot's own id; None where it was not logged, or made up by a simulator.
+    flights: tuple[Span, ...]  #: Airborne intervals of the power-up that the flight is of.
+    #: Which flight of the file this is, 1 for the first, and how many it has; both 1 where only the longest was asked
+    #: for.
+    flight_number: int
+    flight_count: int
+
+    @property
+    def started(self) -> datetime | None:
+        """When the boot clock was at 0."""
+        return None if self.start_utc is None else datetime.fromisoformat(self.start_utc)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,11 +115,12 @@ class FlightResult(Summarised):
 
     name: str  #: File name without its extension and, of several flights of a log, the number; unique within a fleet.
     log: LogFacts
+    vehicle: Vehicle
+    craft: str  #: Equal for logs of the same craft, see `pipeline.flight.craft.fingerprint`.
+    #: Gains and filters of the autopilot's loops and its firmware, see `pipeline.flight.craft.tune_of`.
+    tune: Mapping[str, str | float] = field(default_factory=dict)
+    board: str | None = None  #: The autopilot's own id; None where it was not logged, or made up by a simulator.
     config: AnalysisConfig
-    #: Which flight of its log it is, 1 for the first, and how many the log has; both 1 where only the longest was asked
-    #: for.
-    number: int = 1
-    of: int = 1
     flight: Span | Failure  #: The analysed airborne interval.
     #: Canonical tables as logged, for plots.
     motors: pd.DataFrame | None = None
@@ -148,7 +152,7 @@ class FlightResult(Summarised):
         """Return the few facts by which a reader knows this result."""
         flown = "none" if isinstance(self.flight, Failure) else f"{self.flight.duration:.0f} s"
         return {
-            "log": f"{self.name} ({self.log.format}, {self.log.duration:.0f} s)",
+            "log": f"{self.name} ({self.log.format}, {self.log.duration_s or 0.0:.0f} s)",
             "flight": flown,
             "trajectory": "none" if isinstance(self.trajectory, Failure) else self.trajectory.method,
             "models": listed([each.title for each in self.models if not isinstance(each.model, Failure)]) or "none",

@@ -16,32 +16,15 @@ from pipeline.results.account import Account
 from pipeline.results.answer import Advice, Answer
 from pipeline.results.coverage import Coverage, Envelope
 from pipeline.results.drift import Drift
+from pipeline.results.flight import LogFacts
 from pipeline.results.model import ModelReport, ParameterRow, RmseRow
 from pipeline.results.rotation import RotationResult
-from pipeline.results.span import Span
 from sysid.autopilot.values import AutopilotValues
 from sysid.rotors.thrust_record import ThrustModel
 from sysid.validation.uses import Verdict
 
 #: Lines of an answer that tables over all flights show.
 _TABULATED = ("Happened", "Loops", "Parameters", "Predict ahead")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LogReport:
-    """The file: name, size, content, format, length, UTC at t = 0 (ISO 8601) and power-ups."""
-
-    file: str
-    bytes: int
-    sha256: str
-    format: str
-    duration_s: float | None
-    start_utc: str | None
-    boots: int
-    flights: tuple[Span, ...]  #: Airborne intervals of the power-up that the flight is of.
-    #: Which flight of the file this is, 1 for the first, and how many it has.
-    flight_number: int
-    flight_count: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +75,7 @@ class FlightReport:
     kind: Literal["flight"] = "flight"
     rotorid: str
     name: str
-    log: LogReport
+    log: LogFacts
     vehicle: Vehicle
     flight: FlownReport | None
     config: AnalysisConfig

@@ -65,9 +65,9 @@ def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
-    part = around(present(result.flight), result.log.flights)
+    part, alone = around(present(result.flight), result.log.flights), result.log.flight_count == 1
     for name, whole, units in _frames(result):
-        frame = whole if result.of == 1 else whole[(whole.index >= part.start) & (whole.index < part.stop)]
+        frame = whole if alone else whole[(whole.index >= part.start) & (whole.index < part.stop)]
         if frame.empty:
             continue
         written[name] = folder / f"{name}.parquet"

@@ -67,7 +67,7 @@ def _points(result: FlightResult) -> list[_Point]:
     rows = np.unique(np.append(np.arange(0, len(t), step), len(t) - 1))
     north, east, down = states.to_numpy(np.float64)[rows].T
     lat, lon, alt = pymap3d.ned2geodetic(north, east, down, origin.lat, origin.lon, origin.alt, deg=False)
-    start = result.log.start_utc
+    start = result.log.started
     return [
         _Point(math.degrees(a), math.degrees(b), float(c), float(s), _utc(start, float(s)))
         for a, b, c, s in zip(lat, lon, alt, t[rows], strict=True)

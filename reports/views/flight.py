@@ -13,7 +13,8 @@ from logparse import Vehicle
 from pipeline.config import AnalysisConfig
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage, Envelope, RangeFlown
-from pipeline.results.report import FlightReport, LogReport, OriginReport, TrajectoryReport
+from pipeline.results.flight import LogFacts
+from pipeline.results.report import FlightReport, OriginReport, TrajectoryReport
 from reports.views import log_words
 
 
@@ -157,7 +158,7 @@ def settings(config: AnalysisConfig) -> list[Fact]:
     return [(name.replace("_", " "), "not given" if value is None else str(value)) for name, value in values]
 
 
-def _log_details(log: LogReport) -> list[Fact]:
+def _log_details(log: LogFacts) -> list[Fact]:
     flights = ", ".join(f"{number(f.start, 4)} to {number(f.stop, 4)} s" for f in log.flights)
     return [
         ("file", log.file),

@@ -42,13 +42,14 @@ def analyze_flights(path: Path, config: AnalysisConfig, progress: object, *, nam
         made = made_flight(called, seed=first + number - 1, fit=False)
         log = dataclasses.replace(
             made.log,
-            path=path,
-            size=len(content),
+            file=path.name,
+            bytes=len(content),
             sha256=hashlib.sha256(content).hexdigest(),
-            craft=word,
-            start_utc=made.log.start_utc + timedelta(days=first + number - 1),
+            start_utc=(made.log.started + timedelta(days=first + number - 1)).isoformat(),
+            flight_number=number,
+            flight_count=count,
         )
-        yield dataclasses.replace(made, log=log, config=config, number=number, of=count)
+        yield dataclasses.replace(made, log=log, craft=word, config=config)
 
 
 def run(work: job.Job) -> tuple[FlightEntry, ...] | LogFailure | None:

@@ -106,7 +106,7 @@ def craft(store):
     entries = []
     for k in (1, 2):
         flight = made_flight(f"flight0{k}", seed=k, fit=False)
-        later = dataclasses.replace(flight.log, start_utc=flight.log.start_utc + timedelta(days=k))
+        later = dataclasses.replace(flight.log, start_utc=(flight.log.started + timedelta(days=k)).isoformat())
         flight = dataclasses.replace(flight, log=later)
         entry = flight_entry(flight, folder=flight.name, source=f"{flight.name}.bin", key=str(k))
         # What was not measured does not train.

@@ -113,11 +113,12 @@ def test_page_needs_no_network(flight, tmp_path):
 
 def hostile(flight):
     """Put an attacker's text wherever a log's text can end up."""
-    vehicle = dataclasses.replace(flight.log.vehicle, firmware=HOSTILE, version=HOSTILE, frame_class=HOSTILE)
+    vehicle = dataclasses.replace(flight.vehicle, firmware=HOSTILE, version=HOSTILE, frame_class=HOSTILE)
     return dataclasses.replace(
         flight,
         name=HOSTILE,
-        log=dataclasses.replace(flight.log, vehicle=vehicle, path=Path(f"{HOSTILE.replace('/', '_')}.bin")),
+        log=dataclasses.replace(flight.log, file=f"{HOSTILE.replace('/', '_')}.bin"),
+        vehicle=vehicle,
         modes=pd.DataFrame({"mode": [HOSTILE, "AUTO"]}, index=[10.0, 80.0]),
         findings=(Finding(HOSTILE, Severity.ERROR, HOSTILE, HOSTILE, {"text": HOSTILE}),),
         thrust=Failure("thrust", HOSTILE),
@@ -214,7 +215,7 @@ def test_folders_are_safe_and_unique(names, folders):
 
 
 def test_a_name_that_is_not_utf8_costs_nothing(flight, tmp_path):
-    odd = dataclasses.replace(flight, log=dataclasses.replace(flight.log, path=Path("/logs/bad\udcff\udcfename.bin")))
+    odd = dataclasses.replace(flight, log=dataclasses.replace(flight.log, file="bad\udcff\udcfename.bin"))
     composed(tmp_path, [odd])
     numbers = strict((tmp_path / "report.json").read_text("utf-8"))
     assert numbers["flights"][0]["log"]["file"] == r"bad\xff\xfename.bin"
