@@ -16,7 +16,7 @@ from api.crafts.registry import Crafts
 from api.crafts.reviews import Reviews
 from api.logs.catalog import Catalog, Quota
 from api.logs.housekeeping import Housekeeping
-from api.logs.metrics import Measured, Metrics
+from api.logs.metrics import CountedRequests, Metrics
 from api.routes import (
     alerts,
     analyses,
@@ -40,9 +40,10 @@ from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
 from api.web.own_pages import from_our_pages
 from api.work.desk import Desk
 from api.work.jobs import Runner
-from api.work.watch import PRELOAD, Workplace
+from api.work.watch import Workplace
 from api.work.worker import Analyze, analyze_logs
 from pipeline.storage.store import open_store
+from reports import PRELOAD
 
 _log = logging.getLogger("rotorid.api")
 
@@ -114,7 +115,7 @@ def create_app(
     if local_only or settings.host_names:
         app.add_middleware(KnownHosts, names=frozenset() if local_only else settings.host_names)
     app.add_middleware(SafeHeaders)
-    app.add_middleware(Measured, metrics=parts.metrics)
+    app.add_middleware(CountedRequests, metrics=parts.metrics)
     for kind in (logs, explore, shares, analyses, crafts, alerts, questions):
         app.include_router(kind.router, prefix="/api/v1", dependencies=[from_our_pages, nothing_unknown])
     own = (explore.pages, alerts.feeds, craft_pages.router, craft_pages.forms, health.router, pages.router)

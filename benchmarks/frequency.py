@@ -16,8 +16,8 @@ from scipy.signal import csd, welch
 import logparse
 from benchmarks._measure import CRAFT, LOGS, SHARED, Row, row, unpacked
 from logparse import FlightLog
-from pipeline.fleet.history import ALPHA, history
-from pipeline.fleet.meta_analysis import holm
+from pipeline.fleet.history import history
+from pipeline.fleet.meta_analysis import ALPHA, holm
 from pipeline.results.drift import FlightPoint
 from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
 from sysid import Experiment, frequency

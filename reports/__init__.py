@@ -19,6 +19,18 @@ if TYPE_CHECKING:
 else:
     reports_folder = lazy("reports.files.folder")
 
+#: Plotly's script where the pages of flights share it, at the root of a folder of flights and crafts.
+SHARED_SCRIPT = "plotly.min.js"
+
+#: What the process that workers are forked from imports once for all: each starts at once and shares its memory.
+PRELOAD = (
+    "pipeline.execution.compiling",
+    "pipeline.fleet.job",
+    "pipeline.fleet.crafts",
+    "reports.files.folder",
+    "reports.files.fleet",
+)
+
 __all__ = ["publish", "write", "write_fleet", "write_replay"]
 
 __getattr__, __dir__ = exports(__name__, __file__)

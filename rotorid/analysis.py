@@ -23,8 +23,8 @@ from pipeline.fleet.result import FleetResult
 from pipeline.names import is_url
 from pipeline.results.flight import FlightResult
 from pipeline.storage.sources import find
+from reports import PRELOAD
 from reports.report_json import read_report
-from rotorid.workers import PRELOAD
 
 
 def analyze(

@@ -15,9 +15,7 @@ from core.serialization import restored
 from pipeline.results.fleet import FlightEntry
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, Store
-
-#: Plotly, which the pages of flights of a folder share (`reports.files.folder`).
-SHARED_SCRIPT = "plotly.min.js"
+from reports import SHARED_SCRIPT
 
 _log = logging.getLogger("rotorid.api")
 

@@ -74,7 +74,7 @@ class _Stock(Collector):
         yield GaugeMetricFamily("rotorid_logs_bytes", "Bytes of the logs kept.", value=float(size))
 
 
-class Measured:
+class CountedRequests:
     """ASGI middleware: counts requests and the time that they take."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:

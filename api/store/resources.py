@@ -9,6 +9,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, computed_field, model_validator
 
 from api.problems import Problem
+from core.summary import listed
 from pipeline.config import SETTINGS, AnalysisConfig
 
 
@@ -161,8 +162,7 @@ class Analysis(Progress):
     @property
     def title(self) -> str:
         """What it is of, for people."""
-        more = len(self.logs) - 1
-        return self.logs[0].name + (f" and {more} more" if more else "")
+        return listed([log.name for log in self.logs], 1)
 
 
 class AnalysisAnswer(Analysis, Results):

@@ -14,9 +14,10 @@ from api.settings import Settings
 from api.store.database import Database
 from api.work.queue import Queue
 from api.work.rounds import Rounds
-from api.work.watch import PRELOAD, Workplace, work
+from api.work.watch import Workplace, work
 from api.work.worker import Analyze, analyze_logs
 from pipeline.storage.store import open_store
+from reports import PRELOAD
 
 _log = logging.getLogger("rotorid.api")
 

@@ -31,17 +31,9 @@ from api.work.outcome import Reached, read_outcome
 from api.work.queue import Claim, Heartbeat, LostError, Queue
 from pipeline.names import folder_names
 from pipeline.storage.store import Store, open_store
+from reports import PRELOAD
 
 _log = logging.getLogger("rotorid.api")
-
-#: What the process that workers are forked from has imported already, so that an analysis starts at once.
-PRELOAD = (
-    "pipeline.fleet.job",
-    "pipeline.fleet.crafts",
-    "pipeline.fleet.crafts",
-    "reports.files.folder",
-    "reports.files.fleet",
-)
 
 #: How processes that do the work are made.
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -76,12 +68,12 @@ class Workplace:
         forkserver.ensure_running()
 
 
-def limits_of(settings: Settings) -> worker.Limits:
+def limits_of(settings: Settings) -> worker.TaskLimits:
     """Return what one analysis may take, and where the service keeps what is none of its business."""
     database, storage = make_url(settings.database_url), open_store(settings.storage_url).folder
     file = database.database if database.get_backend_name() == "sqlite" else None
     closed = (settings.data, *([storage] if storage else []), *([Path(file)] if file else []))
-    return worker.Limits(settings.time_limit, settings.memory_limit, settings.upload_limit, closed)
+    return worker.TaskLimits(settings.time_limit, settings.memory_limit, settings.upload_limit, closed)
 
 
 def work(workplace: Workplace, claim: Claim, stopping: Callable[[], bool]) -> None:

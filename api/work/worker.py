@@ -66,7 +66,7 @@ _MOST = 4
 _OURS = ("flights",)
 
 
-class Progress(Protocol):
+class TaskProgress(Protocol):
     """Hears how far an analysis is and, once it is known, what happened in the flight."""
 
     def __call__(self, stage: str, fraction: float, happened: str = "") -> None:
@@ -94,7 +94,7 @@ class Task:
 
 
 #: Does a task and reports progress.
-Analyze: TypeAlias = Callable[[Task, Progress], None]
+Analyze: TypeAlias = Callable[[Task, TaskProgress], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def unkept(error: OSError) -> Problem:
     return Problem.of("results-not-kept", detail)
 
 
-def analyze_logs(task: Task, progress: Progress) -> None:
+def analyze_logs(task: Task, progress: TaskProgress) -> None:
     """Run the pipeline on the logs of a task, or on the flights of a craft, and write the report and tables."""
     if task.members:
         _join(task, progress)
@@ -144,7 +144,7 @@ def analyze_logs(task: Task, progress: Progress) -> None:
         _analyze_several(task, progress)
 
 
-def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
+def _analyze_one(task: Task, log: "FlightLog", progress: TaskProgress) -> None:
     ((_, name),) = task.logs
     advance = Overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
@@ -161,7 +161,7 @@ def _analyze_one(task: Task, log: "FlightLog", progress: Progress) -> None:
         _log.exception("the tables of %s cannot be written", name)
 
 
-def _tell_account(progress: Progress, result: "FlightResult") -> None:
+def _tell_account(progress: TaskProgress, result: "FlightResult") -> None:
     """Report what happened, before anything is identified."""
     answer = present(result.answer)
     if answer is not None:
@@ -184,13 +184,13 @@ def _publish(result: "FlightResult | GroupResult | None", folder: Path) -> None:
     reports.write(result, folder)
 
 
-def _analyze_several(task: Task, progress: Progress) -> None:
+def _analyze_several(task: Task, progress: TaskProgress) -> None:
     config = pipeline.AnalysisConfig(**task.configuration)
     logs = [log for log, _ in task.logs]
     fleet = pipeline.analyze_fleet(logs, config, None, progress, store=task.folder, publish=_publish)
     progress("report", 0.99)
     reports.write_fleet(fleet)
-    (task.folder / reports_folder.SHARED_SCRIPT).unlink(missing_ok=True)
+    (task.folder / reports.SHARED_SCRIPT).unlink(missing_ok=True)
     write_flights((replace(entry, source=PurePath(entry.source).name) for entry in fleet.flights), task.folder)
     try:
         _propose_of_crafts(fleet.flights, task.folder)
@@ -250,7 +250,7 @@ def _write_gains(tuning: "Tuning", folder: Path) -> None:
     (folder / "rollback.param").write_text(tuning.rollback_file(), encoding="utf-8")
 
 
-def _join(task: Task, progress: Progress) -> None:
+def _join(task: Task, progress: TaskProgress) -> None:
     """Fit the flights of one craft jointly, from their experiments."""
     config = pipeline.AnalysisConfig(**{name: v for name, v in task.configuration.items() if name not in _OURS})
     joint = task.folder.parent / "joint"
@@ -282,7 +282,7 @@ def _join(task: Task, progress: Progress) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class TaskLimits:
     """What one analysis may take."""
 
     time: float  #: s.
@@ -291,7 +291,7 @@ class Limits:
     closed: tuple[Path, ...] = ()  #: Where the server keeps what is no analysis' business.
 
 
-def run(reports_to: Connection, analyze: Analyze, task: Task, limits: Limits, log_format: LogFormat) -> None:
+def run(reports_to: Connection, analyze: Analyze, task: Task, limits: TaskLimits, log_format: LogFormat) -> None:
     """Do a task within its limits and report how it goes, at the end with `Ended`."""
     log_lines.configure(log_format)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which ends its workers itself.

@@ -29,9 +29,6 @@ from pipeline.execution.machine import available_memory, collect_seldom, pin_thr
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: What the process that workers are forked from has imported already: each starts at once and shares its memory.
-PRELOAD = ("pipeline.execution.compiling", "pipeline.fleet.job")
-
 
 def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | None = None) -> int:
     """Choose how many logs to analyse at the same time: as many as there are processors, and memory for."""
@@ -49,10 +46,11 @@ def count_workers(sizes: Sequence[int], memory: int | None = None, cores: int | 
 
 
 @contextmanager
-def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = PRELOAD) -> Iterator["Processes"]:
+def processes(count: int | None, sizes: Sequence[int], preload: Sequence[str] = ()) -> Iterator["Processes"]:
     """Return an executor of `count` processes, or as many as suit this computer and the logs' sizes in bytes.
 
-    Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once.
+    Whatever ends the ``with`` early, such as Ctrl-C, ends the processes at once. The process that they are forked from
+    imports `preload` once for all: each starts at once and shares its memory.
     """
     chosen = count_workers(sizes) if count is None else max(1, min(count, len(sizes)))
     with Processes(chosen, preload) as executor:
@@ -113,7 +111,7 @@ class Processes(Executor):
     display do not survive a fork.
     """
 
-    def __init__(self, count: int, preload: Sequence[str] = PRELOAD) -> None:
+    def __init__(self, count: int, preload: Sequence[str] = ()) -> None:
         pin_threads()
         methods = multiprocessing.get_all_start_methods()
         context: Any = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")

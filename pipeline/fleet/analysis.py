@@ -17,6 +17,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
+from core.summary import listed
 from pipeline.config import AnalysisConfig, ConfigError
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done
 from pipeline.execution.progress import Watch, part_of
@@ -46,9 +47,6 @@ else:
     fleet_crafts, fleet_job = lazy("pipeline.fleet.crafts"), lazy("pipeline.fleet.job")
 
 _LOG = logging.getLogger("rotorid.pipeline")
-
-#: Names of logs that one message lists.
-MOST_NAMED = 20
 
 #: What became of a log: its flights; None for a file that is none.
 Outcome = tuple[FlightEntry, ...] | LogFailure | None
@@ -160,8 +158,8 @@ def check_choices(found: FoundFiles, config: AnalysisConfig) -> None:
         for pattern in patterns:
             fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in found.sources)))
             if not any(fits):
-                some = ", ".join(names[:MOST_NAMED]) + (", …" if len(names) > MOST_NAMED else "")
-                raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {some or 'none'}")
+                there = listed(names, 20) or "none"
+                raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {there}")
 
 
 def _known(records: Sequence[FileRecord], former: Manifest, run: Run) -> dict[str, Outcome]:

@@ -108,7 +108,7 @@ class Unpaired:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class ReportComparison:
     """Two reports craft by craft: what comparison.json holds."""
 
     kind: Literal["comparison"] = "comparison"
@@ -165,10 +165,12 @@ def _of_craft(craft: CraftReport, config: AnalysisConfig, by_name: Mapping[str, 
     return Compared(craft.name, craft, config, flights, points, {each.parameter: each.unit for each in followed})
 
 
-def compare_reports(a: FlightReport | FleetReport, b: FlightReport | FleetReport, names: tuple[str, str]) -> Comparison:
+def compare_reports(
+    a: FlightReport | FleetReport, b: FlightReport | FleetReport, names: tuple[str, str]
+) -> ReportComparison:
     """Compare two reports craft by craft."""
     pairs, left, right = _pair(subjects(a), subjects(b))
-    return Comparison(
+    return ReportComparison(
         rotorid=version("rotorid"),
         a=Side(report=printable(names[0]), rotorid=a.rotorid),
         b=Side(report=printable(names[1]), rotorid=b.rotorid),

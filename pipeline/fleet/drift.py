@@ -25,8 +25,8 @@ from scipy.special import ndtr as normal_cdf
 from scipy.special import ndtri as normal_quantile
 
 from logparse import Finding, Severity
-from pipeline.fleet.history import ALPHA, FEWEST_ASIDE, fit_change, history, sentence_of
-from pipeline.fleet.meta_analysis import holm
+from pipeline.fleet.history import FEWEST_ASIDE, fit_change, history, sentence_of
+from pipeline.fleet.meta_analysis import ALPHA, holm
 from pipeline.flight.craft import in_order, took_off
 from pipeline.flight.summary import BATTERY
 from pipeline.results.drift import Drift, FlightPoint, History, MotorDrift, MotorWork, Step, Trend

@@ -8,15 +8,12 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fleet.meta_analysis import MetaRegression, meta_regression
+from pipeline.fleet.meta_analysis import ALPHA, MetaRegression, meta_regression
 from pipeline.results.drift import FlightPoint, Heterogeneity, History, Step, Trend
 from sysid.rigid_body.physical import TRUSTED
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]
-
-#: Chance of any false alarm among all questions about one craft.
-ALPHA = 0.05
 
 #: Fewest flights for a slope or a step, and on either side of a step: with fewer, one strange flight makes either.
 FEWEST, FEWEST_ASIDE = 4, 2

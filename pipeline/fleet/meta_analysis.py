@@ -120,8 +120,8 @@ def holm(p: Sequence[float]) -> list[float]:
     return adjusted
 
 
-#: Chance of calling any parameter changed when none did.
-SIGNIFICANCE = 0.05
+#: Chance of any false alarm among all questions about one craft, or two reports of it.
+ALPHA = 0.05
 
 
 def difference(
@@ -136,7 +136,7 @@ def difference(
     # Percent of what may be zero mean nothing.
     # Standard errors that a value must differ from zero by for a change of it to be told in percent.
     percent = 100.0 / before if abs(before) > 3.0 * before_sigma else None
-    half = _quantile(1.0 - SIGNIFICANCE / 2.0, fit.df) * sigma
+    half = _quantile(1.0 - ALPHA / 2.0, fit.df) * sigma
     return ParameterChange(
         parameter=parameter,
         method=method,
@@ -158,7 +158,7 @@ def corrected(rows: Sequence[ParameterChange]) -> tuple[ParameterChange, ...]:
     """Correct all probabilities together, and judge by them."""
     adjusted = holm([row.p for row in rows])
     pairs = zip(rows, adjusted, strict=True)
-    return tuple(replace(row, p_adjusted=p, significant=p < SIGNIFICANCE) for row, p in pairs)
+    return tuple(replace(row, p_adjusted=p, significant=p < ALPHA) for row, p in pairs)
 
 
 def _quantile(chance: float, df: int) -> float:

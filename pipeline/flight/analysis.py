@@ -26,7 +26,7 @@ from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.next_flights import for_flight
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.signals import flight_signals
-from pipeline.flight.training import busiest, part_findings
+from pipeline.flight.training import SHORTEST, busiest, part_findings
 from pipeline.flight.workload import expected_seconds
 from pipeline.names import flight_name, printable
 from pipeline.results.account import Account
@@ -43,9 +43,6 @@ from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
 from sysid.rotors.thrust import thrust_changes
 from sysid.rotors.thrust_regression import THRUST_CHANGED
-
-#: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
-SHORTEST_EXPERIMENT = 20.0
 
 #: Stages that take time beside the others where a log is analysed alone.
 ASIDE = ("rotation",)
@@ -438,10 +435,10 @@ def _record(
             beside=beside,
             within=(part.start, part.stop),
         )
-        if whole.duration < SHORTEST_EXPERIMENT:
+        if whole.duration < SHORTEST:
             raise MissingDataError(
                 f"only {whole.duration:.0f} s without a gap in inputs and position; "
-                f"at least {SHORTEST_EXPERIMENT:.0f} s are needed to fit and judge a model"
+                f"at least {SHORTEST:.0f} s are needed to fit and judge a model"
             )
         return whole
 

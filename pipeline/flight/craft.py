@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 from core.lazy import lazy
+from core.summary import listed
 from logparse import Finding, Severity
 
 if TYPE_CHECKING:
@@ -38,9 +39,6 @@ _TUNE = re.compile(
 
 #: What the gains of a craft are called beside its firmware in a message.
 _FIRMWARE = "firmware"
-
-#: Differences that one message lists.
-_MOST_NAMED = 4
 
 #: Differences up to which flights without a board's id may still be of one craft: more are not made between flights.
 _MAY_BE_ONE = 3
@@ -227,10 +225,7 @@ def _changed(a: Mapping[str, object], b: Mapping[str, object]) -> set[str]:
 
 
 def _differences(a: Mapping[str, object], b: Mapping[str, object], changed: Iterable[str]) -> str:
-    names = sorted(changed)
-    told = [f"{name} {_text(a[name])} → {_text(b[name])}" for name in names[:_MOST_NAMED]]
-    more = len(names) - len(told)
-    return ", ".join(told) + (f" and {more} more" if more else "")
+    return listed([f"{name} {_text(a[name])} → {_text(b[name])}" for name in sorted(changed)], 4)
 
 
 def _text(value: object) -> str:

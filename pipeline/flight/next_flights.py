@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from core.quantity import joined, readable
+from core.summary import listed
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of
 from pipeline.flight.craft import in_order
 from pipeline.flight.logging_advice import logging
@@ -302,11 +303,11 @@ def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
             f"{readable(flown.unit, high)})"
         )
     flights = list(dict.fromkeys(flights))
-    named = ", ".join(flights[:4]) + (f" and {len(flights) - 4} more" if len(flights) > 4 else "")
     yield Advice(
         id="train-where-you-fly",
         rank=15,
-        do=f"Let {'one of ' if len(flights) > 1 else ''}{named} train (--training), or fly a training flight there",
+        do=f"Let {'one of ' if len(flights) > 1 else ''}{listed(flights, 4)} train (--training), or fly a training "
+        "flight there",
         why=f"flights that judge leave what the models were fitted to: {', '.join(told[:4])}",
         gain="errors of interpolation instead of extrapolation over that range",
         flights=tuple(flights),

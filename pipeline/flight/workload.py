@@ -11,14 +11,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from logparse import FlightLog
+from pipeline.flight.training import SHORTEST
 from pipeline.results.span import Span
 
 #: Rate [Hz] above which the rate controller's rows are thinned before responses are computed.
 _THINNED = 100.0
 #: Longest flight [s] of which transfer functions take more time, and of which the rigid body does.
 _FITTED, _BODY = 350.0, 600.0
-#: Shortest flight that models are fitted to, s; fewest fixes that say that there is a position.
-_SHORTEST, _FIXES = 20.0, 10
+#: Fewest fixes that say that there is a position.
+_FIXES = 10
 
 
 def expected_seconds(log: FlightLog, flight: Span | None) -> Mapping[str, float]:
@@ -35,7 +36,7 @@ def expected_seconds(log: FlightLog, flight: Span | None) -> Mapping[str, float]
     if motors and covered:
         rows = 0 if rates is None else int(((rates >= flight.start) & (rates <= flight.stop)).sum())
         seconds["rotation"] = 0.3 + 0.001 * flown + 1e-4 * min(rows, _THINNED * flown)
-    if not motors or fixes <= _FIXES or flown < _SHORTEST:
+    if not motors or fixes <= _FIXES or flown < SHORTEST:
         return seconds | {"experiment": 0.05, "report": 0.07}
     fitted, body = min(flown, _FITTED), min(flown, _BODY)
     return seconds | {

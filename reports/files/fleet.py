@@ -24,8 +24,9 @@ from pipeline.results.model import ModelReport, ModelsFile
 from pipeline.results.report import CommonFinding, CraftReport, FleetReport, FlightReport, LeftOut
 from pipeline.storage.manifest import CRAFTS, FLIGHTS
 from pipeline.storage.store import Store
+from reports import SHARED_SCRIPT
 from reports.figures.flight import CraftFigures
-from reports.files.folder import FIGURES, SHARED_SCRIPT, page_or_excuse, rmse_table
+from reports.files.folder import FIGURES, page_or_excuse, rmse_table
 from reports.pages import html
 from reports.pages.fleet import Shown, craft_file, craft_models_page, fleet_page
 from reports.views import fleet as fleet_views

@@ -19,6 +19,7 @@ from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
+from reports import SHARED_SCRIPT
 from reports.figures.flight import FlightFigures, draw_craft, draw_flight
 from reports.files.plot_images import ImageFormat, write_images
 from reports.files.tracks import write_track
@@ -29,8 +30,6 @@ from sysid.transfer_functions.export import TransferMatrix, coefficients, write_
 
 _LOG = logging.getLogger("rotorid.reports")
 
-#: Plotly's script where the pages of flights share it, at the root of a folder of flights and crafts.
-SHARED_SCRIPT = "plotly.min.js"
 #: The page of a flight, and the plots of a flight or craft that need the result itself.
 PAGE, FIGURES = "report.html", "figures.json"
 #: The folder of the page on all flights, seen from that of one.

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from core.quantity import counted, number
 from core.table import Row, Table, escaped
-from pipeline.fleet.comparison import ComparedPair, Comparison, Facts
+from pipeline.fleet.comparison import ComparedPair, Facts, ReportComparison
 from reports.figures.figure import Figure, Plot, digits, marks
 from reports.pages.html import render
 from reports.views import summary
@@ -78,7 +78,7 @@ def heading(pair: ComparedPair) -> str:
     return pair.a.name if pair.a.name == pair.b.name else f"{pair.a.name} → {pair.b.name}"
 
 
-def flights(pair: ComparedPair, numbers: Comparison) -> str:
+def flights(pair: ComparedPair, numbers: ReportComparison) -> str:
     """Name the two sides, with how many flights they hold and when they were."""
     sides = ((numbers.a, pair.a, "Before"), (numbers.b, pair.b, "after"))
     return "; ".join(f"{word}: {side.report}, {_flights(facts)}" for side, facts, word in sides)
@@ -90,14 +90,14 @@ def _flights(side: Facts) -> str:
     return f"{counted(side.flights, 'flight')}{days}"
 
 
-def unpaired(numbers: Comparison) -> str:
+def unpaired(numbers: ReportComparison) -> str:
     """Report which crafts have nobody to be compared with; empty when all have."""
     sides = ((numbers.a, numbers.unpaired.a), (numbers.b, numbers.unpaired.b))
     parts = [f"only in {side.report}: {', '.join(names)}" for side, names in sides if names]
     return f"Not compared, {'; '.join(parts)}." if parts else ""
 
 
-def comparison_page(numbers: Comparison) -> str:
+def comparison_page(numbers: ReportComparison) -> str:
     """Render the page."""
     drawn = [_intervals(pair, f"changes-{place}") for place, pair in enumerate(numbers.pairs)]
     shown = [
@@ -108,7 +108,7 @@ def comparison_page(numbers: Comparison) -> str:
     return render("comparison.html", figures, title=_title(numbers), pairs=shown, unpaired=unpaired(numbers))
 
 
-def _title(numbers: Comparison) -> str:
+def _title(numbers: ReportComparison) -> str:
     return f"{numbers.a.report} against {numbers.b.report}"
 
 
@@ -133,7 +133,7 @@ def _intervals(pair: ComparedPair, name: str) -> Figure | None:
     return plot.figure(name, caption, 110 + 34 * len(rows), margin=room)
 
 
-def comparison_markdown(numbers: Comparison) -> str:
+def comparison_markdown(numbers: ReportComparison) -> str:
     """Write the comparison for a pull request or a mail."""
     lines = [f"# {escaped(_title(numbers))}", ""]
     for pair in numbers.pairs:
@@ -144,7 +144,7 @@ def comparison_markdown(numbers: Comparison) -> str:
     return "\n".join([*lines, escaped(unpaired(numbers))]).rstrip() + "\n"
 
 
-def comparison_overview(numbers: Comparison) -> RenderableType:
+def comparison_overview(numbers: ReportComparison) -> RenderableType:
     """Lay the comparison out for a terminal: what changed, and the tables of parameters and errors."""
     parts: list[RenderableType] = []
     for pair in numbers.pairs:

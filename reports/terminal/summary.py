@@ -7,6 +7,7 @@ from textwrap import shorten
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from core.summary import listed
 from core.table import TONES, Cell, Row, Table
 from pipeline.results.answer import AnswerLine, clause
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
@@ -81,8 +82,7 @@ def _reasons(flights: Sequence[FlightReport]) -> list[str]:
     # The flight's own name, which some reasons begin with, stands in the row already.
     reasons = summary.alike([clause(summary.first_reason(each).removeprefix(f"{each.name}: ")) for each in without])
     return [
-        f"No model: {reason} ({without[each[0]].name}{f' and {len(each) - 1} more' if len(each) > 1 else ''})"
-        for reason, each in reasons.items()
+        f"No model: {reason} ({listed([without[place].name for place in each], 1)})" for reason, each in reasons.items()
     ]
 
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from pipeline.config import AnalysisConfig
+from reports import PRELOAD
 from rotorid.cli.options import flight_of, folder_of, parted, setting
 from rotorid.cli.output import INTERRUPTED, NOT_POSSIBLE, OK, SOME_FAILED, console, fail, prepare
-from rotorid.workers import PRELOAD
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -154,14 +154,14 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     """Run stored models with the inputs of a log or a CSV table; write a page and a table of each prediction."""
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
-    from pipeline.flight.replay import Trim, replay
+    from pipeline.flight.replay import InputTrim, replay
     from reports import write_replay
 
     if inputs is None:
         raise ConfigError(f"{models} holds models; say what to run them with: --inputs LOG or --inputs TABLE.csv")
     prepare(out)
     with shown() as progress:
-        result = replay(models, inputs, wanted, progress, Trim(trim) if trim else None)
+        result = replay(models, inputs, wanted, progress, InputTrim(trim) if trim else None)
     for each in result.results:
         if each.report.missing:
             typer.echo(f"{each.title}: {each.report.missing}", err=True)

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from api.work import outcome
-from api.work.worker import Progress, Task
+from api.work.worker import Task, TaskProgress
 from core.serialization import as_json
 from logparse import LogError
 from pipeline.results.answer import AnswerLine, Tone
@@ -24,7 +24,7 @@ def log(day: float, thrust: float = 8.5, craft: str = "octa", word: str = "yes",
     return json.dumps({"day": day, "thrust": thrust, "craft": craft, "word": word, **facts}).encode()
 
 
-def analyze(task: Task, progress: Progress) -> None:
+def analyze(task: Task, progress: TaskProgress) -> None:
     """Hand flights over, or fit those of a craft jointly, as the files say."""
     progress("parsing", 0.0)
     if task.members:

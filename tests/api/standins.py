@@ -8,12 +8,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from api.work.worker import Progress, Task, analyze_logs
+from api.work.worker import Task, TaskProgress, analyze_logs
 from logparse import LogError
 from logparse.containers import open_buffer
 
 
-def analyze(task: Task, progress: Progress) -> None:
+def analyze(task: Task, progress: TaskProgress) -> None:
     """Behave as the first log's first word says."""
     (log, name), folder = task.logs[0], task.folder
     word = log.read_bytes()[:64].split(maxsplit=1)[0].decode("utf-8", "replace")
@@ -72,6 +72,6 @@ def analyze(task: Task, progress: Progress) -> None:
     (folder / "rmse.csv").write_text("flight,x,y,z\n1,0.25,0.2,0.3\n")
 
 
-def analyze_patiently(task: Task, progress: Progress) -> None:
+def analyze_patiently(task: Task, progress: TaskProgress) -> None:
     """Run the pipeline itself, and let no fit be given up because the computer is slow."""
     analyze_logs(replace(task, configuration={**task.configuration, "time_limit": 3600.0}), progress)

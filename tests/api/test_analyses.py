@@ -12,7 +12,7 @@ import pytest
 
 from api import Settings, create_app
 from api.settings import LogFormat
-from api.work.worker import Limits, Task, run
+from api.work.worker import Task, TaskLimits, run
 from tests.api import standins
 from tests.api.conftest import EVERYTHING, Upload, served
 from tests.api.programs import wait_until
@@ -87,7 +87,7 @@ def test_what_the_pipeline_logs_in_a_worker_is_written(tmp_path: Path, capfd: py
     (tmp_path / "results").mkdir()
     task = Task([(tmp_path / "log", "log")], {}, tmp_path / "results")
     process = multiprocessing.get_context("spawn").Process(
-        target=run, args=(sender, standins.analyze, task, Limits(60.0, 10**9, 10**9), LogFormat.JSON)
+        target=run, args=(sender, standins.analyze, task, TaskLimits(60.0, 10**9, 10**9), LogFormat.JSON)
     )
     process.start()
     process.join()

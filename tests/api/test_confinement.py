@@ -13,11 +13,11 @@ import pytest
 from api.settings import LogFormat, Settings
 from api.work.confinement import landlock_version
 from api.work.watch import limits_of
-from api.work.worker import Ended, Limits, Progress, Task, run
+from api.work.worker import Ended, Task, TaskLimits, TaskProgress, run
 from tests.paths import ROOT
 
 
-def pry(task: Task, _: Progress) -> None:
+def pry(task: Task, _: TaskProgress) -> None:
     """Try to read what is the service's, and to work as an analysis does; write down what succeeded."""
     data, own = task.folder.parents[2], task.folder
     tried = {
@@ -60,7 +60,7 @@ def test_an_analysis_reaches_nothing_of_the_service(tmp_path: Path, monkeypatch:
     receiver, sender = multiprocessing.Pipe(duplex=False)
     task = Task([(own / "log", "log")], {}, own / "results")
     process = multiprocessing.get_context("spawn").Process(
-        target=run, args=(sender, pry, task, Limits(60.0, 10**9, 10**9, closed), LogFormat.TEXT)
+        target=run, args=(sender, pry, task, TaskLimits(60.0, 10**9, 10**9, closed), LogFormat.TEXT)
     )
     process.start()
     sender.close()

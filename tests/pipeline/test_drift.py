@@ -10,8 +10,7 @@ from scipy import stats
 import logparse
 from logparse.craft.frames import motor_table
 from pipeline.fleet.drift import follow
-from pipeline.fleet.history import ALPHA
-from pipeline.fleet.meta_analysis import holm, meta_regression
+from pipeline.fleet.meta_analysis import ALPHA, holm, meta_regression
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.drift import Step, Trend
 from pipeline.results.fleet import FlightParameter

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from core.serialization import as_json
 from pipeline.config import ConfigError
 from pipeline.fleet.comparison import compare_reports
-from pipeline.fleet.meta_analysis import SIGNIFICANCE
+from pipeline.fleet.meta_analysis import ALPHA
 from pipeline.results.report import FleetReport
 from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
@@ -96,7 +96,7 @@ def test_nothing_is_called_changed_more_often_than_stated_when_flights_scatter_b
     for _ in range(400):
         a, b = rng.normal(7.0, 0.2, (2, 5))
         false += only(compare_reports(report(craft(a)), report(craft(b)), ("a", "b"))).significant
-    assert false / 400 < SIGNIFICANCE + 3.0 * math.sqrt(SIGNIFICANCE * (1.0 - SIGNIFICANCE) / 400)
+    assert false / 400 < ALPHA + 3.0 * math.sqrt(ALPHA * (1.0 - ALPHA) / 400)
 
 
 def test_single_flights_are_compared_by_their_fits_and_the_limit_of_that_is_said():
