@@ -114,8 +114,9 @@ def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
 
 def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
-    winged = having(flights, "wing-borne")  # their gaps are flight on wings
-    gaps = [each for each in having(flights, "log-gaps") if each.format not in TELEMETRY and each not in winged]
+    # Gaps may be flight on wings, or bytes that the file lost after the card had taken them.
+    otherwise = having(flights, "wing-borne", "file-damaged")
+    gaps = [each for each in having(flights, "log-gaps") if each.format not in TELEMETRY and each not in otherwise]
     if not gaps:
         return
     px4 = all(flight.format == "ulog" for flight in gaps)

@@ -202,6 +202,11 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
     assert "adds 12 % instead of 41 %" in advice["fly-more"].gain
 
 
+def test_a_faster_card_does_not_mend_a_damaged_file():
+    assert only(good("slow", findings=("log-gaps", WITHOUT_MASS)), good("well")).id == "faster-card"
+    assert for_craft([good("damaged", findings=("log-gaps", "file-damaged"))]) == ()
+
+
 def test_a_weakening_motor_comes_first():
     flights = hovering(np.random.default_rng(3), "octa", 10, weak=5, loss=0.02)
     flights = [dataclasses.replace(good(f.name, findings=(WITHOUT_MASS,)), trims=f.trims) for f in flights]
