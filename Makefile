@@ -50,14 +50,15 @@ analyze: setup  ## analyse sample_logs/, print a summary, write out/report.html 
 	@$(BIN)/rotorid analyze sample_logs --out out
 
 check: lint  ## lint and the fast tests: what to run before a commit
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadscope -m "not slow and not lengthy"
+	@$(BIN)/python -m pytest -n logical --dist loadscope -m "not slow and not lengthy"
 
 # Tests of a module stay together, so that what its fixtures make is made once; all else is in random order.
 ORDER   = -n $(JOBS) --dist loadscope --no-loadscope-reorder --randomly-seed=$(SEED)
+WHICH   = -m "not whole"
 
 test: tools  ## run all tests in random order, the longest in a short form; SEED=n repeats an order
 	@echo "Running the tests in random order, SEED=$(SEED) ..."
-	@$(BIN)/python -m pytest $(ORDER) --durations=20 -m "not whole"
+	@$(BIN)/python -m pytest $(ORDER) --durations=20 $(WHICH)
 
 whole: tools  ## run what `make test` runs in a short form as it is: many flights, all real logs, kills, the tutorial
 	@$(BIN)/python -m pytest $(ORDER) -m whole $$(git grep -l 'mark\.whole' -- tests)

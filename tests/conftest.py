@@ -62,78 +62,53 @@ FORKED = ["pipeline.fleet.job", "api.work.worker", "tests.api.standins", "tests.
 #: Fixtures, and parameters of tests, that stand for a program beside the tests: a browser, a database server.
 _PROGRAMS = {"browser", "postgresql", "s3"}
 
-#: Modules whose tests take more than three seconds beside the slow ones, four fifths of the time of all: `make check`
+
+def _modules(table: str) -> set[Path]:
+    """Return the modules of a table: a folder of tests, a colon, and names in it without `test_`."""
+    folder, found = "", set[Path]()
+    for word in table.split():
+        if word.endswith(":"):
+            folder = word.removesuffix(":")
+        else:
+            found.add(ROOT / "tests" / folder / f"test_{word}.py")
+    assert all(path.is_file() for path in found), [path for path in found if not path.is_file()]
+    return found
+
+
+#: Modules whose tests take more than two seconds beside the slow ones, nine tenths of the time of all: `make check`
 #: leaves them to `make test`.
-_LENGTHY = {
-    ROOT / "tests" / f"{name}.py"
-    for name in [
-        "api/test_analyses",
-        "api/test_attacks",
-        "api/test_crafts",
-        "api/test_database",
-        "api/test_ends",
-        "api/test_hooks",
-        "api/test_hostile",
-        "api/test_openapi",
-        "api/test_operation",
-        "api/test_pages",
-        "api/test_server",
-        "docs/test_findings",
-        "estimation/test_estimate",
-        "estimation/test_further_sensors",
-        "estimation/test_robustness",
-        "fuzz/test_fuzz",
-        "logparse/foreign/test_tables",
-        "core/test_compiled",
-        "logparse/test_dataflash_damage",
-        "logparse/test_dataflash_edges",
-        "logparse/test_dataflash_fidelity",
-        "logparse/test_hostile",
-        "logparse/test_tables_shared_logs",
-        "logparse/test_tlog",
-        "logparse/test_tlog_fidelity",
-        "pipeline/test_account_logs",
-        "pipeline/test_bad_fields",
-        "pipeline/test_executors",
-        "pipeline/test_fleet",
-        "pipeline/test_identification",
-        "rotorid/test_front_door",
-        "rotorid/test_start",
-        "simulation/test_cases",
-        "simulation/test_sample_logs",
-        "sysid/autopilot/test_drag_and_thrust_curve",
-        "sysid/autopilot/test_notch_of_the_gyro",
-        "sysid/frequency/test_bad_input",
-        "sysid/loops/test_as_flown",
-        "sysid/loops/test_design",
-        "sysid/loops/test_procedure",
-        "sysid/loops/test_tuning",
-        "sysid/test_gusts",
-        "sysid/test_kim2017",
-        "sysid/test_motor_dropout",
-        "sysid/test_motor_loss",
-        "sysid/test_pem",
-        "sysid/test_rigid_body",
-        "sysid/test_trim",
-    ]
-}
+_LENGTHY = _modules("""
+    api: access analyses attacks confinement crafts database ends hooks hostile openapi operation pages problems
+        server
+    core: compiled
+    docs: findings
+    estimation: estimate filter further_sensors heights robustness
+    fuzz: fuzz
+    logparse: dataflash_damage dataflash_edges dataflash_fidelity export frames hostile inspection
+        tables_shared_logs tlog tlog_damage tlog_fidelity
+    logparse/foreign: tables
+    pipeline: account account_logs bad_fields cli every_flight executors fleet identification replay review
+        stages
+    reports: first_screen fleet_report folder
+    rotorid: commands front_door start
+    simulation: cases sample_logs
+    sysid: bench export gusts kim2017 motor_dropout motor_loss pem refinement2020 rigid_body structures trim
+    sysid/autopilot: drag_and_thrust_curve notch_of_the_gyro
+    sysid/frequency: bad_input flights sources
+    sysid/loops: as_flown design loop ordinary procedure tuning
+    sysid/six_dof: six_dof
+""")
 
 #: The longest of all, half a minute and more each: whichever came last would leave the other workers idle.
-_LONGEST = {
-    ROOT / "tests" / f"{name}.py"
-    for name in [
-        "api/test_browser",
-        "api/test_faults",
-        "docs/test_tutorial",
-        "estimation/test_acceptance",
-        "estimation/test_sitl",
-        "pipeline/test_shared_logs",
-        "sysid/loops/test_tuning",
-        "sysid/six_dof/test_learning",
-        "sysid/test_rigid_body_flights",
-        "sysid/test_starts",
-    ]
-}
+_LONGEST = _modules("""
+    api: browser faults
+    docs: tutorial
+    estimation: acceptance sitl
+    pipeline: shared_logs
+    sysid: rigid_body_flights starts
+    sysid/loops: tuning
+    sysid/six_dof: learning
+""")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

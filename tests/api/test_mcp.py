@@ -28,8 +28,6 @@ from tests.paths import ROOT
 from tests.pipeline.builders import flown
 from tests.reports.made import made
 
-mcp = pytest.importorskip("mcp")
-
 
 @pytest.fixture
 def folder(two_analysed: tuple[Path, object]) -> Path:
@@ -38,6 +36,7 @@ def folder(two_analysed: tuple[Path, object]) -> Path:
 
 def ask(folder: Path, *questions: tuple[str, dict[str, Any]]) -> list[Any]:
     """Put questions to `rotorid mcp`; an error is answered with its text."""
+    mcp = pytest.importorskip("mcp")  # takes longer to import than all else here
 
     async def talk() -> list[Any]:
         program = mcp.StdioServerParameters(

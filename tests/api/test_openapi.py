@@ -13,9 +13,7 @@ from typing import Any
 
 import httpx
 import pytest
-import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
-from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from api import Settings
 from tests.api import flights
@@ -81,6 +79,9 @@ def test_nothing_breaks_and_everything_is_as_documented(
     service: httpx.Client, document: dict[str, Any], upload: Upload
 ) -> None:
     """Requests made of the document, valid and not, by hypothesis; the same ones each time."""
+    import schemathesis  # here, for every worker reads this file and one of them runs this test
+    from schemathesis.specs.openapi.checks import positive_data_acceptance
+
     before = {each["id"] for each in service.get("/api/v1/crafts").json()["items"]}  # what another test flew
     done = upload(service, flights.log(0, trust="yes")).json()
     (craft,) = [each for each in service.get("/api/v1/crafts").json()["items"] if each["id"] not in before]

@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 from contextlib import closing
+from importlib.util import find_spec
 
 import fsspec
 import pytest
@@ -19,7 +20,7 @@ from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None, reason="needs rotorid[cluster]")
 
 
 @pytest.fixture(scope="module")

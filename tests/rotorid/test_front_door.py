@@ -190,13 +190,13 @@ def test_a_record_goes_to_another_process_without_its_log(chirps):
     np.testing.assert_array_equal(again.y, data.y)
 
 
-def test_what_asks_for_logs_takes_their_paths(chirps):
-    path = str(chirps.path)
+def test_what_asks_for_logs_takes_their_paths(log, chirps):
     np.testing.assert_array_equal(
-        ro.frequency.response(path, "yaw").response, ro.frequency.response([chirps], "yaw").response
+        ro.frequency.response(str(chirps.path), "yaw").response, ro.frequency.response([chirps], "yaw").response
     )
-    assert ro.tune(path).refused == ro.tune([chirps]).refused
-    assert ro.prove(path, [path]).before == (chirps.name,)
+    # A log without chirps is refused at once.
+    assert ro.tune(str(LOG)).refused == ro.tune([log]).refused
+    assert ro.prove(str(LOG), [str(LOG)]).before == (log.name,)
 
 
 @pytest.mark.parametrize("given", [3.0, None, [None], {"a": 1}])

@@ -98,15 +98,6 @@ def test_in_stabilised_flight_the_weak_motor_shows():
     assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
-def test_from_pwm_with_the_motors_lag():
-    made = octocopter()
-    record = flight(made, 4, speeds=False)
-    model = fit_kim2017([record], 4.3, time_constant=0.045)
-    assert model.law is Law.COMMAND
-    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
-    assert model.lever[0] == pytest.approx(0.35 * 4.3 / 0.06006, rel=0.03)
-
-
 def test_standard_errors_agree_with_monte_carlo():
     """Twenty times other noise on one flight without drag (which eq. 3 has not); their spread scatters by 16 %."""
     still = replace(octocopter(), drag_linear=(0.0, 0.0, 0.0), drag_area=(0.0, 0.0, 0.0))
@@ -115,17 +106,6 @@ def test_standard_errors_agree_with_monte_carlo():
     levers = np.array([model.lever for model in models])
     claimed = np.sqrt(np.mean([np.square(model.lever_sigma) for model in models], axis=0))
     assert np.std(levers, axis=0, ddof=1) == pytest.approx(claimed, rel=0.35)
-
-
-def test_slow_motor_outputs_say_nothing_about_rotation():
-    """PWM at 10 Hz, drawn out to 50 Hz by straight lines as logs give it."""
-    made = octocopter()
-    record = flight(made, 1, speeds=False)
-    slow = np.column_stack([np.interp(record.t, record.t[::5], record.u[::5, k]) for k in range(8)])
-    model = fit_kim2017([replace(record, u=slow)], 4.3)
-    assert not model.rotation
-    assert model.torque_per_inertia is None
-    assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
 def test_bad_input(quad):

@@ -41,11 +41,3 @@ def test_a_lasting_loss_is_no_dropout():
     found = dropouts_in(fly(vehicle, 5, Fault(2, 20.0, 0.6)), vehicle, 0.0, 40.0)
     assert all(one.t > 19.0 for one in found)
     assert len(found) < 2
-
-
-def test_sigma_is_the_loss_over_its_score():
-    vehicle = craft("quad", "x")
-    found = dropouts_in(fly(vehicle, 1, Fault(3, 15.0, 0.4, 16.0), Fault(3, 25.0, 0.4, 26.0)), vehicle, 0.0, 40.0)
-    assert [one.sigma for one in found] == pytest.approx([one.loss / one.score for one in found])
-    assert len(found) == 2
-    assert found[0].t < found[1].t

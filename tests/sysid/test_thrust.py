@@ -7,7 +7,6 @@ import pytest
 
 import logparse
 from logparse import MissingDataError
-from logparse.craft.frames import motor_table
 from simulation.elhesasy2024 import octocopter
 from sysid import Experiment, ExperimentError, fit_thrust
 from sysid.records.motor_scaling import motor_commands
@@ -168,15 +167,6 @@ def test_unknown_air_widens_the_standard_error():
     on_another_day = np.hypot(model.common.sigma, model.air_sigma * model.common.per_mass)
     assert on_another_day > 0.1 * model.common.per_mass
     assert abs(model.common.per_mass - 3.2) < 2.0 * on_another_day
-
-
-def test_with_some_motors_unlogged_no_coefficient_is_told():
-    octa = replace(CRAFT, motors=motor_table("octa", "x"))
-    model = fit_thrust([flight(11, vehicle=octa)])
-    assert not model.common.determined
-    assert model.common.reason == "only 4 of 8 motors are logged"
-    assert not any(value.determined for value in model.per_motor.values())
-    assert "not-logged" in {finding.id for finding in model.findings}
 
 
 TRUTH = 0.021

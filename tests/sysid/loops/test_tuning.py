@@ -2,7 +2,6 @@
 
 from copy import copy
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,9 +28,9 @@ from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
 from sysid.loops.unseen import MODE, unseen_mode
+from tests.paths import REAL
 from tests.sysid.loops.flown import bending, flown_loop, fly_chirp, loop_of_flight
 
-LOGS = Path(__file__).parents[4] / "shared" / "logs"
 HZ = np.geomspace(0.1, 120.0, 4000)
 
 
@@ -285,14 +284,12 @@ def test_noise_of_motors_beyond_the_band_is_not_raised_by_more_than_the_aim():
 
 
 @pytest.mark.slow
-def test_real_logs_are_refused_with_a_sentence():
+@pytest.mark.skipif(not REAL.exists(), reason="needs the logs beside the repository")
+@pytest.mark.parametrize("most", [8, pytest.param(None, marks=pytest.mark.whole)], ids=["small", "all"])
+def test_real_logs_are_refused_with_a_sentence(most):
     """None of the public logs has the evidence; none may raise anything but an error of reading it."""
-    folder = LOGS / "real"
-    if not folder.exists():
-        pytest.skip("../shared/logs/real is not here")
-    for path in sorted(folder.iterdir()):
-        if path.suffix in (".tsv", ".md"):
-            continue
+    logs = (path for path in REAL.iterdir() if path.suffix not in (".tsv", ".md"))
+    for path in sorted(logs, key=lambda path: path.stat().st_size)[:most]:
         result = tune(read_log(path))
         assert result.refused, path.name
         assert result.proposed == {}

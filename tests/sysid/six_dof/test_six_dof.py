@@ -235,7 +235,7 @@ def ahead(model, record, horizon=1.0):
     return [np.sqrt((each**2).sum(axis=2).mean(axis=0)) for each in errors]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.skipif(not LOG.exists(), reason="the shared logs are not here")
 def test_attitude_and_rates_follow_from_the_rate_controllers_outputs():
     """Random sticks in Loiter: the last 30 % are held out; their wind is that of the part fitted.
