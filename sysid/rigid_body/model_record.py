@@ -99,12 +99,12 @@ class BodyParameter:
     def of(cls, name: str, unit: str, value: float, sigma: float, reason: str, transfer: float = 0.0) -> BodyParameter:
         """Name an estimate, determined unless there is a reason why not."""
         if reason:
-            return cls(name, unit, None, None, False, reason, value)
+            return cls(name, unit, None, None, False, reason, value, transfer=transfer)
         return cls(name, unit, value, sigma, True, "", value, transfer=transfer)
 
     def refused(self, reason: str) -> BodyParameter:
         """Return the parameter as one that is not determined."""
-        return BodyParameter.of(self.name, self.unit, self.used, 0.0, reason)
+        return BodyParameter.of(self.name, self.unit, self.used, 0.0, reason, self.transfer)
 
 
 class RigidBodyRecord(

@@ -68,6 +68,14 @@ def test_a_wind_that_turns_and_a_flight_without_speed_are_named():
     assert all(each.value is None and "EKF3's wind would err" in each.reason for each in still.values())
 
 
+def test_a_flight_that_hardly_moves_says_how_little_it_knows_of_the_square_of_speed(unpacked):
+    """At 0.1 m/s through the air it was 15.7 +- 0.3 of true 22.6 kg/m^2: laws of drag hold less well than they fit."""
+    true = 1.5 / 0.0663  # mass over drag area
+    found = values(*fitted(unpacked("autopilot/autotune_quad15_after")))
+    for name in ("BCOEF_X", "BCOEF_Y"):
+        assert found[name].value is None or abs(found[name].value - true) < 2.0 * found[name].sigma
+
+
 def test_a_flight_of_the_firmware_without_drag_tells_the_right_ones(unpacked):
     """EKF3 knew no wind there; with the right ones it errs by 0.13 m/s, with the simulator's hint by 0.49."""
     model, record = fitted(unpacked("autopilot/drag_octa_off"))
