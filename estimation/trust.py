@@ -290,7 +290,7 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> Iterator[Finding]:
         reason = "No magnetometer: heading is known only from the movement of the craft, if it moves."
         yield warning("not-logged", reason, "Log the compass.", what="mag")
     if not baro:
-        yield info("not-logged", "No barometer: height rests on GPS alone.", "Log the barometer.", what="baro")
+        yield info("not-logged", "No barometer: the height is less sure.", "Log the barometer.", what="baro")
 
 
 def stuck_magnetometer() -> Finding:

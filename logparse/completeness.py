@@ -12,6 +12,7 @@ from core.findings import Finding, Severity, info, warning
 from logparse.craft.log_settings import TELEMETRY, Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import LONGEST_GAP
+from logparse.heights import heights
 from logparse.rest import at_rest, calibration
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _NEEDED = (
     ("motors", "motor outputs", "no model from motors to motion", Need.MOTORS, Severity.ERROR),
     ("imu", "gyro and accelerometer", "the motion is known at 10 Hz at best", Need.IMU, Severity.WARNING),
     ("gps", "GPS", "there is no position to fit", Need.GPS, Severity.ERROR),
-    ("baro", "barometer", "height rests on GPS alone", Need.BARO, Severity.WARNING),
+    ("baro", "barometer", "the height is less sure", Need.BARO, Severity.WARNING),
     ("mag", "magnetometer", "heading drifts by some ten degrees", Need.COMPASS, Severity.WARNING),
     ("attitude", "attitude", "it must come from the IMU alone", Need.ATTITUDE, Severity.WARNING),
     ("battery", "battery voltage", "thrust cannot be related to it", Need.BATTERY, Severity.INFO),
@@ -40,7 +41,7 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
     flight = log.flight
     findings = list(_advised(log, list(_lacking(log))))
     findings += calibration(at_rest(log.tables, log.flights), log.parameters)
-    if flight is None:
+    if flight is None and not log.vehicle.other_craft:
         findings.append(
             Finding(
                 "no-flight",
@@ -49,8 +50,8 @@ def check(log: "FlightLog") -> tuple[Finding, ...]:
                 "Use a log of a flight of at least a minute with movement in all directions.",
             )
         )
-        return tuple(findings)
-    findings += _gaps(log, flight)
+    if flight is not None:
+        findings += _gaps(log, flight)
     return tuple(findings)
 
 
@@ -95,7 +96,8 @@ def _why_no_flight(log: "FlightLog") -> str:
     """Report in a clause what speaks against a flight."""
     motors = log.tables.motors
     if motors is None:
-        return "motor outputs are missing and the height never rises while armed."
+        rises = "the height never rises while armed" if any(heights(log.tables)) else "so is every height"
+        return f"motor outputs are missing and {rises}."
     values = motors.to_numpy()
     if not np.isfinite(values).any():
         return "the motors get no pulses."

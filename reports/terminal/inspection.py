@@ -43,7 +43,7 @@ def _facts(log: Inspection) -> RenderableType:
         "format": log_words.FORMATS.get(log.format, log.format),
         "length": f"{duration(log.duration)}{start}{boots}",
         "craft": log_words.craft(log.vehicle) + (f", {motors} motors" if motors else ""),
-        "flights": flights or "none: the craft never left the ground as far as the log shows",
+        "flights": flights or "none",
     }
     lines = [Row(Cell(label, "unknown"), [value]) for label, value in rows.items()]
     return Table("", [""], lines, texts=[0]).terminal()

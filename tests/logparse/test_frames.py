@@ -10,6 +10,7 @@ import pytest
 
 from estimation import estimate
 from logparse import read_log
+from logparse.completeness import check
 from logparse.craft import frames
 from logparse.craft.frames import motor_table, servo_function_motor
 from logparse.craft.quadplane import copter_name, own_names
@@ -215,6 +216,11 @@ def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):
     log = read_log(path)
     assert log.vehicle.other_craft
     assert log.flights
+    # Of an aeroplane, whose flights are not looked for, nobody can say that it did not fly.
+    path.write_bytes(data.replace(b"Q_ENABLE", b"Q_DISABL"))
+    plane = read_log(path)
+    assert not plane.flights
+    assert "no-flight" not in [each.id for each in check(plane)]
 
 
 @pytest.mark.skipif(not VTOL.is_file(), reason="the shared logs are not here")

@@ -239,9 +239,9 @@ def test_a_jammed_receiver_is_timed():
     assert (event.t, event.end) == pytest.approx((40.0, 46.0), abs=0.21)
     assert event.evidence["satellites_before"] == 12.0
     assert "jammed" in event.reason
-    # A row that damage changed is no loss, and who flew without a fix from the start loses none.
+    # Rows that damage changed are no loss, and who flew without a fix from the start loses none.
     gps = flown().gps.copy()
-    gps.loc[43.0, ["fix", "satellites"]] = 0.0
+    gps.loc[[43.0, 44.0], ["fix", "satellites"]] = 0.0
     assert told(gps=gps) == told(gps=gps.loc[:5.0]) == []
 
 
@@ -253,8 +253,12 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
     assert event.evidence["jump_m"] == pytest.approx(30.0, abs=1.0)
     # Where it leapt to, the craft has not been.
     assert account(flown(gps=gps)).distance.value == pytest.approx(30.0, abs=1.0)
-    gps.loc[44.0:, "lat"] = 0.8
+    gps.loc[44.0:, "lat"] = 0.8 + 1e-9  # a position that never moves at all has stopped
     assert account(flown(gps=gps)).distance.value == pytest.approx(0.0, abs=1.0)
+    # Nor is it believed while the autopilot does not.
+    gps = gps.assign(lat=0.8 + 1e-7 * gps.index.to_numpy(), v_n=0.64)
+    checked = flown(gps=gps, events=events_at((30.0, "ERROR", "GPS 2"), (65.0, "ERROR", "GPS 2")))
+    assert account(checked).distance.value == pytest.approx(0.64 * 19.0, abs=1.0)
     # Flown at 15 m/s the same way is no jump.
     assert told(gps=gps.assign(v_n=15.0, lat=0.8 + 15.0 * gps.index.to_numpy() / 6.371e6)) == []
 
@@ -338,6 +342,14 @@ def test_vibration_that_rises_suddenly_is_timed_also_without_vibe(rate, before, 
         assert event.t == pytest.approx(38.2, abs=0.3)
         # A first-order filter at 5 Hz takes a part of what is at 12 Hz.
         assert event.evidence["level_m_s2"] == pytest.approx(after, rel=0.05 if rate > 100.0 else 0.4)
+
+
+def test_vibration_that_passes_is_told_in_the_words_of_the_autopilot_alone():
+    burst = table(10.0, VibeX=0.0, VibeY=0.0, VibeZ=lambda t: 16.0 + 33.0 * ((t > 30.0) & (t < 36.5)))
+    assert notable(flown(), {"VIBE": burst}) == []
+    events = events_at((31.0, "MESSAGE", "Vibration compensation ON"), (38.0, "MESSAGE", "Vibration compensation OFF"))
+    event = only("failsafe", notable(flown(events=events), {"VIBE": burst}))
+    assert (event.t, event.end) == (31.0, 31.0)
 
 
 def test_columns_that_are_not_numbers_or_all_missing_do_no_harm():

@@ -25,8 +25,9 @@ _ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air"))
 #: Time before such a happening that is left out with it [s], and before the end of a flight in which it may still be
 #: what ended it.
 _MARGIN, _END = 0.3, 3.0
-#: What makes the speed over the ground doubtful while it lasts.
-_GPS_WRONG = frozenset(("gps-lost", "gps-glitch"))
+#: What makes position and speed of the receiver doubtful while it lasts, by kind or by what the autopilot reported
+#: (26-11-2014_181, whose receiver left the ground three seconds before it jumped).
+_GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "GPS"))
 #: What ends the time in which motors are compared: blows, and a throttle that runs away, at whose limit no motor has
 #: the output that it needs (26-11-2014_181, cut at 97 s).
 _UNTRIMMED = frozenset(("crash", "hard-landing", "disarmed-in-air", "throttle-runaway"))
@@ -68,7 +69,11 @@ def account_of(readings: Readings) -> Account:
     story = tell_story(ordered)
     lost = next((each.t for each in story if each.id in _ENDING or each.id == "control-lost"), None)
     height = state.height(readings)
-    doubtful = [(each.t, each.end or each.t) for each in ordered if each.id in _GPS_WRONG and each.t is not None]
+    doubtful = [
+        (each.t, each.end or each.t)
+        for each in ordered
+        if each.t is not None and _GPS_WRONG & {each.id, each.evidence.get("subsystem")}
+    ]
     distance, speed = state.distance(readings, doubtful), state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
     if height is None and readings.height is not None:

@@ -11,7 +11,7 @@ from core.catalogue import finding
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
 from pipeline.flight.account.power import SINKING
-from pipeline.flight.account.readings import Readings, at, stretches
+from pipeline.flight.account.readings import SHAKE, Readings, at, stretches
 from pipeline.results.span import Span
 
 #: Specific force [m/s^2] of a shock that no manoeuvre makes.
@@ -42,7 +42,7 @@ def contact(readings: Readings) -> Contact | None:
     around = (
         None
         if readings.force is None
-        else readings.force.loc[max(stop - _AROUND, readings.flight.start) : readings.flight.stop + _AROUND]
+        else readings.force.loc[max(stop - _AROUND, readings.flight.start + SHAKE) : readings.flight.stop + _AROUND]
     )
     t, force = readings.flight.stop, np.nan
     if around is not None and len(around) > 2:
@@ -88,18 +88,17 @@ def _cut_in_the_air(readings: Readings, near: Span, beyond: Span) -> bool:
         return False
     known, flown = height.loc[near.start : near.stop], height.loc[readings.flight.start : readings.flight.stop]
     level = not readings.ground_logged and bool(np.ptp(flown) < 2.0 * _DROP)
-    return len(known) > 0 and (level or bool(known.min() > 2.0 * _DROP))
+    return len(known) > 0 and (level or bool(known.min() > _DROP))
 
 
 def _rest(readings: Readings, after: Span) -> float:
-    """Return the lean of a craft at rest, rad, by its attitude or else by its weight; NaN where not known."""
-    if readings.lean is not None and len(lean := readings.lean.loc[after.start + 0.5 : after.stop]):
-        return float(np.median(lean))
+    """Return the lean of a craft at rest, rad, by its weight or else by its attitude; NaN where not known."""
     axes = readings.specific_force
-    if axes is None or len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) < 3:
-        return np.nan
-    x, y, z = np.median(rest, axis=0)
-    return float(np.arctan2(np.hypot(x, y), -z))
+    if axes is not None and len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) > 2:
+        x, y, z = np.median(rest, axis=0)
+        return float(np.arctan2(np.hypot(x, y), -z))
+    lean = readings.lean
+    return np.nan if lean is None else float(lean.loc[after.start + 0.5 : after.stop].median())
 
 
 def _down(readings: Readings) -> float:

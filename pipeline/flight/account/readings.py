@@ -43,6 +43,8 @@ BLIND, _SAME = 0.42, 0.02
 _CLOSED, AT_LIMIT = 0.05, 0.01
 
 
+#: Time [s] after lift-off in which the ground still shakes the craft: 42 m/s^2 in 22-12-2014_41.
+SHAKE = 0.5
 #: Time [s] without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
 _HOLE = 5.0
 #: What is believed of a receiver: fewest satellites of a three-dimensional fix, acceleration [m/s^2] that is no jump
@@ -234,7 +236,7 @@ class Readings:
 
     def flying(self, t: Floats) -> Mask:
         """Return which times lie in the flight, the shake of lift-off left out."""
-        return (t >= self.flight.start + 0.5) & (t <= self.flight.stop)
+        return (t >= self.flight.start + SHAKE) & (t <= self.flight.stop)
 
 
 class Stretch(NamedTuple):

@@ -40,6 +40,7 @@ _TEXTS: Mapping[str, re.Pattern[str]] = {
     "FAILSAFE_GCS": re.compile(r"gcs failsafe(?!.*(cleared|off))", re.IGNORECASE),
     "FAILSAFE_EKF_INAV": re.compile(r"ekf failsafe(?!.*(cleared|off))", re.IGNORECASE),
     "EKF_CHECK": re.compile(r"ekf variance", re.IGNORECASE),
+    "FAILSAFE_VIBE": re.compile(r"vibration compensation on", re.IGNORECASE),
     "FAILSAFE_TERRAIN": re.compile(r"terrain data missing", re.IGNORECASE),
     "CRASH_CHECK": re.compile(r"crash: disarming", re.IGNORECASE),
     "THRUST_LOSS_CHECK": re.compile(r"potential thrust loss", re.IGNORECASE),

@@ -29,8 +29,9 @@ from pipeline.flight.account.vibration import Floats
 _SILENT, _BRIEF = 2.0, 5.0
 #: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS).
 _RADIUS = 5.0
-#: A rise of vibration: it stays for this long [s] above this many times nearly all of what was before, and above a
-#: third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181, which rose to 1.7).
+#: A rise of vibration: for this long [s] it stays, and to the end it mostly is, above this many times nearly all of what
+#: was before, and above a third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181,
+#: which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
 #: Share of the flight beyond the limit that is more than moments.
 _SHARE = 0.1
@@ -52,8 +53,12 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
     with np.errstate(invalid="ignore"):
         lost = (fix < 3.0) | (satellites < SATELLITES) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
-    # One row alone is damage.
-    losses = [each for each in stretches(t, lost & flying, join=_SILENT) if each.last > each.first]
+    # One row alone is damage, and so are some among many.
+    losses = [
+        each
+        for each in stretches(t, lost & flying, join=_SILENT)
+        if each.last > each.first and np.mean(lost[each.rows]) > 0.5
+    ]
     for first, last, rows in losses:
         before, inside = satellites[(t < first) & (t > first - _SILENT)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
@@ -189,11 +194,11 @@ def _rise(t: Floats, level: Floats, least: float) -> tuple[float, float, float] 
     """Return what vibration was, what it became and since when; None where it did not rise for good to `least`."""
     if not len(t):
         return None
-    # The shortest prefix whose 95th percentile nearly everything in the next seconds exceeds.
+    # The shortest prefix whose 95th percentile nearly everything in the next seconds exceeds, and most of the rest.
     for begin in np.arange(t[0] + 2.0 * _STAYS, t[-1] - _STAYS, 0.5):
         k = int(np.searchsorted(t, begin))
         later = level[k:][t[k:] < begin + _STAYS]
-        risen = float(np.percentile(later, 20.0)) if len(later) else 0.0
+        risen = min(float(np.percentile(later, 20.0)), float(np.median(level[k:]))) if len(later) else 0.0
         if risen > least and risen > _TIMES * (usual := float(np.percentile(level[:k], 95.0))):
             return usual, float(np.median(level[k:])), float(t[k + int(np.argmax(level[k:] > _TIMES * usual))])
     return None

@@ -58,7 +58,8 @@ def distance(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Rea
     """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out."""
     rows = _fixes(readings, doubtful)
     north, east = rows["lat"] - rows["lat"].head(1).mean(), rows["lon"] - rows["lon"].head(1).mean()
-    return _largest(EARTH_RADIUS * np.hypot(north, east * np.cos(rows["lat"])), "m")
+    far = _largest(EARTH_RADIUS * np.hypot(north, east * np.cos(rows["lat"])), "m")
+    return far if far is not None and far.value > 0.0 else None  # a position that never moves has stopped
 
 
 def _fixes(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> pd.DataFrame:
