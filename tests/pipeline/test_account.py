@@ -219,7 +219,7 @@ def test_what_was_asked_for_and_noise_are_no_oscillation():
     assert told(rates=turning(**{f"w_{axis}": lambda t: rng.normal(0.0, 0.5, len(t)) for axis in "xyz"})) == []
 
 
-@pytest.mark.parametrize(("rate", "target"), [(25.0, "swung"), (25.0, "level"), (4.0, "level")])
+@pytest.mark.parametrize(("rate", "target"), [(25.0, "swung"), (10.0, "swung"), (25.0, "level"), (4.0, "level")])
 def test_sticks_swung_by_hand_are_no_oscillation_where_only_angles_have_targets(rate, target):
     def swung(t):
         return np.where((t > 30.0) & (t < 40.0), np.radians(4.0) * np.sin(2.0 * np.pi * 2.5 * t), 0.0)
@@ -239,6 +239,10 @@ def test_a_jammed_receiver_is_timed():
     assert (event.t, event.end) == pytest.approx((40.0, 46.0), abs=0.21)
     assert event.evidence["satellites_before"] == 12.0
     assert "jammed" in event.reason
+    # Lost with two rows, of which nothing was heard again, it was lost to the end (7-9-2014_24).
+    gps = gps.loc[:40.3]
+    event = only("gps-lost", notable(flown(gps=gps)))
+    assert (event.t, event.end) == pytest.approx((40.0, 70.0), abs=0.21)
     # Rows that damage changed are no loss, and who flew without a fix from the start loses none.
     gps = flown().gps.copy()
     gps.loc[[43.0, 44.0], ["fix", "satellites"]] = 0.0

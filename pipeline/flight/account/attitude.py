@@ -124,17 +124,14 @@ def _rate(readings: Readings, axis: str) -> tuple[Floats, Floats] | None:
     return None
 
 
-def _asked(readings: Readings, axis: str) -> pd.Series[float] | None:
-    """Return the rate that was asked for; of logs without it the rate at which the target of the angle turned."""
-    asked = readings.tables.column("rates", f"w_{axis}_ref")
-    if asked is not None and len(known := asked.dropna()) > 10:
-        return known
-    name = {"x": "roll", "y": "pitch"}.get(axis, "")
-    target = readings.tables.column("setpoints", name) if name else None
-    if target is None or len(target := target.dropna()) <= 10:
-        return None
-    turned = np.gradient(target.to_numpy(np.float64), target.index.to_numpy(np.float64))
-    return pd.Series(turned, index=target.index)
+def _asked(readings: Readings, axis: str) -> tuple[pd.Series[float] | None, int]:
+    """Return the rate that was asked for, of logs without it the angle, and how often that is to be differentiated."""
+    names = {"x": (("rates", "w_x_ref"), ("setpoints", "roll")), "y": (("rates", "w_y_ref"), ("setpoints", "pitch"))}
+    for order, (table, name) in enumerate(names.get(axis, (("rates", "w_z_ref"),))):
+        asked = readings.tables.column(table, name)
+        if asked is not None and len(known := asked.dropna()) > 10:
+            return known, order
+    return None, 0
 
 
 def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
@@ -159,12 +156,13 @@ def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
     # What is strongest at the lowest frequency is the edge of slower motion, and no line.
     edge = peak <= hz[band][0]
     amplitude[edge | (amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
-    asked = _asked(readings, axis) if amplitude.any() else None
+    asked, order = _asked(readings, axis) if amplitude.any() else (None, 0)
     # Slower swings than a pilot's may be asked for where nothing tells what was.
     told = 0.0 if asked is None else 0.4 / float(np.median(np.diff(asked.index.to_numpy(np.float64))))
     amplitude[(peak < _STICKS) & (peak > told)] = 0.0
     if asked is not None:
         wanted = _spectra(np.interp(grid, asked.index.to_numpy(np.float64), asked.to_numpy(np.float64)), size, count)
+        wanted *= (2.0 * np.pi * hz) ** (2 * order)
         amplitude[line < _UNASKED**2 * np.sum(np.where(near & band, wanted, 0.0), axis=1)] = 0.0
     return np.column_stack([grid[np.arange(count) * (size // 2)] + 0.5 * _WINDOW, peak, amplitude])
 

@@ -16,6 +16,7 @@ from pipeline.flight.account.readings import (
     ACCELERATION,
     RECOVERS,
     SATELLITES,
+    Mask,
     Readings,
     Stretch,
     at,
@@ -29,8 +30,8 @@ from pipeline.flight.account.vibration import Floats
 _SILENT, _BRIEF = 2.0, 5.0
 #: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS).
 _RADIUS = 5.0
-#: A rise of vibration: for this long [s] it stays, and to the end it mostly is, above this many times nearly all of what
-#: was before, and above a third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181,
+#: A rise of vibration: it stays for this long [s], and is for most of the rest, above this many times nearly all of
+#: what was before, and above a third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181,
 #: which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
 #: Share of the flight beyond the limit that is more than moments.
@@ -53,12 +54,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
     with np.errstate(invalid="ignore"):
         lost = (fix < 3.0) | (satellites < SATELLITES) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
-    # One row alone is damage, and so are some among many.
-    losses = [
-        each
-        for each in stretches(t, lost & flying, join=_SILENT)
-        if each.last > each.first and np.mean(lost[each.rows]) > 0.5
-    ]
+    losses = list(_losses(t, lost, flying, readings.flight.stop))
     for first, last, rows in losses:
         before, inside = satellites[(t < first) & (t > first - _SILENT)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
@@ -82,6 +78,20 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         yield finding(
             "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst
         )
+
+
+def _losses(t: Floats, lost: Mask, flying: Mask, stop: float) -> Iterator[Stretch]:
+    """Yield when the position was lost: to the last row without it, or to the end where no more was heard."""
+    on = np.flatnonzero(lost & flying)
+    for rows in np.split(on, np.flatnonzero((np.diff(on) > 1) & (np.diff(t[on]) > _SILENT)) + 1):
+        if not len(rows):
+            continue
+        first, last = float(t[rows[0]]), float(t[rows[-1]])
+        if stop - last > _SILENT and not flying[rows[-1] + 1 :].any():
+            last = stop
+        # One row alone is damage, and so are some among many.
+        if last > first and 2 * len(rows) > rows[-1] + 1 - rows[0]:
+            yield Stretch(first, last, slice(int(rows[0]), int(rows[-1]) + 1))
 
 
 def _jumps(gps: pd.DataFrame) -> Floats:

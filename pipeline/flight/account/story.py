@@ -12,7 +12,7 @@ from pipeline.results.span import Span
 #: What comes of something else: of these a cause is looked for.
 _CONSEQUENCES = frozenset(("crash", "hard-landing", "throttle-runaway", "control-lost", "lift-lost"))
 #: What leads to something else.
-_CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "gps-glitch", "autopilot-error"}
+_CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "gps-lost", "gps-glitch", "autopilot-error"}
 #: What is to be known, and no story by itself unless it is an error: what came to nothing, or was so from the start.
 _REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error"))
 #: A boot clock beyond this [s] is no clock that a reader can follow; times are then since take-off only.
