@@ -162,6 +162,10 @@ def test_swings_again_and_again_are_loss_of_control_and_one_of_them_is_not():
     assert "swung" in event.reason
     once = lambda t: np.where((t > 30.0) & (t < 30.7), swing(t), 0.0)  # noqa: E731
     assert told(attitude=leaning(0.0, once)) == []
+    # What is off in one row, as where telemetry lost what was asked for, is off for no time.
+    lone = lambda t: np.where(np.abs(t - 35.2) < 0.01, 1.2, 0.0)  # noqa: E731
+    rows = flown().attitude.index[::4]
+    assert told(attitude=leaning(0.0, lone).loc[rows], setpoints=flown().setpoints.loc[rows]) == []
     # Of two rows a second nobody knows what was asked for between them.
     assert told(attitude=leaning(0.0, swing).iloc[::5], setpoints=flown().setpoints.iloc[::5]) == []
 
@@ -275,6 +279,8 @@ def test_a_silent_receiver_is_told_from_a_log_that_stopped():
     event = only("gps-lost", notable(flown(gps=cut("gps"))))
     assert (event.t, event.end) == pytest.approx((39.8, 46.2), abs=0.21)
     assert told(gps=cut("gps"), attitude=cut("attitude")) == []
+    # Telemetry repeats what the receiver said last: what is missing the link has lost.
+    assert notable(flown(gps=cut("gps")), {"GPS_RAW_INT": cut("gps")}) == []
 
 
 def test_lack_of_lift_shows_in_the_barometer_and_the_motors_alone():

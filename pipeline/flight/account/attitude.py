@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 
 import numpy as np
 import pandas as pd
@@ -39,15 +40,19 @@ def _lost(readings: Readings) -> Iterator[Finding]:
         return
     t, off = error.index.to_numpy(np.float64), error.to_numpy(np.float64)
     off = np.where(readings.flying(t), np.nan_to_num(off), 0.0)
-    gained = (off**2 - _TOLERATED**2) * np.minimum(np.gradient(t), BLIND)
+    # What one row alone says is not believed, nor the time between rows in which a stick thrown about is not seen.
+    beside = np.pad(off, 1)
+    twice = np.minimum(off, np.maximum(beside[:-2], beside[2:]))
+    gained = (twice**2 - _TOLERATED**2) * np.minimum(np.gradient(t), BLIND)
+    gained[np.diff(t, prepend=t[0]) > BLIND] = -np.inf
     # Page's sum: what was off beyond what is tolerated, since it was last nothing.
-    total = np.cumsum(gained)
-    total -= np.minimum(np.minimum.accumulate(total), 0.0)
-    for _, _, rows in stretches(t, total > 0.0, join=0.0):
-        if total[rows].max() < _HELPLESS:
+    total = np.fromiter(accumulate(gained, lambda before, more: max(before + more, 0.0)), np.float64)
+    on = np.flatnonzero(total > 0.0)
+    for run in np.split(on, np.flatnonzero(np.diff(on) > 1) + 1):
+        if not len(run) or total[run].max() < _HELPLESS:
             continue
-        last = rows.start + int(np.argmax(total[rows]))
-        rows = slice(rows.start, last + 1)
+        last = int(run[np.argmax(total[run])])
+        rows = slice(int(run[0]), last + 1)
         worst, swings = float(off[rows].max()), len(stretches(t[rows], off[rows] > _TOLERATED, join=0.0))
         yield finding(
             "control-lost",

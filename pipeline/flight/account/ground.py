@@ -92,13 +92,17 @@ def _cut_in_the_air(readings: Readings, near: Span, beyond: Span) -> bool:
 
 
 def _rest(readings: Readings, after: Span) -> float:
-    """Return the lean of a craft at rest, rad, by its weight or else by its attitude; NaN where not known."""
+    """Return the lean of a craft at rest, rad; NaN where not known.
+
+    By its attitude and by its weight, whichever is less: an estimate runs away (7-9-2014_24), and who carries the craft
+    accelerates it.
+    """
+    leans = [] if readings.lean is None else [float(readings.lean.loc[after.start + 0.5 : after.stop].median())]
     axes = readings.specific_force
     if axes is not None and len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) > 2:
         x, y, z = np.median(rest, axis=0)
-        return float(np.arctan2(np.hypot(x, y), -z))
-    lean = readings.lean
-    return np.nan if lean is None else float(lean.loc[after.start + 0.5 : after.stop].median())
+        leans.append(float(np.arctan2(np.hypot(x, y), -z)))
+    return min((each for each in leans if np.isfinite(each)), default=np.nan)
 
 
 def _down(readings: Readings) -> float:

@@ -110,9 +110,9 @@ def _jumps(gps: pd.DataFrame) -> Floats:
 
 
 def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Finding]:
-    """Find times in flight without a word from the receiver while the log went on."""
+    """Find times in flight without a word from the receiver while the log went on; telemetry repeats its last word."""
     others = [times for name in ("attitude", "baro", "motors") if (times := readings.tables.times(name)) is not None]
-    if not others:
+    if not others or "GPS_RAW_INT" in readings.messages:
         return
     first, last = readings.flight.start, readings.flight.stop
     limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
