@@ -92,19 +92,18 @@ def firmware() -> list[Row]:
         hover = model.value("thrust") * (0.55 - 0.2475 * model.value("thrust_expo")) / (full * (0.55 - 0.2475 * expo))
         label = ", ".join(names)
         rows.append(row(f"{label}: thrust at hover command", f"{100 * (hover - 1):+.2f} %", goal="2 %"))
+        gains = []
         for axis, inertia in (("roll", "Ixx"), ("pitch", "Iyy")):
             gain = model.parameters[f"{axis}_gain"]
             expected = facts["arm_length_m"] * full * facts["mass_kg"] / facts["inertia_kgm2"][inertia]
-            text = f"{100 * (gain.value / expected - 1):+.1f} %" if gain.determined else "not determined"
-            rows.append(row(f"{label}: {axis} effectiveness", text, goal="5 %"))
+            gains.append(_off(gain.value, expected))
+        rows.append(row(f"{label}: effectiveness of roll, pitch", ", ".join(gains), goal="5 %"))
         momentum = facts["mdrag_coef_used"] * np.sqrt(1.225 * facts["true_prop_area_per_motor"])
         linear = momentum * np.sqrt(facts["num_motors"] * STANDARD_GRAVITY / facts["mass_kg"])
         drag = linear * 4.0 + 0.6125 * facts["areaCd_m2"] / facts["mass_kg"] * 16.0
-        for axis in "xyz":
-            text = f"{100 * (model.drag(axis, 4.0)[0] / drag - 1.0):+.1f} %"
-            known = model.parameters[f"drag_quadratic_{axis}"].determined
-            what = f"{label}: drag along {axis} at 4 m/s"
-            rows.append(row(what, text if known else "not determined", goal="15 %"))
+        known = {axis: model.parameters[f"drag_quadratic_{axis}"].determined for axis in "xyz"}
+        drags = (_off(model.drag(axis, 4.0)[0] if known[axis] else None, drag) for axis in "xyz")
+        rows.append(row(f"{label}: drag along x, y, z at 4 m/s", ", ".join(drags), goal="15 %"))
     model = fit_rigid_body([flight("octa01_auto_calm"), flight("octa07_loiter_sticks")])
     result = validate(model, [flight("octa02_auto_wind2"), flight("octa05_auto_quito")], horizons=(1.0, 5.0))
     for horizon, target in ((1.0, "0.03 m"), (5.0, "0.35 m")):
@@ -120,6 +119,11 @@ def firmware() -> list[Row]:
             )
         )
     return rows
+
+
+def _off(value: float | None, truth: float) -> str:
+    """Return how far a value is off the truth, in words."""
+    return "not determined" if value is None else f"{100 * (value / truth - 1.0):+.1f} %"
 
 
 def paper_protocol() -> list[Row]:
