@@ -52,17 +52,6 @@ def identify(
     if isinstance(model, Failure):
         return without_model(kind, model)
     validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges], outside=outside))
-    predictions: tuple[Prediction, ...] = ()
-    if not isinstance(validation, Failure):
-        predictions = tuple(
-            Prediction(
-                experiment=record,
-                y_hat=validation.predictions[record.name],
-                training=number < len(fitted),
-                drift=validation.drift.get(record.name),
-            )
-            for number, record in enumerate((*fitted, *judges))
-        )
     orders = None
     if config.scan_orders and kind.scans:
         orders = stages.run(
@@ -76,12 +65,27 @@ def identify(
         kind.title,
         model,
         validation,
-        predictions,
+        () if isinstance(validation, Failure) else free_runs(model, validation, [*fitted, *judges]),
         note=kind.note,
         orders=orders,
         spectra=_coherence(fitted) if kind.linear else None,
         flight=flight,
         craft=craft,
+    )
+
+
+def free_runs(
+    model: sysid.Model, validation: sysid.Validation, records: Sequence[sysid.Experiment]
+) -> tuple[Prediction, ...]:
+    """Return the free runs of a validation beside the records that they should reproduce."""
+    return tuple(
+        Prediction(
+            experiment=record,
+            y_hat=validation.predictions[record.name],
+            training=record.name in model.training,
+            drift=validation.drift.get(record.name),
+        )
+        for record in records
     )
 
 
@@ -141,7 +145,9 @@ def model_result(
         findings=gathered(findings_of(model, validation, spectra, orders)),
         missing="; ".join(missing),
     )
-    return ModelResult(report=report, model=model, validation=validation, predictions=predictions)
+    # A joint fit thins its free runs before they come back: here they would come back whole.
+    light = validation if judged is None else replace(judged, predictions={}, drift={})
+    return ModelResult(report=report, model=model, validation=light, predictions=predictions)
 
 
 def _rmse(

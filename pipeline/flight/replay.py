@@ -17,7 +17,7 @@ from core.serialization import from_json
 from logparse import MissingDataError, RotoridError, Vehicle
 from pipeline.config import ConfigError
 from pipeline.execution.stages import Progress, silent
-from pipeline.flight.identification import model_result
+from pipeline.flight.identification import free_runs, model_result
 from pipeline.flight.kinds import KINDS
 from pipeline.names import printable
 from pipeline.results.failure import Failure
@@ -281,9 +281,8 @@ def _judged(stored: StoredModel, model: sysid.Model, record: sysid.Experiment) -
         part = Prediction(experiment=record, y_hat=model.simulate(record), training=False)
         unjudged = Failure("validation", f"not judged: {error}")
         return model_result(stored.key, _title(stored), model, unjudged, (part,))
-    trained = record.name in model.training
-    part = Prediction(experiment=record, y_hat=validation.predictions[record.name], training=trained)
-    return model_result(stored.key, _title(stored), model, validation, (part,), flight=record.name)
+    parts = free_runs(model, validation, [record])
+    return model_result(stored.key, _title(stored), model, validation, parts, flight=record.name)
 
 
 def _title(stored: StoredModel) -> str:

@@ -77,7 +77,8 @@ class ModelResult(Summarised):
 
     report: ModelReport  #: What report.json has of it.
     model: Model | Failure
-    #: On the data fitted and on those held out (column ``trained`` of its table); None where nothing was to be judged.
+    #: On the data fitted and on those held out (column ``trained`` of its table), without the free runs, which are
+    #: `predictions`; None where nothing was to be judged.
     validation: Validation | Failure | None = None
     predictions: tuple[Prediction, ...] = ()  #: Free runs over the same stretches.
 

@@ -164,6 +164,7 @@ def test_free_runs_of_many_flights_come_back_thin(craft, store, here, monkeypatc
     monkeypatch.setattr(crafts, "MOST_ROWS", 1000)
     thin = identify_jointly(craft, store)
     assert thin.models[0].validation.average == here.models[0].validation.average
+    assert not thin.models[0].validation.predictions, "they came back whole beside the thinned ones"
     for few, many in zip(thin.models[0].predictions, here.models[0].predictions, strict=True):
         assert len(few.experiment.t) == len(few.y_hat) <= 500 < len(many.experiment.t)
         assert np.isin(few.y_hat, many.y_hat).all()

@@ -13,10 +13,10 @@ import sysid
 from core.serialization import cleaned
 from estimation import Trajectory
 from logparse import Finding, Geodetic, Motor, Severity, Vehicle
-from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Prediction, Span
+from pipeline import AnalysisConfig, FlightResult, GroupResult, LogFacts, ModelResult, Span
 from pipeline.fleet.result import FleetResult
 from pipeline.flight.answer import compose_answer
-from pipeline.flight.identification import model_result
+from pipeline.flight.identification import free_runs, model_result
 from pipeline.names import folder_names
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
@@ -39,20 +39,9 @@ WITHOUT_REFERENCE = model_result(
 
 def judged(model, fitted, judges, key="motors", title="motor PWM → position", **of) -> ModelResult:
     """Validate a model as the pipeline does."""
-    validation = sysid.validate(model, [*fitted, *judges])
-    return model_result(
-        key,
-        title,
-        model,
-        validation,
-        predictions=tuple(
-            Prediction(
-                experiment=part, y_hat=validation.predictions[part.name], training=any(part is each for each in fitted)
-            )
-            for part in (*fitted, *judges)
-        ),
-        **of,
-    )
+    records = [*fitted, *judges]
+    validation = sysid.validate(model, records)
+    return model_result(key, title, model, validation, free_runs(model, validation, records), **of)
 
 
 def made_flight(
