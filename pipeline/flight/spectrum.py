@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from logparse import Tables
 from pipeline.results.signals import Notch, Peak, Spectrum
 from pipeline.results.span import Span
+from sysid.loops.settings import NOTCHES, notch_frequency
 from sysid.records.filtering import densities, welch
 
 Floats = NDArray[np.float64]
@@ -142,25 +143,20 @@ def _notches(
     parameters: Mapping[str, float], tables: Tables, flight: Span, rotors: tuple[float, float] | None
 ) -> Iterator[Notch]:
     """Yield the bands of enabled notches: fixed ones, and those that follow throttle or ESC telemetry."""
-    for name in ("INS_NOTCH", "INS_HNTCH", "INS_HNTC2", "IMU_GYRO_NF0", "IMU_GYRO_NF1"):
-        px4 = name.startswith("IMU")
-        enabled = px4 or any(parameters.get(f"{name}_{word}", 0.0) > 0.0 for word in ("ENABLE", "ENA"))
-        centre = parameters.get(f"{name}_{'FRQ' if px4 else 'FREQ'}", 0.0)
+    asked = tables.column("setpoints", "throttle")
+    throttle = np.zeros(0) if asked is None else asked.iloc[flight.rows(asked.index)].dropna().to_numpy(np.float64)
+    throttles = [float(each) for each in np.percentile(throttle, [5.0, 95.0]).clip(0.0)] if len(throttle) > 10 else None
+    for prefix in ("INS_NOTCH_", *NOTCHES, "IMU_GYRO_NF0_", "IMU_GYRO_NF1_"):
+        px4 = prefix.startswith("IMU")
+        enabled = px4 or any(parameters.get(f"{prefix}{word}", 0.0) > 0.0 for word in ("ENABLE", "ENA"))
+        centre = parameters.get(f"{prefix}{'FRQ' if px4 else 'FREQ'}", 0.0)
         if not enabled or not centre > 0.0:
             continue
-        width = parameters.get(f"{name}_BW", 0.5 * centre) / centre
-        low = high = centre
-        mode = round(parameters.get(f"{name}_MODE", 0.0)) if "HNT" in name else 0
-        reference = parameters.get(f"{name}_REF", 0.0)
-        if mode == 1 and reference > 0.0 and (asked := tables.column("setpoints", "throttle")) is not None:
-            throttle = asked.iloc[flight.rows(asked.index)].dropna().to_numpy(np.float64)
-            if len(throttle) > 10:
-                floor = parameters.get(f"{name}_FM_RAT", 1.0)
-                part = np.maximum(np.sqrt(np.percentile(throttle, [5.0, 95.0]).clip(0.0) / reference), floor)
-                low, high = (float(each) for each in centre * part)
-        elif mode == 3 and rotors is not None:
-            low, high = rotors
-        bits = round(parameters.get(f"{name}_HMNCS", 1.0)) if "HNT" in name else 1
+        width = parameters.get(f"{prefix}BW", 0.5 * centre) / centre
+        followed = zip(throttles or (None, None), rotors or (None, None), strict=True)
+        low, high = (centre if px4 else notch_frequency(parameters, prefix, *each) for each in followed)
+        bits = round(parameters.get(f"{prefix}HMNCS", 1.0)) if prefix in NOTCHES else 1
+        name = prefix.rstrip("_")
         for multiple in (k + 1 for k in range(8) if bits >> k & 1):
             label = name if multiple == 1 else f"{name} × {multiple}"
             yield Notch(label, multiple * low * (1.0 - 0.5 * width), multiple * high * (1.0 + 0.5 * width))

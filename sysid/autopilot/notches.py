@@ -24,7 +24,7 @@ from sysid.loops.loop import RateLoop
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import Aim
-from sysid.loops.settings import NOTCHES, Follows, notch_at, notch_by_throttle, read_settings
+from sysid.loops.settings import NOTCHES, Follows, notch_at, notch_frequency, read_settings
 
 _PREFIX = "INS_HNTCH_"
 NAMES = tuple(_PREFIX + name for name in ("ENABLE", "MODE", "REF", "FREQ", "BW", "ATT", "HMNCS", "FM_RAT"))
@@ -219,14 +219,10 @@ def _path(parameters: Mapping[str, float], batch: Batch, lines: MotorLines) -> G
     notches: list[DigitalFilter] = []
     for prefix in NOTCHES:
         values = {f"{prefix}{name}": 0.0 for name in ("BW", "ATT", "HMNCS", "REF", "MODE")} | dict(parameters)
-        nominal, mode = values.get(f"{prefix}FREQ", 0.0), values[f"{prefix}MODE"]
-        if values.get(f"{prefix}ENABLE", 0.0) <= 0.0 or not nominal > 0.0:
+        if values.get(f"{prefix}ENABLE", 0.0) <= 0.0 or not values.get(f"{prefix}FREQ", 0.0) > 0.0:
             continue
-        base = nominal
-        if mode == Follows.THROTTLE and values[f"{prefix}REF"] > 0.0:
-            base = notch_by_throttle(values, prefix, batch.throttle)
-        elif mode > Follows.THROTTLE:
-            base = max(nominal, lines.hz * (batch.throttle / lines.hover) ** lines.exponent)
+        turning = lines.hz * (batch.throttle / lines.hover) ** lines.exponent
+        base = notch_frequency(values, prefix, batch.throttle, turning)
         notches += notch_at(values, prefix, batch.rate, base)
     return GyroPath(parameters["INS_GYRO_FILTER"], batch.rate, tuple(notches))
 

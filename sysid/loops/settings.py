@@ -229,10 +229,18 @@ def notch_at(parameters: Mapping[str, float], prefix: str, rate: float, base: fl
     )
 
 
-def notch_by_throttle(parameters: Mapping[str, float], prefix: str, throttle: float) -> float:
-    """Return where the first harmonic of a notch that follows the throttle is, Hz."""
-    part = math.sqrt(throttle / parameters[f"{prefix}REF"])
-    return parameters[f"{prefix}FREQ"] * max(parameters.get(f"{prefix}FM_RAT", 1.0), part)
+def notch_frequency(
+    parameters: Mapping[str, float], prefix: str, throttle: float | None, rotors_hz: float | None = None
+) -> float:
+    """Return where the first harmonic of a notch is, Hz: at FREQ unless what it follows is known."""
+    nominal, reference = parameters[f"{prefix}FREQ"], parameters.get(f"{prefix}REF", 0.0)
+    mode = int(parameters.get(f"{prefix}MODE", 0.0))
+    if not reference > 0.0:
+        return nominal
+    if mode == Follows.THROTTLE and throttle is not None:
+        return nominal * max(parameters.get(f"{prefix}FM_RAT", 1.0), math.sqrt(throttle / reference))
+    # Of what it can follow the speed of the rotors; FREQ is the lowest.
+    return max(nominal, rotors_hz) if mode > Follows.THROTTLE and rotors_hz is not None else nominal
 
 
 def _notch_base(
@@ -253,7 +261,7 @@ def _notch_base(
                     return float(np.median(tracked)), f"{name} tracked, median {np.median(tracked):.0f} Hz"
     throttle = _throttle(log, axis) or parameters.get("MOT_THST_HOVER")
     if mode == Follows.THROTTLE and throttle:
-        base = notch_by_throttle(parameters, prefix, throttle)
+        base = notch_frequency(parameters, prefix, throttle)
         return base, f"{name} follows throttle, {base:.0f} Hz at the {throttle:.2f} flown"
     return nominal, f"{name} tracks a frequency that is not logged; taken at its lowest, {nominal:.0f} Hz"
 

@@ -138,8 +138,17 @@ def test_notches_reach_as_far_as_their_bandwidth_and_harmonics_say():
     notches = {each.name: (each.low, each.high) for each in vibration_spectrum(flown(), FLIGHT, NOTCH).notches}
     assert notches["INS_HNTCH"] == pytest.approx((60.0, 100.0))
     assert notches["INS_HNTCH × 2"] == pytest.approx((120.0, 200.0))
-    followed = vibration_spectrum(flown(1.0, swing=0.1, esc=True), FLIGHT, NOTCH | {"INS_HNTCH_MODE": 3.0})
-    assert followed.notches[0].low == pytest.approx(0.75 * followed.rotors_hz[0])
+
+
+def test_a_notch_on_esc_telemetry_follows_the_rotors_from_its_frequency_on():
+    by_esc = NOTCH | {"INS_HNTCH_MODE": 3.0, "INS_HNTCH_REF": 1.0}
+    for lowest, bandwidth in ((80.0, 40.0), (60.0, 30.0)):
+        parameters = by_esc | {"INS_HNTCH_FREQ": lowest, "INS_HNTCH_BW": bandwidth}
+        followed = vibration_spectrum(flown(1.0, swing=0.1, esc=True), FLIGHT, parameters)
+        low, high = followed.rotors_hz
+        assert 60.0 < low < 80.0 < high
+        assert followed.notches[0].low == pytest.approx(0.75 * max(low, lowest))
+        assert followed.notches[0].high == pytest.approx(1.25 * high)
 
 
 def test_quiet_flights_name_no_line():
