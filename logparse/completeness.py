@@ -117,6 +117,11 @@ def rate_of(table: pd.DataFrame) -> float:
     return _rate(table.index.to_numpy())
 
 
+def longest_step(rate: float) -> float:
+    """Return the longest time between rows of this rate [Hz] that is no gap, s: of five usual ones, and a second."""
+    return max(_GAP, 5.0 / rate)
+
+
 def _rate(t: npt.NDArray[np.float64]) -> float:
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else float("nan")
 
@@ -170,7 +175,7 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
         first, last = np.searchsorted(whole, flight.start), np.searchsorted(whole, flight.stop, side="right")
         t = np.concatenate(([flight.start], whole[first:last], [flight.stop]))
         gaps = np.diff(t)
-        limit = max(_GAP, 5.0 / _rate(whole)) if telemetry else _GAP
+        limit = longest_step(_rate(whole)) if telemetry else _GAP
         count = int(np.count_nonzero(gaps > limit))
         if count:
             where = float(t[int(np.argmax(gaps))])

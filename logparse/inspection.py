@@ -16,8 +16,6 @@ from logparse.tables import COLUMNS, Tables
 if TYPE_CHECKING:
     from logparse.log import FlightLog
 
-#: An interval of this many usual ones (and a second at least) is a gap.
-_GAP_SAMPLES, _GAP_SECONDS = 5.0, 1.0
 
 #: Rows of a column that are looked at first: one with a value has it here.
 _FIRST = 1000
@@ -122,7 +120,7 @@ def summarise(name: str, tables: Tables, shown: slice) -> TableSummary:
     if name not in ("modes", "events") and len(t) > 1:
         steps = np.diff(t)
         rate = 1.0 / float(np.median(steps))
-        gaps = steps[steps > max(_GAP_SECONDS, _GAP_SAMPLES / rate)]
+        gaps = steps[steps > completeness.longest_step(rate)]
     return TableSummary(
         name=name,
         rows=len(t),

@@ -15,6 +15,7 @@ import numpy as np
 
 import sysid
 from core.units import STANDARD_GRAVITY
+from logparse.completeness import longest_step
 from pipeline.flight.account import state
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.kinds import RIGID_BODY_KEY
@@ -254,9 +255,6 @@ def in_band(found: Coherence) -> dict[str, Linearity] | None:
 #: Tables whose rate is told.
 _TABLES = ("motors", "imu", "gps", "baro", "mag", "battery", "esc", "attitude", "setpoints", "rates")
 
-#: Time without a row that counts as a gap, s, and as a multiple of the usual interval where that is long.
-_GAP, _INTERVALS = 1.0, 5.0
-
 #: Parameters that decide what is logged how fast.
 _SETTINGS = (
     "LOG_BITMASK",
@@ -304,11 +302,11 @@ def logged_rates(tables: Tables, flight: Span) -> dict[str, LoggedRate]:
         t = whole[(whole >= flight.start) & (whole <= flight.stop)]
         if len(t) < 2:
             continue
-        usual = float(np.median(np.diff(t)))
+        rate = 1.0 / float(np.median(np.diff(t)))
         gaps = np.diff(np.concatenate(([flight.start], t, [flight.stop])))
         rates[name] = LoggedRate(
-            rate=1.0 / usual,
-            gaps=int(np.count_nonzero(gaps > max(_GAP, _INTERVALS * usual))),
+            rate=rate,
+            gaps=int(np.count_nonzero(gaps > longest_step(rate))),
             longest_gap=float(gaps.max()),
         )
     return rates
