@@ -9,6 +9,9 @@ from typing import Annotated, get_type_hints
 
 from logparse import RotoridError
 
+#: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
+SHORTEST = 20.0
+
 
 class ConfigError(RotoridError):
     """An analysis was asked for with a setting that cannot be; the message names the setting and what it may be."""

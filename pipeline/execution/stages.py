@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from logparse import Finding, RotoridError, Severity
 from pipeline.execution.machine import trim_heap
+from pipeline.execution.workload import Workload
 from pipeline.results.failure import Failure
 
 Progress = Callable[[str, float], None]
@@ -20,44 +21,32 @@ _LOG = logging.getLogger("rotorid.pipeline")
 logging.getLogger("rotorid").addHandler(logging.NullHandler())
 
 
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """What a stage is called for people, and the part of one log's analysis that it usually takes."""
-
-    title: str
-    share: float
-
-
-#: In the order of the work, as parts of the time that flights with models took. Stages that come once for every kind of
-#: model count with the kinds and stand before them: the bar must not jump for them. The last is done by whoever asked.
-STAGES: Mapping[str, Stage] = MappingProxyType(
+#: What stages are called for people, in the order of the work; those that come once for every kind of model stand
+#: before the kinds: the bar must not jump for them. The last is done by whoever asked.
+STAGES: Mapping[str, str] = MappingProxyType(
     {
-        "read": Stage("reading the log", 0.02),
-        "tables": Stage("decoding messages", 0.02),
-        "account": Stage("telling what happened", 0.01),
-        "flight": Stage("looking for the flight", 0.0),
-        "rotation": Stage("measuring how the craft turns", 0.05),
-        "trajectory": Stage("reconstructing the trajectory", 0.08),
-        "experiment": Stage("resampling commands and motion", 0.02),
-        "thrust": Stage("fitting thrust", 0.01),
-        "orders": Stage("scanning numbers of poles and zeros", 0.0),
-        "validation": Stage("validating models on held-out flight", 0.0),
-        "motors": Stage("fitting transfer functions from motor PWM", 0.34),
-        "mixer": Stage("fitting transfer functions from mixer commands", 0.18),
-        "reference": Stage("fitting transfer functions from the position target", 0.05),
-        "rigid_body": Stage("fitting the rigid body", 0.09),
-        "parameters": Stage("comparing physical parameters", 0.03),
-        "coverage": Stage("measuring what was flown", 0.02),
-        "drift": Stage("following parameters over flights", 0.0),
-        "advice": Stage("gathering advice", 0.0),
-        "answer": Stage("summing up", 0.01),
-        "report": Stage("writing the report", 0.07),
+        "read": "reading the log",
+        "tables": "decoding messages",
+        "account": "telling what happened",
+        "flight": "looking for the flight",
+        "rotation": "measuring how the craft turns",
+        "trajectory": "reconstructing the trajectory",
+        "experiment": "resampling commands and motion",
+        "thrust": "fitting thrust",
+        "orders": "scanning numbers of poles and zeros",
+        "validation": "validating models on held-out flight",
+        "motors": "fitting transfer functions from motor PWM",
+        "mixer": "fitting transfer functions from mixer commands",
+        "reference": "fitting transfer functions from the position target",
+        "rigid_body": "fitting the rigid body",
+        "parameters": "comparing physical parameters",
+        "coverage": "measuring what was flown",
+        "drift": "following parameters over flights",
+        "advice": "gathering advice",
+        "answer": "summing up",
+        "report": "writing the report",
     }
 )
-
-
-#: Seconds of each stage of a log of which nothing is known yet.
-_GUESS = {name: 4.0 * stage.share for name, stage in STAGES.items()}
 
 #: Reported before the stages of each flight of a log, with the part of the whole that the flight takes.
 NEXT_FLIGHT = "next flight"
@@ -66,16 +55,16 @@ NEXT_FLIGHT = "next flight"
 class Overall:
     """Turns a stage's name and the fraction of it that is done into its title and the fraction of the whole.
 
-    The fraction is that of the seconds expected. Until somebody says how long the stages of a log will take, their
-    usual shares count. `loaded` are seconds that were spent before, on loading packages.
+    The fraction is that of the seconds expected. Until somebody says what a log holds, it is taken for a usual one.
+    `loaded` are seconds that were spent before, on loading packages.
     """
 
     def __init__(self, progress: Progress, loaded: float = 0.0) -> None:
         self._progress, self._loaded = progress, loaded
         self._begun = self._part = self._furthest = self._done = 0.0
-        self._expected: Mapping[str, float] = _GUESS
+        self._expected = Workload().seconds()
 
-    def expect(self, seconds: Mapping[str, float]) -> None:
+    def expect(self, seconds: dict[str, float]) -> None:
         """Set the seconds expected of each stage of this flight; only their ratios count."""
         self._expected = seconds
 
@@ -85,14 +74,14 @@ class Overall:
         if name == NEXT_FLIGHT:
             self._loaded = 0.0 if self._part else self._loaded
             self._begun, self._part = self._begun + self._part, fraction
-            self._expected, self._done = _GUESS, 0.0
+            self._expected, self._done = Workload().seconds(), 0.0
             return
         before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
         self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
         within = (self._loaded + self._done) / (self._loaded + max(sum(expected.values()), self._done))
         # Some stages come once for every kind of model; the bar must not go back for them.
         self._furthest = max(self._furthest, self._begun + (self._part or 1.0) * within)
-        self._progress(STAGES[name].title, self._furthest)
+        self._progress(STAGES[name], self._furthest)
 
 
 class OutOfTimeError(RotoridError):

@@ -14,9 +14,10 @@ import logparse
 import sysid
 from core.findings import gathered
 from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, Severity, Tables, completeness
-from pipeline.config import AnalysisConfig
+from pipeline.config import SHORTEST, AnalysisConfig
 from pipeline.execution import executors
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
+from pipeline.execution.workload import Workload
 from pipeline.flight.account import tell
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.coverage import logged_rates, measure
@@ -26,8 +27,7 @@ from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.next_flights import for_flight
 from pipeline.flight.rotation import find_rotation
 from pipeline.flight.signals import flight_signals
-from pipeline.flight.training import SHORTEST, busiest, part_findings
-from pipeline.flight.workload import expected_seconds
+from pipeline.flight.training import busiest, part_findings
 from pipeline.names import flight_name, printable
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage, LoggedRate
@@ -153,7 +153,7 @@ def _analyze(
     checked = present(stages.run("account", lambda _: completeness.check(log))) or ()
     flight = stages.run("flight", lambda _: _flight(log, checked))
     if isinstance(progress, Overall):
-        expected = expected_seconds(log, present(flight))
+        expected = Workload.of(log, present(flight)).seconds()
         progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
     account = stages.run("account", lambda _: tell(log, present(flight)))
     signals = flight if isinstance(flight, Failure) else stages.run("account", lambda _: flight_signals(log, flight))

@@ -14,9 +14,6 @@ from logparse.canonical.series import wrap
 from pipeline.results.fleet import Exclusion, FlightEntry, TrainingExclusion
 from pipeline.results.span import Span
 
-#: Shortest flight that models are fitted to, s: less says nothing of a craft that takes seconds to move.
-SHORTEST = 20.0
-
 #: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
 POOR_POSITION = 5.0
 

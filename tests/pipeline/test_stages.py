@@ -15,8 +15,8 @@ from logparse import FlightLog, MissingDataError, read_log
 from pipeline.execution import executors, machine
 from pipeline.execution.progress import Clock
 from pipeline.execution.stages import STAGES, Overall, Stages, silent
+from pipeline.execution.workload import Workload
 from pipeline.flight.analysis import analyze
-from pipeline.flight.workload import expected_seconds
 from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 
@@ -88,11 +88,11 @@ def test_the_share_of_time_is_right_on_slow_and_fast_computers_and_with_a_stage_
 def test_what_a_log_lacks_is_not_waited_for():
     log = read_log("sample_logs/octa01_zurich_calm.bin")
     flight = Span(log.flight.start, log.flight.stop)
-    seconds = expected_seconds(log, flight)
+    seconds = Workload.of(log, flight).seconds()
     assert seconds.keys() <= STAGES.keys()
     assert all(each > 0.0 for each in seconds.values())
-    assert "motors" not in expected_seconds(log, Span(flight.start, flight.start + 10.0))
-    assert expected_seconds(log, None).keys() == {"read", "tables", "account", "trajectory", "report"}
+    assert "motors" not in Workload.of(log, Span(flight.start, flight.start + 10.0)).seconds()
+    assert Workload.of(log, None).seconds().keys() == {"read", "tables", "account", "trajectory", "report"}
 
 
 def test_the_time_to_go_is_right_for_even_work_whatever_came_before_it():
