@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import errno
-import itertools
 import logging
 import os
 from dataclasses import dataclass, replace
-from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
@@ -19,8 +17,8 @@ from pipeline.flight.summary import flight_entry
 from pipeline.names import flight_folder
 from pipeline.results.fleet import FlightEntry, LogFailure, Publish
 from pipeline.results.flight import FlightResult
-from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, write_experiments, write_tables
-from pipeline.storage.manifest import FLIGHTS, drawn_anew, stored_flights, write_entry
+from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, partitions, write_experiments, write_tables
+from pipeline.storage.manifest import FLIGHTS, drawn_anew, entries_of, stored_flights, write_entry
 from pipeline.storage.sources import Source, fetched
 from pipeline.storage.store import ENTRY, Store, open_store
 
@@ -137,16 +135,11 @@ def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
 
 def _remove_former(store: Store, folder: str, count: int) -> None:
     """Remove flights that a log had when it was analysed by earlier software, and has no more."""
-    for number in itertools.count(count + 1):
-        place = f"{FLIGHTS}/{flight_folder(folder, number)}"
-        former = store.read_json(f"{place}/{ENTRY}")
-        if former is None:
-            return
-        _remove_parts(store, former["vehicle"], flight_folder(folder, number))
-        store.remove(place)
+    for flight, former in entries_of(store, folder, count + 1):
+        _remove_parts(store, former["vehicle"], flight)
+        store.remove(f"{FLIGHTS}/{flight}")
 
 
 def _remove_parts(store: Store, vehicle: str, flight: str) -> None:
-    for dataset in (TABLES, EXPERIMENTS):
-        for name in store.names(dataset):
-            store.remove(str(PurePosixPath(part(dataset, name, vehicle, flight)).parent))
+    for place in partitions(store, vehicle, flight):
+        store.remove(place)

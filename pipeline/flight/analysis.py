@@ -1,6 +1,5 @@
 """One log to one result: read, estimate, identify on the first part of the flight, judge on the rest."""
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -35,6 +34,7 @@ from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
+from pipeline.storage.sources import digest
 from sysid.autopilot.gathering import batch_values, body_values, feed_forward
 from sysid.autopilot.values import AutopilotValue
 from sysid.loops.settings import firmware_version
@@ -81,7 +81,7 @@ def analyze(
     path, progress = Path(path), progress or silent
     progress("read", 0.0)
     log = logparse.read_log(path)
-    return _analyze(log, config or AnalysisConfig(), progress, name or printable(path.stem), _sha256(path), {})
+    return _analyze(log, config or AnalysisConfig(), progress, name or printable(path.stem), digest(str(path)), {})
 
 
 def analyze_flights(
@@ -122,7 +122,7 @@ def analyze_flights(
     progress("read", 0.0)
     logs = logparse.read_flights(source) if isinstance(source, str | Path) else source
     name = name or printable(logs[0].path.stem)
-    sha256 = _sha256(logs[0].path)
+    sha256 = digest(str(logs[0].path))
     # All flights of a power-up are parts of one trajectory.
     trajectories: dict[Boot, estimation.Trajectory | Failure] = {}
     for number, log in enumerate(logs, start=1):
@@ -465,11 +465,6 @@ def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
             with suppress(MissingDataError):
                 beside.append(steady_trims(tables, vehicle, other.start, other.stop))
     return trims, weak_from_start(trims, [each for each in beside if each is not None])
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _facts(log: FlightLog, sha256: str) -> LogFacts:

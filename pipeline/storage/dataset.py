@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from logparse.export import unit
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
 from pipeline.results.span import around
+from pipeline.storage.store import Store
 
 #: The names of both datasets, which are folders of the store.
 TABLES, EXPERIMENTS = "tables", "experiments"
@@ -56,6 +57,12 @@ _REST = tuple(field.name for field in fields(_Rest) if field.name not in ("conte
 def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
     """Report where in the store a flight's part of a table lies."""
     return f"{dataset}/{name}/vehicle={vehicle}/flight={flight}/part.parquet"
+
+
+def partitions(store: Store, vehicle: str, flight: str, below: str = "") -> list[str]:
+    """List where in a store both datasets may have parts of a flight; those `below` another folder of the store."""
+    names = [(dataset, name) for dataset in (TABLES, EXPERIMENTS) for name in store.names(f"{below}{dataset}")]
+    return [str(PurePosixPath(part(*each, vehicle, flight)).parent) for each in names]
 
 
 def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:

@@ -10,17 +10,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import count
-from pathlib import PurePath, PurePosixPath
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from core.lazy import lazy
 from pipeline.config import AnalysisConfig
 from pipeline.execution.executors import as_done
-from pipeline.names import file_name, flight_folder, folder_names, is_url, printable
-from pipeline.storage.manifest import FLIGHTS, FileRecord, Manifest, flight_key
+from pipeline.names import file_name, folder_names, is_url, printable
+from pipeline.storage.manifest import FileRecord, Manifest, entries_of, flight_key
 from pipeline.storage.sources import Source, called_a_log, digest
-from pipeline.storage.store import ENTRY, Store
+from pipeline.storage.store import Store
 
 if TYPE_CHECKING:
     from pipeline.storage import dataset as datasets
@@ -170,22 +169,7 @@ def bring_back(store: Store, records: Sequence[FileRecord]) -> None:
 
 def _places(store: Store, records: Sequence[FileRecord], below: str) -> Iterator[str]:
     """List the partitions that flights have in the datasets, as far as they are there."""
-    if not records:
-        return
-    for folder, vehicle in _flights(store, records):
-        for dataset in (datasets.TABLES, datasets.EXPERIMENTS):
-            for name in store.names(f"{below}{dataset}"):
-                place = str(PurePosixPath(datasets.part(dataset, name, vehicle, folder)).parent)
-                if store.names(below + place):
-                    yield place
-
-
-def _flights(store: Store, records: Sequence[FileRecord]) -> Iterator[tuple[str, str]]:
-    """List folder and vehicle of every flight of logs."""
     for record in records:
-        for number in count(1):
-            folder = flight_folder(record.folder, number)
-            entry = store.read_json(f"{FLIGHTS}/{folder}/{ENTRY}")
-            if entry is None:
-                break
-            yield folder, entry["vehicle"]
+        for flight, entry in entries_of(store, record.folder):
+            places = datasets.partitions(store, entry["vehicle"], flight, below)
+            yield from (place for place in places if store.names(below + place))

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -206,6 +207,16 @@ def drawn_anew(store: Store, place: str, entry: FlightEntry | GroupEntry, publis
     except (FileNotFoundError, ValueError):
         return False
     return True
+
+
+def entries_of(store: Store, folder: str, first: int = 1) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the folders of a log's flights with what their entries say, up to the first that is not there."""
+    for number in count(first):
+        flight = flight_folder(folder, number)
+        entry = store.read_json(f"{FLIGHTS}/{flight}/{ENTRY}")
+        if entry is None:
+            return
+        yield flight, entry
 
 
 def stored_flights(store: Store, folder: str, key: str, source: str, pages: str = "") -> tuple[FlightEntry, ...] | None:

@@ -8,9 +8,10 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from core.lazy import lazy
@@ -166,14 +167,11 @@ class _Search:
 def digest(url: str) -> str:
     """Return the SHA-256 of a file's content, or raise OSError."""
     with opened(url) as file:
-        sha256 = hashlib.sha256()
-        while chunk := file.read(1 << 20):
-            sha256.update(chunk)
-    return sha256.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
-def opened(url: str) -> Iterator[IO[bytes]]:
+def opened(url: str) -> Iterator[BufferedIOBase]:
     """Open a file by path or URL for reading; OSError whatever its storage calls that."""
     if not is_url(url):
         with Path(url).open("rb") as file:

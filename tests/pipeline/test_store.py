@@ -151,7 +151,7 @@ FLIGHT = made_flight("day 1/flight01", fit=False)
 def test_a_flight_survives_json():
     entry = flight_entry(FLIGHT, folder="day_1_flight01", source="s3://logs/flight01.BIN", key="k")
     assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
-    assert entry.start_utc == FLIGHT.log.start_utc
+    assert entry.start_utc == FLIGHT.log.started
     assert entry.flight == FLIGHT.flight
     assert entry.experiments == ("motors",)
     assert "voltage" in entry.missing["thrust"]
