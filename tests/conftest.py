@@ -1,6 +1,7 @@
 """What holds for all tests: kernels are compiled before they start, no example has a deadline, Ctrl-C is heard."""
 
 import fcntl
+import gc
 import lzma
 import multiprocessing
 import os
@@ -134,6 +135,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
     yield
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: (item.path not in _LONGEST, item.path not in slow))
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is imported by now out of every search for garbage: a tenth of the CPU time of all tests."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -109,7 +109,7 @@ def test_two_servers_share_one_queue_and_do_nothing_twice(tmp_path: Path) -> Non
     settings = Settings(data=tmp_path, workers=2)
     with ExitStack() as stack:
         clients = [stack.enter_context(served(settings)) for _ in range(2)]
-        addresses = [ordered(clients[number % 2], b"brief %d" % number)[1] for number in range(16)]
+        addresses = [ordered(clients[number % 2], b"brief %d" % number)[1] for number in range(8)]
         wait_until(lambda: all(clients[0].get(at).json()["ended"] for at in addresses), pause=0.1)
         answers = [clients[number % 2].get(at).json() for number, at in enumerate(addresses)]
         assert {(answer["state"], answer["attempts"]) for answer in answers} == {("done", 1)}

@@ -67,7 +67,7 @@ def member(name: str, folder: Path) -> Member:
     return Member(name, plain(flown.entry), files)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_two_flights_are_fitted_jointly_from_what_they_handed_over(tmp_path: Path) -> None:
     members = [member(name, tmp_path) for name in ("octa01_zurich_calm", "octa03_quito_high")]
     results = tmp_path / "joint" / "results"

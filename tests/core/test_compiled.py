@@ -121,14 +121,14 @@ def test_versions_compiled_at_the_same_time_have_files_of_their_own(tmp_path: Pa
     assert run(tmp_path, "int64") == ("6", True)
 
 
-@pytest.mark.parametrize("damage", [b"", b"\x80\x05garbage"])
-def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, run: Run, damage: bytes) -> None:
+def test_a_damaged_file_does_not_end_an_analysis(tmp_path: Path, run: Run) -> None:
     """A disk that was full, or a machine that was switched off, leaves such files."""
     assert run(tmp_path, "float64")[0] == "6.0"
-    (code,) = tmp_path.rglob("*.nbc")
-    code.write_bytes(damage)
-    assert run(tmp_path, "float64") == ("6.0", True)
-    assert run(tmp_path, "float64") == ("6.0", False)
+    for damage in (b"", b"\x80\x05garbage"):
+        (code,) = tmp_path.rglob("*.nbc")
+        code.write_bytes(damage)
+        assert run(tmp_path, "float64") == ("6.0", True)
+        assert run(tmp_path, "float64") == ("6.0", False)
 
 
 def test_code_is_compiled_in_every_run_where_no_folder_can_be_written(tmp_path: Path, run: Run) -> None:

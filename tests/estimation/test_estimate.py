@@ -124,7 +124,7 @@ def test_a_log_that_starts_in_the_air(flight, attitude):
 def test_a_craft_that_never_moves():
     """Heading rests on hard iron of some degrees that nothing can tell from heading: 2 uT of 21 uT are 5 degrees."""
     ratios = []
-    for seed in range(40, 48):
+    for seed in range(40, 44):
         still = fly(seed, duration=40.0, still=40.0)
         result = estimate(still.tables)
         error = errors(result, still.settled(5.0))
@@ -132,7 +132,7 @@ def test_a_craft_that_never_moves():
             assert np.abs(error[column]).max() < 4.0 * result.sigma[column].max()
         assert np.degrees(result.sigma["phi_d"].median()) > 3.0
         ratios.append(error["phi_d"].mean() / result.sigma["phi_d"].median())
-    # Eight headings, one throw of hard iron each: the mean of their squares should be 1 +- 0.5. Relinearised forces
+    # Four headings, one throw of hard iron each: the mean of their squares should be 1 +- 0.7. Relinearised forces
     # still feign a little knowledge of heading; rows of the magnetometer at the latest heading made it 5.
     assert 0.2 < np.mean(np.square(ratios)) < 3.0
 

@@ -36,7 +36,7 @@ def test_second_receiver_bridges_an_outage_of_the_first(flight):
     assert rms[0] < rms[1]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_sigmas_stay_honest_with_everything_there():
     """Two receivers whose errors wander alone, ground that is level: the filter expects worse, and little."""
     ratios = []

@@ -10,18 +10,19 @@ from tests.fuzz.reading import read_whole
 from tests.fuzz.seeds import seeds
 from tests.fuzz.spans import count, wound
 
-#: Mutations of each format here; `python -m tests.fuzz 100000` does more.
-COUNT = 60
+#: Mutations of each format, in short and whole; `python -m tests.fuzz 100000` does more.
+COUNT, WHOLE = 20, pytest.param(80, marks=pytest.mark.whole)
 
 _HEAD = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
 _GPS = "FMT, 3, 50, GPS, QBIHB, TimeUS,Status,GMS,GWk,NSats\n"
 
 
+@pytest.mark.parametrize("mutations", [COUNT, WHOLE])
 @pytest.mark.parametrize("ending", ["bin", "log", "tlog", "ulg"])
 @pytest.mark.filterwarnings("error")
-def test_mutations_end_in_an_error_for_people_or_are_read(ending, tmp_path):
+def test_mutations_end_in_an_error_for_people_or_are_read(ending, mutations, tmp_path):
     path = tmp_path / f"mutated.{ending}"
-    for seed in range(COUNT):
+    for seed in range(mutations):
         rng = np.random.default_rng((seed, len(ending)))
         path.write_bytes(mutate(seeds()[ending], rng, text=ending == "log"))
         read_whole(path)

@@ -119,6 +119,7 @@ def test_gains_that_are_too_high_are_named(account_of):
     assert {event.evidence["axis"] for event in account.notable} == {"roll", "pitch"}
 
 
+@pytest.mark.whole
 def test_real_flights_are_told_as_careful_readings_of_them_tell():
     """Lift-off to vibration of 48 flights of others; every disagreement left is looked at in READINGS.md's words."""
     agree, total, lines = real_logs.compare_all(SHARED / "real" / "readings.tsv", SHARED / "real")
