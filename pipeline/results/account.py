@@ -134,6 +134,7 @@ class Account:
     height: Reading | None = None  #: Above the ground that the flight left, m.
     distance: Reading | None = None  #: Largest horizontal distance from the take-off, m.
     ground_speed: Reading | None = None  #: Largest horizontal speed, m/s.
+    doubtful: tuple[Span, ...] = ()  #: When the receiver is not to be believed: left out of both.
     climb: Reading | None = None  #: Fastest climb and sink, m/s.
     sink: Reading | None = None
     battery: BatteryReading | None = None

@@ -66,13 +66,17 @@ def flight_figures(result: FlightResult) -> list[Figure]:
 
 def track(result: FlightResult) -> Figure | None:
     """Draw the flight seen from above, east to the right and north up, with equal scales."""
-    gps = _gps_offsets(result)
     if isinstance(result.trajectory, Failure):
+        account = present(result.account)
+        doubtful = () if account is None else account.doubtful
+        gps = _gps_offsets(result, doubtful)
         if gps is None:
             return None
         north, east = gps
-        way = line(east, north, "GPS", "@gps", 1.2, time=np.arange(len(east), dtype=float))
+        name = "GPS, where it is credible" if doubtful else "GPS"
+        way = line(east, north, name, "@gps", 1.2, time=np.arange(len(east), dtype=float))
         return _map([way], east, north, _wind_arrow(result))
+    gps = _gps_offsets(result)
     states = _within(result.trajectory.states, present(result.flight))
     if states.empty or not result.position_known:
         return None
@@ -242,11 +246,13 @@ def _within(table: Frame, span: Span | None) -> Frame:
     return table if span is None else table.loc[span.start : span.stop]
 
 
-def _gps_offsets(result: FlightResult) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _gps_offsets(result: FlightResult, doubtful: Sequence[Span] = ()) -> tuple[Floats, Floats] | None:
     """Return the GPS fixes in metres north and east of the trajectory's origin, else of the first fix."""
     if result.gps is None:
         return None
     table = _within(result.gps[["lat", "lon"]], present(result.flight)).dropna()
+    for span in doubtful:
+        table = table[(table.index < span.start) | (table.index > span.stop)]
     if len(table) < 2:
         return None
     lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)
@@ -339,9 +345,11 @@ def _with_ends(figure: Figure) -> Figure:
 def _key(figure: Figure) -> str:
     """Say what a map's marks are."""
     words = [
-        f"{'lines' if each['mode'] == 'lines' else 'dots'}: GPS" if each["name"] == "GPS" else "crosses: what happened"
-        for each in figure.data
-        if each["name"] in ("GPS", "events")
+        "crosses: what happened"
+        if trace["name"] == "events"
+        else f"{'lines' if trace['mode'] == 'lines' else 'dots'}: {trace['name']}"
+        for trace in figure.data
+        if trace["name"] == "events" or trace["name"].startswith("GPS")
     ]
     words += [f"arrow: {note['hovertext']}" for note in figure.layout.get("annotations", ()) if note["name"] == "wind"]
     text = "; ".join(words)

@@ -21,6 +21,7 @@ from pipeline.results.failure import Failure
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import CraftReport, FleetReport
 from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
+from pipeline.results.span import Span
 from reports.figures.flight import first_figures
 from reports.pages.fleet import fleet_page
 from reports.terminal.summary import overview
@@ -189,6 +190,16 @@ def test_a_receiver_that_jumped_is_no_good_line(flight):
     jumped = happening("gps-glitch", 50.0, Severity.WARNING, evidence={"jump_m": 31.0})
     line = line_of(answered(flight, jumped), "GPS")
     assert (line.text, line.tone) == ("14+ satellites, jumped by 31 m", Tone.CARE)
+
+
+def test_a_map_of_gps_alone_leaves_out_what_the_distance_leaves_out(flight):
+    """Beside "7.5 m away" stood a map of 300 m: 26-11-2014_181."""
+    lost = dataclasses.replace(flight, trajectory=Failure("trajectory", "contradicts the sensors"))
+    (way, *_) = first_figures(answered(lost))[0].data
+    half = float(np.mean([lost.flight.start, lost.flight.stop]))
+    (seen, *_) = first_figures(answered(lost, state={"doubtful": (Span(half, np.inf),)}))[0].data
+    assert (way["name"], seen["name"]) == ("GPS", "GPS, where it is credible")
+    assert len(seen["x"]) == pytest.approx(len(way["x"]) / 2, abs=len(way["x"]) / 4)
 
 
 def test_a_log_without_a_sensor_has_no_line_of_it(flight):

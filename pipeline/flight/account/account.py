@@ -13,7 +13,7 @@ from pipeline.flight.account.attitude import attitude_happenings
 from pipeline.flight.account.ground import begins_in_the_air, contact, ground_happenings, unseen
 from pipeline.flight.account.motors import motor_happenings
 from pipeline.flight.account.power import power_happenings
-from pipeline.flight.account.readings import Readings
+from pipeline.flight.account.readings import RECOVERS, Readings
 from pipeline.flight.account.reports import reported_happenings
 from pipeline.flight.account.sensors import sensor_happenings
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
@@ -69,11 +69,11 @@ def account_of(readings: Readings) -> Account:
     story = tell_story(ordered)
     lost = next((each.t for each in story if each.id in _ENDING or each.id == "control-lost"), None)
     height = state.height(readings)
-    doubtful = [
-        (each.t, each.end or each.t)
+    doubtful = tuple(
+        Span(each.t - 1.0, (each.end or each.t) + RECOVERS)
         for each in ordered
         if each.t is not None and _GPS_WRONG & {each.id, each.evidence.get("subsystem")}
-    ]
+    )
     distance, speed = state.distance(readings, doubtful), state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
     if height is None and readings.height is not None:
@@ -91,6 +91,7 @@ def account_of(readings: Readings) -> Account:
         phases=_phases(readings, story),
         height=height,
         distance=distance,
+        doubtful=doubtful,
         ground_speed=speed,
         climb=climb,
         sink=sink,

@@ -11,8 +11,9 @@ import pandas as pd
 from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import real_voltage
-from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, RECOVERS, SATELLITES, Readings, within
+from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, SATELLITES, Readings, within
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
+from pipeline.results.span import Span
 from sysid.rotors.battery import sag_resistance
 
 #: Steady hover: climb [m/s] and lean [rad] below these; the first and last of it [s] that are compared, and the least.
@@ -44,7 +45,7 @@ def height(readings: Readings) -> Reading | None:
     return Reading(value=value, unit="m", t=t, source=source, others={name: gain for name, (gain, _) in gains.items()})
 
 
-def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
+def ground_speed(readings: Readings, doubtful: Sequence[Span]) -> Reading | None:
     """Return the largest horizontal speed by GPS, jumps and doubtful stretches left out."""
     rows = _fixes(readings, doubtful)
     rows = rows[~(rows["satellites"] < SATELLITES) & rows["v_n"].notna() & rows["v_e"].notna()]
@@ -54,7 +55,7 @@ def ground_speed(readings: Readings, doubtful: Sequence[tuple[float, float]]) ->
     return _largest(pd.Series(np.hypot(rows["v_n"], rows["v_e"]), index=rows.index), "m/s")
 
 
-def distance(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Reading | None:
+def distance(readings: Readings, doubtful: Sequence[Span]) -> Reading | None:
     """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out."""
     rows = _fixes(readings, doubtful)
     north, east = rows["lat"] - rows["lat"].head(1).mean(), rows["lon"] - rows["lon"].head(1).mean()
@@ -62,15 +63,14 @@ def distance(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> Rea
     return far if far is not None and far.value > 0.0 else None  # a position that never moves has stopped
 
 
-def _fixes(readings: Readings, doubtful: Sequence[tuple[float, float]]) -> pd.DataFrame:
+def _fixes(readings: Readings, doubtful: Sequence[Span]) -> pd.DataFrame:
     """Return the rows of GPS in flight that tell a position; none without a receiver."""
     gps = readings.tables.gps
     if gps is None:
         return pd.DataFrame(columns=["lat", "lon", "v_n", "v_e", "satellites"], dtype=float)
     rows = gps.loc[readings.flight.start : readings.flight.stop]
     good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)
-    left_out = [(first - 1.0, last + RECOVERS) for first, last in doubtful]
-    return rows[good & ~within(rows.index.to_numpy(np.float64), left_out)]
+    return rows[good & ~within(rows.index.to_numpy(np.float64), [(span.start, span.stop) for span in doubtful])]
 
 
 def _largest(values: pd.Series, unit: str) -> Reading | None:
