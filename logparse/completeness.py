@@ -167,7 +167,7 @@ def _rates(log: "FlightLog") -> Iterator[tuple[Need, Finding]]:
 
 
 def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
-    telemetry = log.format in TELEMETRY
+    telemetry, damaged = log.format in TELEMETRY, any(each.id == "file-damaged" for each in log.findings)
     for name in ("motors", "imu", "gps", "attitude"):
         whole = log.tables.times(name)
         if whole is None:
@@ -183,7 +183,9 @@ def _gaps(log: "FlightLog", flight: "Flight") -> Iterator[Finding]:
                 "log-gaps",
                 f"The table {name} has {count} gap{'s' if count > 1 else ''} in flight, the longest of "
                 f"{gaps.max():.1f} s at t = {where:.1f} s.",
-                "The telemetry link lost frames; use the autopilot's own log."
+                "Copy the log again: what is missing may be in the original."
+                if damaged
+                else "The telemetry link lost frames; use the autopilot's own log."
                 if telemetry
                 else "Use a faster card or log fewer topics."
                 if log.format == "ulog"

@@ -2,6 +2,8 @@
 
 The barometer is believed before the autopilot's estimate, which runs away with vibration or without GPS, and before
 the receiver, whose height wanders by metres; but none that stays in the air when the craft is back where it took off.
+Where the autopilot takes its height from a camera or motion capture, its own is believed first: propellers feign metres
+to a barometer indoors.
 """
 
 from collections.abc import Iterator
@@ -26,6 +28,8 @@ class _Interval(Protocol):
 
 #: Sources of height in the order of belief, with the column and the sign of up.
 _SOURCES = {"baro": ("baro", "alt", 1.0), "autopilot": ("ekf", "p_d", -1.0), "gps": ("gps", "alt", 1.0)}
+#: Parameters of PX4 and ArduPilot, and their values, by which height comes from a camera or motion capture.
+_SEEN = {"EKF2_HGT_REF": 3.0, "EKF2_HGT_MODE": 3.0, "EK3_SRC1_POSZ": 6.0}
 #: A craft that lands so near [m] to where it took off is back at the same height; a height so far off it [m] is wrong.
 _SAME_PLACE, WRONG = 20.0, 5.0
 #: Window of the median of a height, and time before lift-off in which the ground is read [s].
@@ -34,7 +38,9 @@ _MEDIAN, _GROUND = 0.5, 2.0
 
 def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
     """Yield the heights [m, up] of a log by source (baro, autopilot, gps), the most credible first."""
-    for source, (table, column, sign) in _SOURCES.items():
+    seen = any(tables.parameters.get(name) == value for name, value in _SEEN.items())
+    for source in sorted(_SOURCES, key=lambda each: each != "autopilot") if seen else _SOURCES:
+        table, column, sign = _SOURCES[source]
         frame = getattr(tables, table)
         if frame is None:
             continue

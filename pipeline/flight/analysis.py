@@ -407,7 +407,7 @@ def _left_out(account: Account) -> tuple[Finding, ...]:
 def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
     if log.flight is None:
         reasons = [finding.reason for finding in checked if finding.id == "no-flight"]
-        raise MissingDataError(reasons[0].rstrip(".") if reasons else "The log shows no flight")
+        raise MissingDataError(reasons[0].rstrip(".") if reasons else "The craft is no multirotor")
     return Span(log.flight.start, log.flight.stop)
 
 

@@ -34,8 +34,8 @@ PARTS = (("training", "fitted", "@fitted"), ("held_out", "judged", "@judged"))
 _LEAST = 0.1
 #: Parameters that one figure holds, a small plot for each.
 MOST_PLOTS = 4
-#: Height [px] of the plot beside the answer: with it they fill a screen, and the table of flights begins the next.
-FIRST_HEIGHT = 540
+#: Height [px] of the plot beside the answer, as that of a flight's map.
+FIRST_HEIGHT = 330
 #: Colour, mark and name of a flight by what happened in it.
 _TONES = {
     Tone.GOOD: ("@good", "circle", "uneventful"),

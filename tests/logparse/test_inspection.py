@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.findings import apart
+from core.findings import apart, warning
 from core.serialization import plain
 from logparse import read_log
 from logparse.craft.frames import Vehicle
@@ -149,6 +149,12 @@ def test_a_hole_in_flight_is_named_with_its_length():
     (gap,) = [each for each in inspect(log_of(messages)).findings if each.id == "log-gaps"]
     assert gap.reason.startswith("The table imu has 1 gap in flight")
     assert gap.evidence["longest"] == pytest.approx(3.1, abs=0.11)
+    assert "faster card" in gap.advice
+    # What bytes of a damaged file lack, the card had.
+    damaged = log_of(messages)
+    damaged.findings = (warning("file-damaged", "40 bytes are damaged"),)
+    (gap,) = [each for each in inspect(damaged).findings if each.id == "log-gaps"]
+    assert gap.advice.startswith("Copy the log again")
 
 
 @pytest.mark.parametrize(

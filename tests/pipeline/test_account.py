@@ -397,6 +397,30 @@ def test_errors_are_reported_once_and_on_the_ground_only_noted():
     assert "radio failsafe" in found.headline
 
 
+@pytest.mark.parametrize(
+    ("text", "subsystem"),
+    [
+        ("Failsafe enabled: no RC", "FAILSAFE_RADIO"),
+        ("MANUAL CONTROL LOST (at t=75098ms)", "FAILSAFE_RADIO"),
+        ("Failsafe enabled: no datalink", "FAILSAFE_GCS"),
+        ("Critical battery level! Return now", "FAILSAFE_BATTERY"),
+        ("Failsafe activated: Autopilot disengaged, switching to Descend", "FAILSAFE"),
+    ],
+)
+def test_failsafes_of_px4_are_in_its_texts(text, subsystem):
+    event = only("failsafe", notable(flown(events=events_at((40.0, "MESSAGE", text)))))
+    assert event.evidence["subsystem"] == subsystem
+
+
+def test_a_craft_that_was_caught_hits_the_ground_as_it_sank_last():
+    """4 m/s a second and a half before the blow, and 1 m/s at last (31-3-2015_83)."""
+    caught = table(10.0, alt=lambda t: np.interp(t, (0, 10, 14, 65, 69, 70), (0.0, 0.0, 20.0, 17.0, 1.0, 0.0)))
+    imu = flown().imu.copy()
+    imu.loc[70.0, "accel_z"] = -70.0
+    landing = only("hard-landing", notable(flown(baro=caught, imu=imu)))
+    assert landing.evidence["sink_m_s"] == pytest.approx(1.0, abs=0.3)
+
+
 def test_the_state_of_the_craft_is_read_off():
     vibe = table(5.0, IMU=0.0, VibeX=10.0, VibeY=12.0, VibeZ=between(30.0, 35.0, 45.0, 15.0), Clip=0.0)
     vibe["Clip"] = np.where(vibe.index >= 50.0, 7.0, 2.0)
@@ -451,6 +475,15 @@ def test_a_log_that_was_cut_in_the_air_says_so():
         ({"baro": None}, "GPS"),
         (
             {"baro": baro_of((55, 0), (70, 0)).assign(alt=3.0), "ekf": table(10.0, p_d=lambda t: -height(t))},
+            "autopilot",
+        ),
+        # Motion capture gives it; propellers feign metres to the barometer indoors.
+        (
+            {
+                "baro": table(10.0, alt=lambda t: 1.5 * height(t)),
+                "ekf": table(10.0, p_d=lambda t: -height(t)),
+                "parameters": PARAMETERS | {"EKF2_HGT_REF": 3.0},
+            },
             "autopilot",
         ),
     ],

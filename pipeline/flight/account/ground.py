@@ -30,7 +30,7 @@ class Contact:
 
     t: float
     force: float  #: m/s^2; NaN where not known.
-    sink: float  #: m/s before it; NaN where not known.
+    sink: float  #: m/s in the second before it; NaN where not known.
     lean: float  #: rad, how it came to rest; NaN where not known.
 
 
@@ -49,12 +49,12 @@ def contact(readings: Readings) -> Contact | None:
         t, force = float(around.index[int(np.argmax(around.to_numpy()))]), float(around.max())
     elif readings.lean is None:
         return None
-    sink = None if readings.own_height else readings.sink
-    before = np.array([]) if sink is None else sink.loc[stop - 1.5 : min(stop, t)].dropna().to_numpy(np.float64)
+    sink = None if readings.own_height or readings.sink is None else readings.sink.dropna()
     return Contact(
         t=t,
         force=force,
-        sink=float(np.max(before)) if len(before) else np.nan,
+        # A slope is that of the second around a time.
+        sink=np.nan if sink is None or not len(sink) else float(at(min(readings.flight.stop, t) - 0.5, sink)),
         lean=_rest(readings, Span(max(t, readings.flight.stop), t + _AROUND)),
     )
 

@@ -14,6 +14,7 @@ from pipeline.flight.account.readings import Readings
 
 #: Subsystems of ERR by what they are to a pilot, and what to look at. Those without words here are named as logged.
 _WORDS: Mapping[str, tuple[str, str]] = {
+    "FAILSAFE": ("a failsafe", "Look at the messages around this time."),
     "FAILSAFE_RADIO": ("radio failsafe", "Check the receiver, its antennas and the range."),
     "FAILSAFE_BATTERY": ("battery failsafe", "Land earlier, or replace an aged battery."),
     "FAILSAFE_GPS": ("GPS failsafe", "Look at satellites and interference around this time."),
@@ -35,9 +36,17 @@ _WORDS: Mapping[str, tuple[str, str]] = {
 _ESTIMATES = frozenset(("EKF_CHECK", "GPS", "EKF_PRIMARY", "COMPASS", "BARO"))
 #: Texts of the autopilot (MSG, STATUSTEXT) by the subsystem that they are of; loggers that miss ERR have them.
 _TEXTS: Mapping[str, re.Pattern[str]] = {
-    "FAILSAFE_BATTERY": re.compile(r"low battery|battery failsafe|battery \d+ (is )?(low|critical)", re.IGNORECASE),
-    "FAILSAFE_RADIO": re.compile(r"radio failsafe|rc failsafe|throttle failsafe on|no rc receiver", re.IGNORECASE),
-    "FAILSAFE_GCS": re.compile(r"gcs failsafe(?!.*(cleared|off))", re.IGNORECASE),
+    "FAILSAFE_BATTERY": re.compile(
+        r"low battery|battery failsafe|battery \d+ (is )?(low|critical)|(critical|emergency) battery", re.IGNORECASE
+    ),
+    "FAILSAFE_RADIO": re.compile(
+        r"radio failsafe|rc failsafe|throttle failsafe on|no rc receiver|manual control lost|failsafe enabled: no rc",
+        re.IGNORECASE,
+    ),
+    "FAILSAFE_GCS": re.compile(
+        r"gcs failsafe(?!.*(cleared|off))|failsafe enabled: no datalink|data link lost", re.IGNORECASE
+    ),
+    "FAILSAFE": re.compile(r"failsafe activated", re.IGNORECASE),
     "FAILSAFE_EKF_INAV": re.compile(r"ekf failsafe(?!.*(cleared|off))", re.IGNORECASE),
     "EKF_CHECK": re.compile(r"ekf variance", re.IGNORECASE),
     "FAILSAFE_VIBE": re.compile(r"vibration compensation on", re.IGNORECASE),
