@@ -115,22 +115,6 @@ def test_an_analysis_can_be_followed(service: httpx.Client, tmp_path: Path) -> N
     assert service.get(address).json()["progress"] == 1.0
 
 
-@pytest.mark.slow
-def test_the_service_answers_while_the_workers_are_busy(service: httpx.Client, tmp_path: Path) -> None:
-    """Two workers and two waiting analyses, none of which ends before the service has answered a hundred times."""
-    go_on = tmp_path / "go on"
-    logs = [(f"{number}.bin", f"until |{go_on}| {number}".encode()) for number in range(4)]
-    uploaded = service.post("/api/v1/logs", files=[("file", log) for log in logs]).json()["logs"]
-    addresses = [service.post("/api/v1/analyses", json={"log": log["id"]}).headers["Location"] for log in uploaded]
-    wait_until(lambda: [told(service, address, "stage") for address in addresses].count("transfer functions") == 2)
-    for _ in range(100):
-        assert service.get("/healthz").json() == {"status": "ok"}
-    states = [service.get(address).json()["state"] for address in addresses]
-    assert sorted(states) == ["queued", "queued", "running", "running"]
-    go_on.touch()
-    wait_until(lambda: all(service.get(address).json()["state"] == "done" for address in addresses))
-
-
 def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Path, upload: Upload) -> None:
     settings, go_on = Settings(data=tmp_path / "data", workers=1), tmp_path / "go on"
     with ThreadPoolExecutor() as clients, served(settings) as client:

@@ -39,49 +39,36 @@ def test_mutations_that_once_broke(kind: str, number: int, tmp_path: Path) -> No
     structures.read(kind, structures.mutate(kind, np.random.default_rng((number, len(kind)))), tmp_path)
 
 
+def px4_with(path: Path, fields: bytes, *formats: bytes) -> Path:
+    """Write a log of PX4 whose attitude has these fields, behind other formats."""
+    whole, old = px4_log(5), b"vehicle_attitude:uint64_t timestamp;float[4] q;"
+    at = whole.index(old) - 3
+    written = (*formats, b"vehicle_attitude:" + fields)
+    new = b"".join(struct.pack("<HB", len(each), ord("F")) + each for each in written)
+    path.write_bytes(whole[:at] + new + whole[at + 3 + len(old) :])
+    return path
+
+
 def test_a_text_called_as_the_time_is_does_not_become_it(tmp_path: Path) -> None:
-    whole, path = px4_log(5), tmp_path / "flight.ulg"
-    old = b"vehicle_attitude:uint64_t timestamp;float[4] q;"
-    new = old.replace(b"float[4] q", b"char[16] timestamp")
-    at = whole.index(old) - 3
-    path.write_bytes(whole[:at] + struct.pack("<HB", len(new), ord("F")) + new + whole[at + 3 + len(old) :])
+    path = px4_with(tmp_path / "flight.ulg", b"uint64_t timestamp;char[16] timestamp;")
     assert len(read_log(path).messages["vehicle_attitude"]) == 5
-
-
-@pytest.mark.parametrize("kind", [b"double", b"int64_t"])
-def test_a_topic_whose_time_is_no_whole_number_of_us_is_left_out(kind: bytes, tmp_path: Path) -> None:
-    whole, path = px4_log(5), tmp_path / "flight.ulg"
-    old = b"vehicle_attitude:uint64_t timestamp;float[4] q;"
-    new = old.replace(b"uint64_t", kind)
-    at = whole.index(old) - 3
-    path.write_bytes(whole[:at] + struct.pack("<HB", len(new), ord("F")) + new + whole[at + 3 + len(old) :])
-    messages = read_log(path).messages
-    assert "vehicle_attitude" not in messages
-    assert len(messages["sensor_combined"]) == 5
 
 
 @pytest.mark.parametrize(
     "fields",
     [
-        b"float[60000] q;",  # a count that was 4
-        b"vehicle_attitude[9] again;",  # a format within itself
-        b"sensor_combined[60000] a;",  # thousands of another
-        b"nothing[60000] a;nothing[60000] b;",  # without a field, but as long to go through
+        # Times that are no whole number of us.
+        b"double timestamp;float[4] q;",
+        b"int64_t timestamp;float[4] q;",
+        # A few bytes of a format of 60 kB took 60 s and 3.5 GB before a row was read.
+        b"uint64_t timestamp;float[60000] q;",  # a count that was 4
+        b"uint64_t timestamp;vehicle_attitude[9] again;",  # a format within itself
+        b"uint64_t timestamp;sensor_combined[60000] a;",  # thousands of another
+        b"uint64_t timestamp;nothing[60000] a;nothing[60000] b;",  # without a field, but as long to go through
     ],
 )
-def test_fields_of_a_px4_log_are_no_more_than_a_log_has(fields: bytes, tmp_path: Path) -> None:
-    """A few bytes of a format of 60 kB took 60 s and 3.5 GB before a row was read."""
-    whole, path = px4_log(5), tmp_path / "flight.ulg"
-    old = b"vehicle_attitude:uint64_t timestamp;float[4] q;"
-    new = b"vehicle_attitude:uint64_t timestamp;" + fields
-    at = whole.index(old) - 3
-    empty = b"nothing:"
-    whole = (
-        whole[:at] + struct.pack("<HB", len(empty), ord("F")) + empty
-        + struct.pack("<HB", len(new), ord("F")) + new + whole[at + 3 + len(old) :]
-    )  # fmt: skip
-    path.write_bytes(whole)
-    log = read_log(path)
+def test_a_topic_of_px4_that_no_log_can_have_is_left_out(fields: bytes, tmp_path: Path) -> None:
+    log = read_log(px4_with(tmp_path / "flight.ulg", fields, b"nothing:"))
     assert "vehicle_attitude" not in log.messages
     assert len(log.messages["sensor_combined"]) == 5
 

@@ -99,19 +99,6 @@ def test_all_missing_bits_make_one_value_of_the_mask():
     assert "motors' lag" in advice.gain
 
 
-@pytest.mark.parametrize("mask", [176126, 2242524, -22530, 43006, 16776192, 0])
-def test_advice_switches_nothing_off_that_was_logged(mask):
-    """Of all digits of the mask: 176126 kept as 176130 made 176131, without GPS, IMU and battery."""
-    names = ("fast rates", "mag")
-    first = good("a", mask=float(mask), told=(), findings=[lacking(each, NEEDS[each], mask) for each in names])
-    advice = next(each for each in for_craft([first]) if each.id == "log-bitmask")
-    value = advice.settings["LOG_BITMASK"]
-    assert isinstance(value, int)
-    assert value & mask == mask
-    assert value & ~mask & 0xFFFFFFFF == (1 | 1 << 13) & ~mask
-    assert str(value) in advice.do
-
-
 def test_the_latest_flight_s_mask_counts_for_several():
     lacks = [lacking("mag", Need.COMPASS, 6.0)]
     advice = only(good("a", mask=6.0, findings=lacks), good("b", mask=1030.0, findings=()))

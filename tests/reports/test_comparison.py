@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 from core.serialization import as_json
 from pipeline.config import ConfigError
 from pipeline.fleet.comparison import compare_reports
-from pipeline.fleet.meta_analysis import ALPHA
 from pipeline.results.report import FleetReport
 from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
@@ -86,17 +85,6 @@ def test_a_change_beyond_the_scatter_of_flights_is_found_with_its_size():
     assert abs(row.difference_percent - 10.0) < 3.0 * row.difference_sigma / 7.0 * 100.0
     assert row.interval_percent[0] < 10.0 < row.interval_percent[1]
     assert row.between_flights == pytest.approx(0.05, abs=0.03)
-
-
-@pytest.mark.slow
-def test_nothing_is_called_changed_more_often_than_stated_when_flights_scatter_beyond_their_sigma():
-    """Two fleets of one craft, scatter of flights ten times the standard errors of fits; 400 pairs."""
-    rng = np.random.default_rng(11)
-    false = 0
-    for _ in range(400):
-        a, b = rng.normal(7.0, 0.2, (2, 5))
-        false += only(compare_reports(report(craft(a)), report(craft(b)), ("a", "b"))).significant
-    assert false / 400 < ALPHA + 3.0 * math.sqrt(ALPHA * (1.0 - ALPHA) / 400)
 
 
 def test_single_flights_are_compared_by_their_fits_and_the_limit_of_that_is_said():

@@ -313,11 +313,6 @@ def test_a_chirp_becomes_files_a_table_and_a_page(chirped, tmp_path):
     assert "nan" not in page.split("<script")[0].lower().split()
 
 
-def test_json_alone_on_stdout(chirped, tmp_path):
-    done = run("frequency", chirped, "--axis", "roll", "--json", "--out", tmp_path / "out")
-    assert json.loads(done.stdout)["axes"][0]["axis"] == "roll"
-
-
 def test_an_axis_that_nobody_moved_is_a_sentence_and_status_3(chirped, tmp_path):
     done = run("frequency", chirped, "--axis", "pitch", "--out", tmp_path / "out")
     assert done.exit_code == 3
