@@ -207,7 +207,7 @@ def _analyze(
 
     fitted = _fit(log, trajectory, flight, part, config, name, stages)
 
-    coverage = _measured(log, trajectory, flight, fitted, rates, stages)
+    coverage = _measured(log, trajectory, flight, fitted, present(account), rates, stages)
     done = aside()
     stages.take(done.stages)
     trims, of_motors = (None, ()) if isinstance(done.motors, Failure) else done.motors
@@ -354,6 +354,7 @@ def _measured(
     trajectory: estimation.Trajectory | Failure,
     flight: Span | Failure,
     fitted: _Fitted,
+    account: Account | None,
     rates: Mapping[str, LoggedRate] | None,
     stages: Stages,
 ) -> Coverage | Failure:
@@ -364,7 +365,8 @@ def _measured(
         return trajectory
     records = fitted.experiments.values()
     coverage = stages.run(
-        "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)
+        "coverage",
+        lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, account=account, rates=rates),
     )
     log.tables.release()
     return coverage

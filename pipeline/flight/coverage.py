@@ -16,8 +16,6 @@ import numpy as np
 import sysid
 from core.units import STANDARD_GRAVITY
 from logparse.completeness import longest_step
-from pipeline.flight.account import state
-from pipeline.flight.account.readings import Readings
 from pipeline.flight.kinds import RIGID_BODY_KEY
 from pipeline.results.coverage import (
     MAP,
@@ -46,6 +44,7 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import FlightLog, Tables
+    from pipeline.results.account import Account
     from pipeline.results.flight import ModelResult
     from pipeline.results.span import Span
 
@@ -66,9 +65,10 @@ def measure(
     models: Sequence[ModelResult] = (),
     *,
     experiments: Iterable[sysid.Experiment] = (),
+    account: Account | None = None,
     rates: Mapping[str, LoggedRate] | None = None,
 ) -> Coverage:
-    """Measure what a flight covered."""
+    """Measure what a flight covered; how well it was logged is told with what its account read, and its rates."""
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
@@ -113,7 +113,9 @@ def measure(
             float(trim.wind_n), float(trim.wind_e), float(trim.wind_sigma), "rigid body fitted to this flight"
         ),
         excitation=excitation_of(trajectory, context),
-        health=log_health(log, trajectory, flight, rates),
+        health=log_health(
+            log, trajectory, flight, account, logged_rates(log.tables, flight) if rates is None else rates
+        ),
         missing=missing,
     )
 
@@ -271,17 +273,17 @@ _SETTINGS = (
 
 
 def log_health(
-    log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, LoggedRate] | None = None
+    log: FlightLog, trajectory: Trajectory, flight: Span, account: Account | None, rates: Mapping[str, LoggedRate]
 ) -> LogHealth:
-    """Measure how well a flight was logged."""
+    """Report how well a flight was logged."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
-    parameters, readings = log.parameters, Readings.of(log, flight)
+    parameters = log.parameters
     return LogHealth(
-        rates=logged_rates(log.tables, flight) if rates is None else rates,
-        gps=state.gps(readings),
-        vibration=state.worst_vibration(readings),
-        battery=state.battery(readings),
+        rates=rates,
+        gps=None if account is None else account.gps,
+        vibration=None if account is None else account.vibration,
+        battery=None if account is None else account.battery,
         position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
         settings={
             name: float(parameters[name])

@@ -14,6 +14,7 @@ import logparse
 from core.quantity import readable
 from core.serialization import plain
 from pipeline.fleet.envelope import envelope
+from pipeline.flight.account import tell
 from pipeline.flight.coverage import measure, word_of
 from pipeline.results.coverage import QUANTITIES
 from pipeline.results.span import Span
@@ -85,7 +86,9 @@ def test_movement_is_told_axis_by_axis(flight):
 
 
 def test_the_log_is_judged(flight):
-    health = measure(*flight[:3]).health
+    log, _, span, *_ = flight
+    account = tell(log, span)
+    health = measure(*flight[:3], account=account).health
     assert health.rates["motors"].rate == pytest.approx(10.0, rel=0.01)
     gps = health.rates["gps"]
     assert (gps.rate, gps.gaps) == (pytest.approx(5.0, rel=0.01), 0)
@@ -93,6 +96,7 @@ def test_the_log_is_judged(flight):
     assert health.gps.fix_share == 1.0
     assert 0.1 < health.position_sigma.median < 1.5
     assert health.battery.start > health.battery.lowest > 10.0
+    assert (health.gps, health.battery, health.vibration) == (account.gps, account.battery, account.vibration)
 
 
 def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
