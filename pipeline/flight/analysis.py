@@ -18,6 +18,8 @@ from pipeline.execution import executors
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.execution.workload import Workload
 from pipeline.flight.account import tell
+from pipeline.flight.account.account import account_of
+from pipeline.flight.account.readings import Readings
 from pipeline.flight.answer import compose_answer
 from pipeline.flight.coverage import logged_rates, measure
 from pipeline.flight.craft import fingerprint, tune_of
@@ -33,6 +35,7 @@ from pipeline.results.coverage import Coverage, LoggedRate
 from pipeline.results.failure import Failure, findings_of, present
 from pipeline.results.flight import FlightResult, LogFacts, ModelResult
 from pipeline.results.rotation import RotationResult
+from pipeline.results.signals import FlightSignals
 from pipeline.results.span import Span
 from pipeline.storage.sources import digest
 from sysid.autopilot.gathering import batch_values, body_values, feed_forward
@@ -155,8 +158,7 @@ def _analyze(
     if isinstance(progress, Overall):
         expected = Workload.of(log, present(flight)).seconds()
         progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
-    account = stages.run("account", lambda _: tell(log, present(flight)))
-    signals = flight if isinstance(flight, Failure) else stages.run("account", lambda _: flight_signals(log, flight))
+    account, signals = _told(log, flight, stages)
     # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
@@ -249,6 +251,15 @@ class _WithoutTrajectory:
     rotation: RotationResult | Failure
     motors: _Motors | Failure
     stages: Stages
+
+
+def _told(log: FlightLog, flight: Span | Failure, stages: Stages) -> tuple[Account | Failure, FlightSignals | Failure]:
+    """Tell what happened in a flight, and gather its lines for plots, from the same readings."""
+    if isinstance(flight, Failure):
+        return stages.run("account", lambda _: tell(log, None)), flight
+    readings = Readings.of(log, flight)
+    account = stages.run("account", lambda _: account_of(readings))
+    return account, stages.run("account", lambda _: flight_signals(readings))
 
 
 def _without_trajectory(

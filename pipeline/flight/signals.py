@@ -8,10 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from logparse import FlightLog, Tables
-from logparse.craft.pwm_range import pwm_range
+from logparse import Tables
 from logparse.heights import above_ground, heights
-from logparse.messages import NumericMessages
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.account.state import SOURCES
 from pipeline.flight.spectrum import vibration_spectrum
@@ -26,10 +24,9 @@ _MOST = 3000
 _RATIO = 0.8
 
 
-def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
+def flight_signals(readings: Readings) -> FlightSignals:
     """Gather the lines of one flight."""
-    tables, messages = log.tables, NumericMessages(log.messages)
-    levels, battery = pwm_range(log.parameters), tables.battery
+    tables, flight, levels, battery = readings.tables, readings.flight, readings.limits, readings.tables.battery
     return FlightSignals(
         height=_panel("height", "m", _heights(tables, flight)),
         attitude=_asked_and_flown(
@@ -45,20 +42,20 @@ def flight_signals(log: FlightLog, flight: Span) -> FlightSignals:
             },
             "rad/s",
         ),
-        vibration=_vibration(log, flight),
+        vibration=_vibration(readings),
         battery=_columns(
             None if battery is None else battery.assign(power=battery["voltage"] * battery["current"]),
             flight,
             {"voltage": ("voltage", "V"), "current": ("current", "A"), "power": ("power", "W")},
         ),
-        estimator=_ratios(messages, flight),
+        estimator=_ratios(readings.messages, flight),
         gps=_columns(
             tables.gps,
             flight,
             {"satellites": ("satellites", ""), "dilution (HDOP)": ("hdop", ""), "accuracy": ("h_acc", "m")},
         ),
         compass=_compass(tables, flight),
-        spectrum=vibration_spectrum(tables, flight, log.parameters),
+        spectrum=vibration_spectrum(tables, flight, tables.parameters),
         motor_limits={"MOT_SPIN_MIN": levels.pwm(levels.spin_min), "MOT_SPIN_MAX": levels.pwm(levels.spin_max)},
     )
 
@@ -153,14 +150,14 @@ def _columns(table: pd.DataFrame | None, flight: Span, wanted: Mapping[str, tupl
     return panels
 
 
-def _vibration(log: FlightLog, flight: Span) -> tuple[Panel, ...]:
-    measured = Readings.of(log, flight).vibration
+def _vibration(readings: Readings) -> tuple[Panel, ...]:
+    measured = readings.vibration
     if measured is None or measured.relative:
         return ()
     limits = {"advised limit": measured.advised, "harmful": measured.harmful}
     names = "xyz" if measured.axes.shape[1] == 3 else ("accelerometer 1",)
     columns = (pd.Series(column, index=measured.t) for column in measured.axes.T)
-    lines = [_line(name, column, flight) for name, column in zip(names, columns, strict=True)]
+    lines = [_line(name, column, readings.flight) for name, column in zip(names, columns, strict=True)]
     return _panel("vibration", "m/s²", lines, limits)
 
 

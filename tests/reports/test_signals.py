@@ -7,6 +7,7 @@ import pytest
 
 from core.findings import Severity
 from logparse import read_log
+from pipeline.flight.account.readings import Readings
 from pipeline.flight.signals import flight_signals, thin
 from pipeline.results.failure import Failure
 from pipeline.results.span import Span
@@ -23,7 +24,7 @@ def test_messages_whose_times_damage_has_put_out_of_order_are_drawn_in_order():
     times = rows.index.to_numpy().copy()
     times[[50, 51]] = times[[51, 50]]
     log.messages.replace("VIBE", rows.set_axis(times))
-    (panel,) = flight_signals(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03)).vibration
+    (panel,) = flight_signals(Readings.of(log, Span(log.flight.start + 0.03, log.flight.stop - 0.03))).vibration
     assert all((np.diff(signal.t) > 0.0).all() for signal in panel.signals)
 
 
@@ -33,7 +34,7 @@ def test_a_heading_about_south_does_not_jump():
     t = np.arange(len(rows)) * 0.1
     flown, asked = 180.0 + 5.0 * np.sin(t), 180.0 + 5.0 * np.sin(t + 0.1)
     log.messages.replace("ATT", rows.assign(Yaw=flown % 360.0, DesYaw=asked % 360.0))
-    panel = flight_signals(log, Span(log.flight.start, log.flight.stop)).attitude[2]
+    panel = flight_signals(Readings.of(log, Span(log.flight.start, log.flight.stop))).attitude[2]
     assert panel.title == "yaw"
     by_name = {signal.name: signal.y for signal in panel.signals}
     for values in by_name.values():
@@ -49,7 +50,7 @@ def test_turns_before_take_off_do_not_count():
     t = rows.index.to_numpy()
     carried = np.interp(t, [t[0], start], [0.0, 790.0])
     log.messages.replace("ATT", rows.assign(Yaw=carried % 360.0, DesYaw=carried % 360.0))
-    panel = flight_signals(log, Span(log.flight.start, log.flight.stop)).attitude[2]
+    panel = flight_signals(Readings.of(log, Span(log.flight.start, log.flight.stop))).attitude[2]
     for signal in panel.signals:
         assert np.degrees(np.median(signal.y)) == pytest.approx(70.0, abs=1.0)
 
