@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from pipeline.config import AnalysisConfig
-from reports import PRELOAD
 from rotorid.cli.options import flight_of, folder_of, parted, setting
 from rotorid.cli.output import INTERRUPTED, NOT_POSSIBLE, OK, SOME_FAILED, console, fail, prepare
 
@@ -144,6 +143,7 @@ def analyze(
         workers = _cluster(scheduler, jobs, paths, out)
     elif not single:
         from pipeline.execution.executors import processes
+        from reports import PRELOAD
 
         workers = processes(jobs, sizes, PRELOAD)
     try:
