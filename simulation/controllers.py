@@ -54,8 +54,13 @@ class Cascade:
 
 
 def mixer(vehicle: Multirotor) -> np.ndarray:
-    """Roll, pitch and yaw factor of each motor, the largest of each scaled to 0.5 as ArduPilot does; shape (n, 3)."""
-    factors = np.array([(-m.position[1], m.position[0], -float(m.spin)) for m in vehicle.rotors])
+    """Roll, pitch and yaw factor of each motor, the largest of each scaled to 0.5 as ArduPilot does; shape (n, 3).
+
+    By where motors sit on their frame: an autopilot does not know where the centre of gravity is.
+    """
+    places = np.array([m.position for m in vehicle.rotors])
+    forward, right, _ = (places - places.mean(axis=0)).T
+    factors = np.column_stack([-right, forward, [-float(m.spin) for m in vehicle.rotors]])
     largest = np.abs(factors).max(axis=0)
     factors[np.abs(factors) < 1e-9 * largest.max()] = 0.0
     if (largest == 0.0).any():
