@@ -5,8 +5,10 @@ the truth beside them. A row has the root mean square and the largest of z = (va
 
 `python -m benchmarks honesty --halves DIR` holds the halves of every flight in a folder of real logs against each other
 instead: a row has chi-square over degrees of freedom of what they differ by, and the flight where that is largest. What
-both halves share (air, motors, the curve in the parameters) does not count.
+both halves share (air, motors, the curve in the parameters where methods go by it) does not count.
 """
+
+from __future__ import annotations
 
 import itertools
 import json
@@ -14,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +58,26 @@ SHORTEST_HALF = 20.0
 #: Numbers that go with the square of the battery's voltage, which is each half's own.
 AT_VOLTAGE = ("thrust", "thrust over mass", "thrust over mass at hover", "yaw torque over inertia")
 
-#: Value and standard error by method and number.
-Half = dict[tuple[str, str], tuple[float, float]]
+
+class Number(NamedTuple):
+    """What half a flight says of a number."""
+
+    value: float
+    sigma: float
+    curve: float = 0.0  #: Part of the standard error by the thrust curve in the parameters, which halves share.
+
+    def over(self, unit: float) -> Number:
+        """Return the number in other units."""
+        return Number(self.value / unit, self.sigma / unit, self.curve / unit)
+
+    def apart_from(self, other: Number) -> float:
+        """Return how far it is from the number of the other half, in standard errors."""
+        own = (float(np.sqrt(max(each.sigma**2 - each.curve**2, 0.0))) for each in (self, other))
+        return (self.value - other.value) / float(np.linalg.norm([*own, self.curve - other.curve]))
+
+
+#: By method and name.
+Half = dict[tuple[str, str], Number]
 
 #: Flights of each craft and kind of input for the body with six degrees of freedom.
 PAPER_FLIGHTS = 10
@@ -133,8 +154,7 @@ def halves(folder: Path) -> list[Row]:
                 ends = np.linspace(sound.start, sound.stop, 3)
                 one, other = (stated_within(log, trajectory, within) for within in itertools.pairwise(ends))
                 for key in one.keys() & other.keys():
-                    off = (one[key][0] - other[key][0]) / np.hypot(one[key][1], other[key][1])
-                    apart.setdefault(key, {})[f"{path.name} {log.flight.start:.0f} s"] = float(off)
+                    apart.setdefault(key, {})[f"{path.name} {log.flight.start:.0f} s"] = one[key].apart_from(other[key])
     rows = []
     for (method, name), each in sorted(apart.items()):
         farthest = max(each, key=lambda flight: abs(each[flight]))
@@ -151,7 +171,7 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
         if axis.attitude is not None:
             numbers |= {"bandwidth": axis.attitude.bandwidth, "phase delay": axis.attitude.phase_delay}
         found |= {
-            (axis.axis, name): (each.value, each.sigma)
+            (axis.axis, name): Number(each.value, each.sigma)
             for name, each in numbers.items()
             if each.value is not None and each.sigma
         }
@@ -167,14 +187,13 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
             body = None
         for name, each in () if body is None else body.parameters.items():
             if each.value is not None and each.sigma:
-                found["body", name] = each.value, each.sigma
+                found["body", name] = Number(each.value, each.sigma)
         for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():
             if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
-                # Halves share the curve in the parameters, and the air.
-                found[method, name] = row["value"], float(np.sqrt(max(row["sigma"] ** 2 - row["curve"] ** 2, 1e-30)))
+                found[method, name] = Number(row["value"], row["sigma"], row["curve"])
         volts = reference_voltage([seen]) or 1.0
         for key in [key for key in found if key[1] in AT_VOLTAGE]:
             # The command flown on average, too, is each half's own.
             unit = volts**2 * (hover_part(seen, vehicle_of(seen)[0].thrust_expo) if "hover" in key[1] else 1.0)
-            found[key] = found[key][0] / unit, found[key][1] / unit
+            found[key] = found[key].over(unit)
     return found

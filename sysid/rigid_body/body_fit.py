@@ -29,7 +29,7 @@ from sysid.rigid_body.model_record import FlightTrim
 from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation
 from sysid.rigid_body.systematic import with_shared_errors
 from sysid.rigid_body.trim import left_open, trim_prior, whole_trim
-from sysid.rotors.thrust_regression import blocks_of, conditions_of, mass_unknown, outputs_of, wandering_part
+from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
 
 #: What is known of any multirotor before it flies: mean, standard deviation, limits. The spreads are wide, so that they
@@ -99,8 +99,7 @@ def fit_rigid_body(
     prior, start = _prior(motions, vehicle, priors or {})
     findings += outputs_of(records, vehicle)
     fine, law = fit_best_law(motions, prior, start, begun + time_limit, report)
-    wandering = wandering_part([blocks_of(record, vehicle, voltage) for record in records])
-    fine = with_shared_errors(motions, fine, prior.sigma[:SHARED] == 0.0, wandering)
+    fine = with_shared_errors(motions, fine, law, prior)
     if not fine.converged:
         findings.append(
             Finding(
@@ -123,7 +122,7 @@ def fit_rigid_body(
     curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
     turning = _rotation(records, vehicle, voltage, curved.expo)
     parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning, curved)
-    findings += other_curve(fine, prior, vehicle)
+    findings += other_curve(fine, vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
 

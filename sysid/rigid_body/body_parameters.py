@@ -10,7 +10,6 @@ import numpy as np
 
 from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.records.motor_signals import ENOUGH, MOTOR_OUTPUTS
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body.body_motion import SHARED, THETA, Motion
@@ -27,7 +26,7 @@ from sysid.rigid_body.rotation import (
     TorqueCurve,
     centre_of_gravity,
 )
-from sysid.rigid_body.systematic import usual_speed
+from sysid.rigid_body.systematic import EXPO, usual_speed
 from sysid.rotors.thrust_regression import air_sigma_of
 
 #: Largest standard error of what is called determined: a part of the estimate; absolute where zero is a proper value.
@@ -81,7 +80,10 @@ def judge_parameters(
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
     """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
     result: dict[str, BodyParameter] = {}
-    sigma = np.sqrt(np.maximum(np.diag(fine.covariance)[:SHARED], 0.0))
+    # Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
+    # flight tells which of the two is wrong: at full command either may be true, and the error covers half the way.
+    known = fine.covariance[:SHARED, :SHARED] + np.outer(fine.halfway, fine.halfway)
+    sigma = np.sqrt(np.maximum(np.diag(known), 0.0))
     unlogged = len(records[0].input_names) < len(vehicle.motors)
     # Thrust and drag go with the density of the air.
     in_air = shared_air(records) * np.array([name == "thrust" or name.startswith("drag") for name in THETA])
@@ -94,15 +96,14 @@ def judge_parameters(
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
             reason = _doubt(name, value, float(np.hypot(sigma[k], beyond[k])))
+            if name == "thrust_expo":
+                reason = _contradiction(fine, vehicle) or reason
             if not reason and name not in ("motor_lag", "climb_loss") and value in (prior.low[k], prior.high[k]):
                 reason = f"the estimate ran into its limit of {value:g}"
         result[name] = BodyParameter.of(name, TRANSLATION_UNITS[name], value, float(sigma[k]), reason, float(beyond[k]))
     size = len(THETA) + len(ROTATION_UNITS)
     covariance = np.zeros((size, size))
-    covariance[:SHARED, :SHARED] = fine.covariance[:SHARED, :SHARED]
-    expo = THETA.index("thrust_expo")
-    if prior.sigma[expo] >= EXPO_SIGMA:
-        result["thrust_expo"] = _held_against_setting(result["thrust_expo"], vehicle)
+    covariance[:SHARED, :SHARED] = known
     if turning is not None:
         numbers = _rotational(turning, records, vehicle, voltage, curved)
     else:
@@ -115,7 +116,7 @@ def judge_parameters(
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
-            with_curve = value * turning.per_expo * curved.part * fine.covariance[expo, :SHARED]
+            with_curve = value * turning.per_expo * curved.part * fine.covariance[EXPO, :SHARED]
             covariance[k, :SHARED] = covariance[:SHARED, k] = with_curve
     if turning is not None:
         result["motor_lag"] = held_against_torque(result["motor_lag"], turning)
@@ -154,37 +155,20 @@ def _rotational(
     return found
 
 
-def _held_against_setting(expo: BodyParameter, vehicle: Vehicle) -> BodyParameter:
-    """Widen the standard error of a curvature that contradicts the parameters, or call it not determined."""
-    if expo.value is None or expo.sigma is None:
-        return expo
-    sigma, reason = _contradiction(expo.value, expo.sigma, vehicle)
-    return expo.refused(reason) if reason else replace(expo, sigma=sigma)
-
-
-def _contradiction(value: float, sigma: float, vehicle: Vehicle) -> tuple[float, str]:
-    """Return the standard error of a curvature beside the parameters', and how it contradicts them if beyond use.
-
-    Thrust that begins at another command than MOT_SPIN_MIN says bends the curve just as another MOT_THST_EXPO, and no
-    flight tells which of the two is wrong: the truth may be either number, and the error covers half the way.
-    """
-    apart = value - vehicle.thrust_expo
-    if abs(apart) < 3.0 * sigma:
-        return sigma, ""
-    both = float(np.hypot(sigma, 0.5 * apart))
-    if not _doubt("thrust_expo", value, both):
-        return both, ""
-    return both, (
-        f"between the ends of the commands thrust rises as with {value:.2f} ± {sigma:.2f} instead of "
+def _contradiction(fine: FilterErrorFit, vehicle: Vehicle) -> str:
+    """Explain how the curvature contradicts the parameters, if beyond use."""
+    value, own, halfway = fine.values[EXPO], float(np.sqrt(max(fine.covariance[EXPO, EXPO], 0.0))), fine.halfway[EXPO]
+    if not halfway or not _doubt("thrust_expo", value, float(np.hypot(own, halfway))):
+        return ""
+    return (
+        f"between the ends of the commands thrust rises as with {value:.2f} ± {own:.2f} instead of "
         f"{vehicle.thrust_expo:.2f}: MOT_THST_EXPO or MOT_SPIN_MIN is not as set, and no flight tells which"
     )
 
 
-def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Finding]:
+def other_curve(fine: FilterErrorFit, vehicle: Vehicle) -> list[Finding]:
     """Report when thrust clearly follows another curve than the parameters say."""
-    at = THETA.index("thrust_expo")
-    value, sigma = float(fine.values[at]), float(np.sqrt(max(fine.covariance[at, at], 0.0)))
-    reason = _contradiction(value, sigma, vehicle)[1] if prior.sigma[at] >= EXPO_SIGMA else ""
+    reason = _contradiction(fine, vehicle)
     if not reason:
         return []
     return [
@@ -194,7 +178,7 @@ def other_curve(fine: FilterErrorFit, prior: Prior, vehicle: Vehicle) -> list[Fi
             f"{reason}; thrust and gains of the rigid body go by the flight, what other methods say of full "
             "command does not",
             "measure the curve and where thrust begins on a thrust stand, and set MOT_THST_EXPO and MOT_SPIN_MIN",
-            {"expo": value, "set": vehicle.thrust_expo},
+            {"expo": float(fine.values[EXPO]), "set": vehicle.thrust_expo},
         )
     ]
 

@@ -99,6 +99,9 @@ class FilterErrorFit:
     converged: bool
     #: shape (SHARED,): Variances that another flight adds to those of `covariance` (`systematic.with_shared_errors`).
     transfer: Floats = field(default_factory=lambda: np.zeros(SHARED))
+    #: shape (SHARED,): Half of what lies between these values and those with the autopilot's setting of the curvature,
+    #: where the two contradict each other; else zero.
+    halfway: Floats = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
     def cost(self) -> float:

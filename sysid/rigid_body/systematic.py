@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
-from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, Motion
-from sysid.rigid_body.filter_error import FilterErrorFit
+from sysid.records.motor_scaling import EXPO_SIGMA
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, Motion, velocity_increments
+from sysid.rigid_body.filter_error import FilterErrorFit, Prior, flight_slice
+from sysid.statistics.covariance import wander
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
 #: variance is linear, half quadratic.
@@ -37,32 +38,49 @@ CLIMB_FORM, LAG_FORM = 0.003, 0.006
 #: than they were (straight lines take a tenth of a swing at 2 Hz), while the craft answered to all of them.
 STEEPNESS = 0.01
 
+#: Place of the curvature among the parameters.
+EXPO = THETA.index("thrust_expo")
+
 #: Time over which a command's own mean is left out where its variation counts, s, and time of correlation beyond which
 #: gusts are too slow for the height controller to answer as to news, s.
 ANSWER_SECONDS, SLOW_GUSTS = 10.0, 3.0
 
 
-def with_shared_errors(
-    motions: Sequence[Motion], fit: FilterErrorFit, held: NDArray[np.bool_], wandering: float
-) -> FilterErrorFit:
+def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, law: int, prior: Prior) -> FilterErrorFit:
     """Return the fit with thrust in the air of its flights, and what their inputs hide in its covariance.
 
-    Thrust has a part that is `wandering` beside its commands. What another flight adds, and these do not show, stands
-    beside it. Shapes: `held` (SHARED,).
+    What another flight adds, and these do not show, stands beside it.
     """
+    held = prior.sigma[:SHARED] == 0.0
     places, part = np.flatnonzero(~held), folded(motions, fit.values)
     to_their_air = np.eye(len(fit.values))
     if not held[0]:
         to_their_air[0, SHARED + OWN.index("thrust_scale") :: len(OWN) + 2] = fit.values[0] / len(motions)
     covariance = to_their_air @ fit.covariance @ to_their_air.T
     errors, others = form_and_attitude(motions, fit.values)
-    errors[0] = wandering * fit.values[0]
+    errors[0] = _wandering(motions, fit.values, law) * fit.values[0]
     errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
     covariance[places, places] += errors[places] ** 2
-    curved = np.zeros(SHARED)
-    curved[places] = _curvature(motions, fit.values, answered(motions, fit), part)[places]
-    covariance[:SHARED, :SHARED] += np.outer(curved, curved)
-    return replace(fit, covariance=covariance, transfer=np.where(held, 0.0, others**2))
+    bent = np.where(held, 0.0, _bent(motions, fit.values))
+    covariance[:SHARED, :SHARED] += np.outer(bent, bent) * _curvature_sigma(motions, fit, part) ** 2
+    apart = float(fit.values[EXPO] - prior.mean[EXPO])
+    contradicted = prior.sigma[EXPO] >= EXPO_SIGMA and apart**2 >= 9.0 * covariance[EXPO, EXPO]
+    others = np.where(held, 0.0, others**2)
+    return replace(fit, covariance=covariance, transfer=others, halfway=0.5 * apart * bent * contradicted)
+
+
+def _wandering(motions: Sequence[Motion], values: Floats, law: int) -> float:
+    """Part by which the mean of thrust wanders beside what the equations make of its commands, of wind and of drag.
+
+    With the battery and the propellers, over half minutes, by several percent on real flights: gusts pass within
+    seconds, so that the filter does not count it.
+    """
+    left = []
+    for flight, motion in enumerate(motions):
+        theta = np.concatenate([values[:SHARED], values[flight_slice(flight)]])
+        changes = velocity_increments(motion, theta, law)
+        left.append(changes.missed[:, 2] / changes.seconds)
+    return wander(np.concatenate(left)) / STANDARD_GRAVITY
 
 
 def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats, Floats]:
@@ -134,22 +152,32 @@ def _varying(motion: Motion, values: Floats) -> Floats:
     return np.asarray(pull - np.convolve(around, np.full(size, 1.0 / size), mode="valid"))
 
 
-def _curvature(motions: Sequence[Motion], values: Floats, answer: float, fold: float) -> Floats:
-    """Compute what `STEEPNESS` makes of curvature and, as thrust at the usual command stays, of full thrust, (SHARED,).
+def _bent(motions: Sequence[Motion], values: Floats) -> Floats:
+    """Return what changes with the curvature, and by how much, where thrust at the usual command stays, (SHARED,)."""
+    command, part = _usual_command(motions, values)
+    bent = np.zeros(SHARED)
+    bent[[THETA.index("thrust"), EXPO]] = values[THETA.index("thrust")] * (1.0 - command) / part, 1.0
+    return bent
 
-    The part `answer` of the commands answers to gusts (`answered`). Of the part `fold`, which is noise (`folded`), all
-    may be lacking in steepness or none: its standard deviation is that of a uniform number. With thrust as
-    c (1 - e + e c), steepness d ln T / d ln c is (1 - e + 2 e c) / (1 - e + e c).
+
+def _curvature_sigma(motions: Sequence[Motion], fit: FilterErrorFit, fold: float) -> float:
+    """Compute what errors of the steepness d ln T / d ln c = (1 - e + 2 e c) / (1 - e + e c) make of the curvature e.
+
+    They are `STEEPNESS` and the part of the commands that answers to gusts (`answered`). Of the part `fold`, which is
+    noise (`folded`), all may be lacking in steepness or none: its standard deviation is that of a uniform number.
     """
+    command, part = _usual_command(motions, fit.values)
+    steepness = np.linalg.norm((STEEPNESS, answered(motions, fit), fold / np.sqrt(3.0)))
+    return float(steepness * part**2 / max(command, 1e-9))
+
+
+def _usual_command(motions: Sequence[Motion], values: Floats) -> tuple[float, float]:
+    """Return the usual command c and its thrust 1 - e + e c, over that of a straight curve."""
     linear, square = (
         float(np.concatenate([getattr(m, name) for m in motions]).mean()) for name in ("linear", "square")
     )
-    command, (thrust, expo) = square / max(linear, 1e-9), (THETA.index(name) for name in ("thrust", "thrust_expo"))
-    part = 1.0 - values[expo] + values[expo] * command
-    sigma = np.zeros(SHARED)
-    sigma[expo] = float(np.linalg.norm((STEEPNESS, answer, fold / np.sqrt(3.0)))) * part**2 / max(command, 1e-9)
-    sigma[thrust] = values[thrust] * (1.0 - command) / part * sigma[expo]
-    return sigma
+    command = square / max(linear, 1e-9)
+    return command, float(1.0 - values[EXPO] + values[EXPO] * command)
 
 
 def usual_speed(motions: Sequence[Motion], axis: int) -> float:
