@@ -38,9 +38,10 @@ from pipeline.results.rotation import RotationResult
 from pipeline.results.signals import FlightSignals
 from pipeline.results.span import Span
 from pipeline.storage.sources import digest
-from sysid.autopilot.gathering import batch_values, body_values, feed_forward
+from sysid.autopilot.gathering import batch_values, body_values, feed_forward, gain_values
 from sysid.autopilot.values import AutopilotValue
 from sysid.loops.settings import firmware_version
+from sysid.loops.tuning import tune
 from sysid.rotors.motor_faults.outputs import check_outputs
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
@@ -399,6 +400,9 @@ def _autopilot(
         values += batch_values([log], [], flown)
         if isinstance(rotation, RotationResult) and log.tables.has("rates"):
             values += feed_forward({axis.axis: axis.gain for axis in rotation.axes}, flown)
+            # Of ordinary flights `rotorid tune` tells them: without chirps most are refused.
+            if any(axis.loop is not None and not axis.loop.ordinary for axis in rotation.axes):
+                values += gain_values(tune(log), flown)
     return tuple(values)
 
 

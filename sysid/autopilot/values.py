@@ -81,15 +81,17 @@ class AutopilotValues(Summarised):
         for file in ParameterFile:
             own = [each for each in self.values if each.file is file]
             rows += [Row(file.value, kind="part")] if own else []
-            for (new, why), alike in groupby(own, lambda each: (each.shown, each.proposed.reason)):
+            for (new, why), alike in groupby(own, lambda each: (bool(each.shown), each.proposed.reason)):
                 first, *others = alike
-                cell = Cell(new, "good") if new else Cell("right" if first.right else "stays", "unknown")
-                now = "" if first.now is None else number(first.now, parameter_file.DIGITS)
-                if new or not others:
-                    rows += [Row(f"  {each.name}", [now, cell, why]) for each in (first, *others)]
-                else:
-                    rows.append(Row(f"  {first.name} to {others[-1].name}", ["", cell, why]))
-        return Table("parameter", ["now", "proposed", "why, or why not"], rows, texts=(2,))
+                stays = Cell("right" if first.right else "stays", "unknown")
+                if others and not new:
+                    rows.append(Row(f"  {first.name} to {others[-1].name}", ["", stays, why]))
+                    continue
+                for each in (first, *others):  # the reason stands once
+                    now = "" if each.now is None else number(each.now, parameter_file.DIGITS)
+                    cell = Cell(each.shown, "good") if new else stays
+                    rows.append(Row(f"  {each.name}", [now, cell, why if each is first else ""]))
+        return Table("parameter", ["now", "proposed", "why, or why not"], rows, texts=(2,), style="reasons")
 
     def write(self, folder: Path) -> list[Path]:
         """Write a file for each step of which something is proposed, each loadable alone; drop those of an earlier run.
@@ -132,14 +134,17 @@ def refused(
 def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> AutopilotValues:
     """Return what the flights of a craft, the newest last, say together: of each step the newest that knows of it.
 
-    Values of a step belong together, but for those of an axis: the published procedure flies one in each flight.
+    Values of a step belong together, but for those of an axis: the published procedure flies one in each flight. Gains
+    found with another filter of the gyro, which serves all axes, belong together again.
     """
     told: dict[tuple[ParameterFile, str], list[list[AutopilotValue]]] = {}
+    gains = [each for _, values in flights for each in values if each.file is ParameterFile.GAINS]
+    whole = any(each.proposed.value is not None and not _axis(each.name) for each in gains)
     for _, values in flights:
         own: dict[tuple[ParameterFile, str], list[AutopilotValue]] = {}
         for each in values:
-            alone = each.name if each.file is ParameterFile.D_FF else ""
-            own.setdefault((each.file, alone), []).append(each)
+            by_axis = each.file is ParameterFile.D_FF or (each.file is ParameterFile.GAINS and not whole)
+            own.setdefault((each.file, _axis(each.name) if by_axis else ""), []).append(each)
         for step, found in own.items():
             told.setdefault(step, []).append(found)
     newest: list[AutopilotValue] = []
@@ -148,6 +153,11 @@ def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> Aut
         known = [found for found in every if any(each.right or each.proposed.value is not None for each in found)]
         newest += (known or every)[-1]
     return AutopilotValues(tuple(name for name, _ in flights), tuple(newest))
+
+
+def _axis(name: str) -> str:
+    """Return the letters of the axis that a parameter is of; empty of one that serves all."""
+    return next((part for part in name.split("_") if part in ("RLL", "PIT", "YAW")), "")
 
 
 def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]) -> list[AutopilotValue]:

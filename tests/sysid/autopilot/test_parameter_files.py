@@ -48,18 +48,27 @@ def test_of_each_step_the_newest_flight_that_knows_of_it_counts():
     assert over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,))]).proposed == {"MOT_THST_EXPO": 0.6512}
 
 
-def test_feed_forward_of_each_axis_is_that_of_its_own_flight():
+def of_axis(kind, axis, value):
+    file = ParameterFile.D_FF if kind == "D_FF" else ParameterFile.GAINS
+    name = f"ATC_RAT_{axis}_{kind}" if axis else "INS_GYRO_FILTER"
+    return AutopilotValue(name, file, 0.0, Parameter(value, None, "", "" if value else "not flown"))
+
+
+@pytest.mark.parametrize("kind", ["D_FF", "P"])
+def test_numbers_of_each_axis_are_those_of_its_own_flight(kind):
     """The published procedure flies one axis in each flight: the last one's had been all that was shown."""
-
-    def forward(axis, value):
-        reason = "" if value else "not flown"
-        return AutopilotValue(f"ATC_RAT_{axis}_D_FF", ParameterFile.D_FF, 0.0, Parameter(value, None, "", reason))
-
     flights = [
-        ("roll", (forward("RLL", 0.01), forward("PIT", None))),
-        ("pitch", (forward("RLL", None), forward("PIT", 0.02))),
+        ("roll", (of_axis(kind, "RLL", 0.01), of_axis(kind, "PIT", None))),
+        ("pitch", (of_axis(kind, "RLL", None), of_axis(kind, "PIT", 0.02))),
     ]
-    assert over_flights(flights).proposed == {"ATC_RAT_RLL_D_FF": 0.01, "ATC_RAT_PIT_D_FF": 0.02}
+    assert over_flights(flights).proposed == {f"ATC_RAT_RLL_{kind}": 0.01, f"ATC_RAT_PIT_{kind}": 0.02}
+
+
+def test_gains_found_with_another_filter_are_not_mixed_with_those_without():
+    opened = ("both", (of_axis("P", "RLL", 0.01), of_axis("P", "PIT", 0.02), of_axis("P", "", 40.0)))
+    later = ("roll", (of_axis("P", "RLL", 0.03),))
+    assert over_flights([opened, later]).proposed == {"ATC_RAT_RLL_P": 0.03}
+    assert over_flights([later, opened]).proposed["INS_GYRO_FILTER"] == 40.0
 
 
 def test_the_page_of_a_craft_has_them_beside_what_flew():
