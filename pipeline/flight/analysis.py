@@ -159,7 +159,7 @@ def _analyze(
     if isinstance(progress, Overall):
         expected = Workload.of(log, present(flight)).seconds()
         progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
-    account, signals = _told(log, flight, stages)
+    account, signals = _account_and_lines(log, flight, stages)
     # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
@@ -254,7 +254,9 @@ class _WithoutTrajectory:
     stages: Stages
 
 
-def _told(log: FlightLog, flight: Span | Failure, stages: Stages) -> tuple[Account | Failure, FlightSignals | Failure]:
+def _account_and_lines(
+    log: FlightLog, flight: Span | Failure, stages: Stages
+) -> tuple[Account | Failure, FlightSignals | Failure]:
     """Tell what happened in a flight, and gather its lines for plots, from the same readings."""
     if isinstance(flight, Failure):
         return stages.run("account", lambda _: tell(log, None)), flight

@@ -23,7 +23,7 @@ from pipeline.results.model import CoherenceReport, HorizonRow, ModelReport, Par
 from pipeline.results.span import Span
 from sysid.records.excitation import Coherence, coherence
 from sysid.rigid_body.model_record import RigidBodyRecord
-from sysid.validation.judgement import judge
+from sysid.validation.purposes import uses_of
 from sysid.validation.report import ModelRecord
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def model_result(
     """Put together what is known of a model: of one `flight`, or of a `craft` of which every record is a flight."""
     judged, scanned = present(validation), present(orders)
     record = None if isinstance(model, Failure) else model.record()
-    uses = judge(present(model)) if judged is None else judged.uses
+    uses = uses_of(present(model)) if judged is None else judged.uses
     spans = {each.experiment.name: each.span for each in predictions}
     rows = (
         []

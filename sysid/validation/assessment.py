@@ -20,7 +20,7 @@ from sysid.transfer_functions.arx import ArxModel
 from sysid.transfer_functions.closed_loop import ClosedLoopModel
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
-from sysid.validation.judgement import judge
+from sysid.validation.purposes import uses_of
 from sysid.validation.report import DriftBand, ModelRecord, ValidationReport
 from sysid.validation.uses import Uses
 
@@ -211,7 +211,7 @@ def validate(
         horizons=curve,
         residuals=_examine(judges, errors, start),
         average=average,
-        uses=judge(model, table, curve, outside),
+        uses=uses_of(model, table, curve, outside),
         unseen=unseen,
         predictions=predictions,
         own_trim=isinstance(model, TransferFunctionModel | ArxModel),

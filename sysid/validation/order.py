@@ -20,7 +20,7 @@ from sysid.transfer_functions.pem import fit_transfer_functions
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.transfer_function import TransferFunctionModel
 from sysid.validation.assessment import validate
-from sysid.validation.judgement import MARGIN
+from sysid.validation.purposes import MARGIN
 from sysid.validation.report import OrderRow, OrderScan
 
 #: (poles, zeros) that are tried, simplest first, so that a time limit costs the largest ones.

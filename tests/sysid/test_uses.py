@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from sysid.validation.judgement import judge
+from sysid.validation.purposes import uses_of
 from sysid.validation.uses import Trust, Verdict, overall
 
 
@@ -29,7 +29,7 @@ def free_runs(
 
 
 def run_of(table, outside=frozenset()):
-    return judge(None, table, outside=outside).free_run
+    return uses_of(None, table, outside=outside).free_run
 
 
 def assess(table, outside=frozenset()):
@@ -169,15 +169,15 @@ GOOD, FAIR = (0.1, 1.0, 0.5), (0.3, 1.0, 0.5)
 
 def test_the_horizon_is_the_longest_at_which_every_axis_halves_both_guesses():
     curves = {0.1: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}, 5.0: {"x": GOOD, "z": FAIR}}
-    use = judge(None, *ahead(curves)).prediction
+    use = uses_of(None, *ahead(curves)).prediction
     assert (use.horizons_s, use.horizon_s, use.rmse_m) == ((0.1, 1.0), 1.0, {"x": 0.1, "z": 0.1})
     assert use.sentence == "prediction: up to 1 s ahead (there 0.100, 0.100 m in x and z)"
     # A good horizon behind a bad one is chance, and is not the answer.
     curves[10.0] = {"x": GOOD, "z": GOOD}
-    assert judge(None, *ahead(curves)).prediction.horizon_s == 1.0
+    assert uses_of(None, *ahead(curves)).prediction.horizon_s == 1.0
     late = {0.1: {"x": FAIR, "z": GOOD}, 0.5: {"x": GOOD, "z": GOOD}, 1.0: {"x": GOOD, "z": GOOD}}
-    assert "prediction: 0.5 to 1 s ahead" in judge(None, *ahead(late)).prediction.sentence
-    never = judge(None, *ahead({1.0: {"x": FAIR, "z": GOOD}})).prediction
+    assert "prediction: 0.5 to 1 s ahead" in uses_of(None, *ahead(late)).prediction.sentence
+    never = uses_of(None, *ahead({1.0: {"x": FAIR, "z": GOOD}})).prediction
     assert (never.horizon_s, never.sentence.startswith("prediction: no")) == (None, True)
 
 
@@ -187,41 +187,43 @@ def test_the_horizon_has_an_error_by_how_often_it_fits_into_what_was_held_out():
     def curves(*horizons):
         return {h: {"z": (0.5 * h * (h / 2.0) ** 1.5, 10.0 * h, h)} for h in horizons}
 
-    use = judge(None, *ahead(curves(0.1, 0.5, 1.0, 5.0), flights="a")).prediction
+    use = uses_of(None, *ahead(curves(0.1, 0.5, 1.0, 5.0), flights="a")).prediction
     assert use.horizon_s == 1.0
     assert use.reach_s == pytest.approx(2.0)
-    many = judge(None, *ahead(curves(0.1, 0.5, 1.0, 5.0), flights="abcd")).prediction
+    many = uses_of(None, *ahead(curves(0.1, 0.5, 1.0, 5.0), flights="abcd")).prediction
     assert many.reach_sigma_s == pytest.approx(0.5 * use.reach_sigma_s)
-    beyond = judge(None, *ahead(curves(0.1, 0.5, 1.0))).prediction
+    beyond = uses_of(None, *ahead(curves(0.1, 0.5, 1.0))).prediction
     assert (beyond.horizon_s, beyond.reach_s, beyond.reach_sigma_s) == (1.0, None, None)
     # Errors that keep to the baselines': a horizon of 4.1 +- 5.4 s was stated of a real flight.
     flat = {h: {"z": (0.45 * h * (h / 1.0) ** 0.1, 10.0 * h, h)} for h in (0.1, 0.5, 1.0, 5.0)}
-    vague = judge(None, *ahead(flat, flights="a")).prediction
+    vague = uses_of(None, *ahead(flat, flights="a")).prediction
     assert (vague.horizon_s, vague.reach_s, vague.reach_sigma_s) == (1.0, None, None)
 
 
 def test_what_is_not_finite_predicts_nothing():
     nan = (float("nan"), 1.0, 0.5)
-    assert judge(None, *ahead({1.0: {"x": nan, "z": GOOD}})).prediction.horizon_s is None
-    assert judge(None, *ahead({1.0: {"x": (0.1, float("nan"), float("nan")), "z": GOOD}})).prediction.horizon_s is None
+    assert uses_of(None, *ahead({1.0: {"x": nan, "z": GOOD}})).prediction.horizon_s is None
+    assert (
+        uses_of(None, *ahead({1.0: {"x": (0.1, float("nan"), float("nan")), "z": GOOD}})).prediction.horizon_s is None
+    )
 
 
 def test_parameters_count_and_need_a_prediction_that_confirms_them():
     model = SimpleNamespace(parameters={name: SimpleNamespace(determined=name != "c") for name in "abc"})
     good = {0.1: {"x": GOOD, "z": GOOD}}
-    use = judge(model, *ahead(good)).parameters
+    use = uses_of(model, *ahead(good)).parameters
     assert (use.trust, use.determined, use.total, use.confirmed) == (Trust.LIMITED, 2, 3, True)
     del model.parameters["c"]
-    assert judge(model, *ahead(good)).parameters.trust is Trust.YES
-    alone = judge(model, *ahead({0.1: {"x": FAIR, "z": GOOD}})).parameters
+    assert uses_of(model, *ahead(good)).parameters.trust is Trust.YES
+    alone = uses_of(model, *ahead({0.1: {"x": FAIR, "z": GOOD}})).parameters
     assert alone.trust is Trust.LIMITED
     assert "no prediction confirms them" in alone.sentence
-    assert judge(None).parameters.trust is Trust.UNKNOWN
-    assert judge(None).sentence == ("Prediction: not judged; free simulation: not judged; parameters: not judged.")
+    assert uses_of(None).parameters.trust is Trust.UNKNOWN
+    assert uses_of(None).sentence == ("Prediction: not judged; free simulation: not judged; parameters: not judged.")
 
 
 def test_one_good_model_does_not_speak_for_a_bad_one():
-    good, bad = (judge(None, free_runs({"x": percent})) for percent in (90.0, -90.0))
+    good, bad = (uses_of(None, free_runs({"x": percent})) for percent in (90.0, -90.0))
     assert overall({"a": good}) == good.free_run.verdict
     assert overall({}).trust is Trust.UNKNOWN
     both = overall({"motors": bad, "reference": good, "mixer": bad})

@@ -33,7 +33,7 @@ HALF = 0.5
 SHORTEST_JUDGE = 10.0
 
 
-def judge(
+def uses_of(
     model: object | None,
     free_runs: pd.DataFrame | None = None,
     horizons: pd.DataFrame | None = None,
