@@ -60,38 +60,32 @@ def _prediction(table: pd.DataFrame, seconds: float) -> PredictionUse:
     """Find how far ahead every axis beats constant position and constant velocity by half, in so many seconds."""
     columns = ["rmse", "rmse_constant_position", "rmse_constant_velocity"]
     means = table.groupby(["horizon", "output"], sort=False)[columns].mean().reset_index()
-    run: list[float] = []
-    for horizon, rows in means.groupby("horizon", sort=True):
-        limit = HALF * rows[columns[1:]].min(axis=1)
-        if bool((rows["rmse"] < limit).all()):
-            run.append(float(str(horizon)))
-        elif run:
-            break
+    means["excess"] = np.log(means["rmse"] / (HALF * means[columns[1:]].min(axis=1)))
+    means["good"] = means["excess"] < 0.0
+    horizons = means.groupby("horizon").agg({"excess": "max", "good": "all"})
+    good = horizons["good"].to_numpy()
+    first = int(np.argmax(good))
+    end = first + int(np.argmin([*good[first:], False]))
+    run = tuple(float(each) for each in horizons.index[first:end])
     if not run:
         return PredictionUse.up_to((), {})
     last = means[means["horizon"] == run[-1]]
     errors = {str(output): float(rmse) for output, rmse in zip(last["output"], last["rmse"], strict=True)}
-    reach, sigma = _reach(means, columns, run, seconds)
-    return replace(PredictionUse.up_to(tuple(run), errors), reach_s=reach, reach_sigma_s=sigma)
+    reach, sigma = _reach(horizons["excess"].iloc[end - 1 : end + 1], seconds)
+    return replace(PredictionUse.up_to(run, errors), reach_s=reach, reach_sigma_s=sigma)
 
 
-def _reach(
-    means: pd.DataFrame, columns: list[str], run: list[float], seconds: float
-) -> tuple[float | None, float | None]:
+def _reach(excess: pd.Series, seconds: float) -> tuple[float | None, float | None]:
     """Find where the error of the worst axis passes half of the baselines', between horizons, and its standard error.
 
     Logarithms are interpolated. The logarithm of an RMS error of n predictions that have nothing in common, those one
     horizon apart, has the standard error 1 / sqrt(2 n); that of a ratio of two, taken as independent, 1 / sqrt(n).
     """
-    excess = {
-        float(str(horizon)): float(np.log(rows["rmse"] / (HALF * rows[columns[1:]].min(axis=1))).max())
-        for horizon, rows in means.groupby("horizon", sort=True)
-    }
-    after = next((horizon for horizon in excess if horizon > run[-1]), None)
-    if after is None or not np.isfinite([excess[run[-1]], excess[after]]).all() or excess[after] <= excess[run[-1]]:
+    if len(excess) < 2 or not np.isfinite(excess).all() or excess.iloc[1] <= excess.iloc[0]:
         return None, None
-    slope = (excess[after] - excess[run[-1]]) / np.log(after / run[-1])
-    reach = run[-1] * float(np.exp(-excess[run[-1]] / slope))
+    (below, above), (last, after) = excess.to_numpy(), excess.index.to_numpy(float)
+    slope = (above - below) / np.log(after / last)
+    reach = float(last * np.exp(-below / slope))
     part = float(max(seconds / reach, 1.0) ** -0.5 / slope)
     return (reach, reach * part) if part < VAGUE else (None, None)
 
