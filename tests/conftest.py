@@ -143,6 +143,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    """Look for all garbage at the end: some bindings complain of what is left."""
+    gc.unfreeze()
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile kernels once, before the workers of pytest-xdist start: each would compile them for itself.
 
