@@ -110,7 +110,8 @@ def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehi
     Along the thrust the craft feels ``a + b c + d c^2`` a motor, so that a is zero where MOT_SPIN_MIN is right.
     """
     vehicle, place = model.vehicle, model.estimated.index("thrust_expo")
-    expo, sigma = model.value("thrust_expo"), float(np.sqrt(model.covariance[place, place]))
+    # Where thrust begins is looked at here: that the parameters may be right beside the flight is no error of it.
+    expo, sigma = model.value("thrust_expo"), float(np.sqrt(model.covariance[place, place] - model.contradicted**2))
     regressors, felt = zip(*[_along_thrust(model, record) for record in records], strict=True)
     every, forces = np.concatenate(regressors), np.concatenate(felt)
     inverse = np.linalg.pinv(every.T @ every)

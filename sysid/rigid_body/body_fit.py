@@ -146,6 +146,7 @@ def fit_rigid_body(
         rmse=rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
+        contradicted=abs(float(fine.halfway[place])),
     )
 
 

@@ -93,6 +93,9 @@ class RigidBodyModel(Summarised):
     rmse: float  #: Of position over the windows of the fit, m.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
+    #: Half of what lies between the thrust curve found and that of the parameters where the two contradict each other:
+    #: a part of the sigma of `thrust_expo`, since one of them is true.
+    contradicted: float = 0.0
     #: Wind and thrust scale through flights, where they have been followed already.
     carried: Mapping[str, Carried] = field(default_factory=dict, repr=False, compare=False)
 

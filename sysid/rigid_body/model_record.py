@@ -129,3 +129,4 @@ class RigidBodyRecord(
     rmse: float | None
     training: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+    contradicted: float = 0.0
