@@ -111,7 +111,7 @@ sys.meta_path.insert(0, Nothing())
 """
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_path):
     for name, start in (("old", NUMPY_OF_OLD), ("bare", NO_ROTORID)):
         (tmp_path / name).mkdir()

@@ -72,7 +72,9 @@ def test_thrust_and_drag_are_those_of_the_simulator(names, model):
         assert trim.thrust_scale == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize("name", ["octa07_loiter_sticks", "octa09_systemid_mixer"])
+@pytest.mark.parametrize(
+    "name", ["octa07_loiter_sticks", pytest.param("octa09_systemid_mixer", marks=pytest.mark.whole)]
+)
 def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights(name, model):
     """Arm times thrust over inertia within 5 %."""
     found, facts = model(name), truth(name)

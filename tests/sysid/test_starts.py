@@ -49,7 +49,7 @@ def test_each_channel_has_its_own_poles(before):
     assert separated.variance == pytest.approx(1e-4, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_table_a1_of_the_paper_from_blind_starts():
     """Eight motors with five poles and three zeros each, six records: the noise is left, and a free run is right."""
     records = [record(1, number, "z")[0] for number in range(6)]

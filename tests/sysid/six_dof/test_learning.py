@@ -48,6 +48,7 @@ def test_a_force_that_the_model_lacks_is_learned_and_held_out_flights_gain(fligh
     assert errors(learned, flights[3]) < 0.8 * errors(lame, flights[3])
 
 
+@pytest.mark.whole
 def test_thrust_that_fades_is_found_where_no_voltage_is_logged():
     """Commands that grow by 0.1 % a second for the same lift, as on a real tail-sitter: 0.1 m/s^2 in ten seconds."""
     drift = -1e-3
@@ -110,6 +111,7 @@ def test_how_full_a_battery_is_is_remembered_as_on_records_that_were_not_fitted(
     assert choose_observer(model, records[1], 1.0).observer.lift_memory > 0.0
 
 
+@pytest.mark.whole
 def test_the_rest_of_a_flight_has_the_wind_and_the_battery_of_its_first_part():
     """The rest was flown in still air with a battery as full as before: half a metre of wind after a second."""
     flight = flown.commanded(flown.fly(30.0, 51, wind=(4.0, 0.0), shake=5.0), "flight", 51, drift=-2e-3)
