@@ -32,6 +32,8 @@ _SOURCES = {"baro": ("baro", "alt", 1.0), "autopilot": ("ekf", "p_d", -1.0), "gp
 _SEEN = {"EKF2_HGT_REF": 3.0, "EKF2_HGT_MODE": 3.0, "EK3_SRC1_POSZ": 6.0}
 #: A craft that lands so near [m] to where it took off is back at the same height; a height so far off it [m] is wrong.
 _SAME_PLACE, WRONG = 20.0, 5.0
+#: Time [s] for which a barometer repeats one value when it has stopped: 0.4 at most in all flights that were looked at.
+_STOPPED = 5.0
 #: Window of the median of a height, and time before lift-off in which the ground is read [s].
 _MEDIAN, _GROUND = 0.5, 2.0
 
@@ -70,6 +72,23 @@ def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
             left[source] = after - before
     stayed = {source: above for source, above in left.items() if abs(above) > WRONG}
     return stayed if len(stayed) < len(left) else {}
+
+
+def barometer_stopped(tables: Tables, flight: "_Interval") -> float | None:
+    """Return since when [s] a barometer repeated one value in flight while another height changed; None if it did not.
+
+    Pressure is never the same for seconds; where it was simulated without noise, nothing else changes either.
+    """
+    known = {source: height.loc[flight.start : flight.stop] for source, height in heights(tables)}
+    own = known.pop("baro", None)
+    if own is None or len(own) < 2:
+        return None
+    t, begins = own.index.to_numpy(np.float64), np.flatnonzero(np.diff(own.to_numpy(np.float64), prepend=np.nan) != 0.0)
+    ends = t[np.append(begins[1:], len(t)) - 1]
+    longest = int(np.argmax(ends - t[begins]))
+    first, last = float(t[begins[longest]]), float(ends[longest])
+    moved = [float(np.ptp(part)) for each in known.values() if len(part := smoothed(each).loc[first:last])]
+    return first if last - first > _STOPPED and max(moved, default=0.0) > WRONG else None
 
 
 def _beside(flight: "_Interval") -> tuple[tuple[float, float], tuple[float, float]]:

@@ -79,9 +79,10 @@ def struck(*blows, imu=None):
 
 
 def baro_of(*points, noise=0.0):
-    """Return a barometer over a course of (time, height)."""
+    """Return a barometer over a course of (time, height); none repeats itself exactly."""
     times, heights = zip((0, 0), (10, 0), (14, 20), *points, strict=True)
-    return table(10.0, alt=lambda t: np.interp(t, times, heights) + noise, pressure=1e5, temperature=290.0)
+    alt = lambda t: np.interp(t, times, heights) + noise + 0.01 * np.sin(9.0 * t)  # noqa: E731
+    return table(10.0, alt=alt, pressure=1e5, temperature=290.0)
 
 
 def leaning(roll, pitch=0.0, **throttle):
@@ -255,16 +256,17 @@ def test_a_jammed_receiver_is_timed():
 
 def test_a_glitch_is_a_jump_against_its_own_speed():
     gps = flown().gps.copy()
+    assert account(flown(gps=gps)).distance is None  # a position that never moves at all has stopped
+    gps = gps.assign(lat=0.8 + 1e-7 * gps.index.to_numpy(), v_n=0.64)
     gps.loc[40.0:, "lat"] += 30.0 / 6.371e6
     event = only("gps-glitch", notable(flown(gps=gps)))
     assert event.t == pytest.approx(40.0, abs=0.01)
     assert event.evidence["jump_m"] == pytest.approx(30.0, abs=1.0)
-    # Where it leapt to, the craft has not been.
-    assert account(flown(gps=gps)).distance.value == pytest.approx(30.0, abs=1.0)
-    gps.loc[44.0:, "lat"] = 0.8 + 1e-9  # a position that never moves at all has stopped
-    assert account(flown(gps=gps)).distance.value == pytest.approx(0.0, abs=1.0)
+    # Where it leapt to, the craft has not been, for good or for a while.
+    assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
+    gps.loc[44.0:, "lat"] -= 30.0 / 6.371e6
+    assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
     # Nor is it believed while the autopilot does not.
-    gps = gps.assign(lat=0.8 + 1e-7 * gps.index.to_numpy(), v_n=0.64)
     checked = flown(gps=gps, events=events_at((30.0, "ERROR", "GPS 2"), (65.0, "ERROR", "GPS 2")))
     assert account(checked).distance.value == pytest.approx(0.64 * 19.0, abs=1.0)
     # Flown at 15 m/s the same way is no jump.
@@ -499,10 +501,26 @@ def test_heights_and_speeds_are_of_sources_that_can_be_believed(changes, source)
     assert account(flown(gps=spiked.assign(hdop=5.0), **changes)).ground_speed is None
 
 
+@pytest.mark.parametrize("first", [0.0, 30.0])
+def test_a_barometer_that_repeats_itself_has_stopped(first):
+    """Whether the log shows the ground that the craft left, or begins in the air (spark404, stopped at 427 s)."""
+    wrong = lambda t: np.where(t > 40.0, 20.0, height(t) + 0.01 * np.sin(9.0 * t))  # noqa: E731
+    tables = {"baro": table(10.0, alt=wrong), "ekf": table(10.0, p_d=lambda t: -height(t))}
+    tables = flown(**{name: each.loc[first:] for name, each in tables.items()})
+    found = account(tables, flight=Span(max(first, 10.0), 70.0))
+    named = only("height-estimate-wrong", found.happenings)
+    assert named.t == pytest.approx(40.1, abs=0.11)
+    assert named.reason.startswith("The barometer stopped")
+    assert (found.height.source, found.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
+
+
 @pytest.mark.parametrize(
     "wrong",
-    [lambda t: np.where(t > 40.0, 20.0, height(t)), lambda t: height(t) + 15.0 * np.clip((t - 20.0) / 50.0, 0.0, 1.0)],
-    ids=["frozen", "drifting"],
+    [
+        lambda t: np.where(t > 40.0, 20.0 + 0.01 * np.sin(9.0 * t), height(t)),
+        lambda t: height(t) + 15.0 * np.clip((t - 20.0) / 50.0, 0.0, 1.0),
+    ],
+    ids=["stuck", "drifting"],
 )
 def test_a_barometer_that_stays_in_the_air_when_the_craft_is_back_is_wrong_and_not_the_autopilot(wrong):
     """Where autopilot and receiver came back to the ground; elsewhere the ground may be as high."""

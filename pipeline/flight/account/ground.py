@@ -30,7 +30,7 @@ class Contact:
 
     t: float
     force: float  #: m/s^2; NaN where not known.
-    sink: float  #: m/s in the second before it; NaN where not known.
+    sink: float  #: m/s just before it; NaN where not known.
     lean: float  #: rad, how it came to rest; NaN where not known.
 
 
@@ -50,11 +50,11 @@ def contact(readings: Readings) -> Contact | None:
     elif readings.lean is None:
         return None
     sink = None if readings.own_height or readings.sink is None else readings.sink.dropna()
+    touched = min(readings.flight.stop, t)
     return Contact(
         t=t,
         force=force,
-        # A slope is that of the second around a time.
-        sink=np.nan if sink is None or not len(sink) else float(at(min(readings.flight.stop, t) - 0.5, sink)),
+        sink=float(at(np.linspace(touched - 0.5, touched), sink).max()) if sink is not None and len(sink) else np.nan,
         lean=_rest(readings, Span(max(t, readings.flight.stop), t + _AROUND)),
     )
 

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from core.quantity import joined
 from logparse import FlightLog, Tables, Vehicle
 from logparse.craft.pwm_range import PwmRange, pwm_range
-from logparse.heights import above_ground, ground_level, heights, not_returned, slope_down
+from logparse.heights import (
+    above_ground,
+    barometer_stopped,
+    ground_level,
+    heights,
+    not_returned,
+    slope_down,
+    smoothed,
+)
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
@@ -82,9 +90,15 @@ class Readings:
         return not_returned(self.tables, self.flight)
 
     @cached_property
+    def barometer_stopped(self) -> float | None:
+        """When the barometer stopped in flight, s; None for one that did not."""
+        return barometer_stopped(self.tables, self.flight)
+
+    @cached_property
     def heights(self) -> list[tuple[str, pd.Series[float]]]:
-        """Heights by source, the most credible first, those that did not come back last."""
-        return sorted(heights(self.tables), key=lambda each: each[0] in self.stayed)
+        """Heights by source, the most credible first, those that did not come back or stopped last."""
+        wrong = {*self.stayed, *(("baro",) if self.barometer_stopped is not None else ())}
+        return sorted(heights(self.tables), key=lambda each: each[0] in wrong)
 
     @cached_property
     def height(self) -> pd.Series[float] | None:
@@ -104,7 +118,7 @@ class Readings:
     @cached_property
     def sink(self) -> pd.Series[float] | None:
         """Speed down that the credible height shows over a second, m/s."""
-        return None if self.height is None else slope_down(self.height)
+        return None if self.height is None else slope_down(smoothed(self.height))
 
     @cached_property
     def force(self) -> pd.Series[float] | None:

@@ -10,10 +10,8 @@ import pandas as pd
 from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
-from core.units import EARTH_RADIUS
 from logparse.heights import WRONG
 from pipeline.flight.account.readings import (
-    ACCELERATION,
     RECOVERS,
     SATELLITES,
     Mask,
@@ -23,13 +21,11 @@ from pipeline.flight.account.readings import (
     stretches,
     within,
 )
-from pipeline.flight.account.state import SOURCES
+from pipeline.flight.account.state import GLITCH_RADIUS, SILENT, SOURCES, steps
 from pipeline.flight.account.vibration import Floats
 
-#: Time [s] without a word from the receiver, within which two losses are one; and for which a loss is no danger.
-_SILENT, _BRIEF = 2.0, 5.0
-#: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS).
-_RADIUS = 5.0
+#: Time [s] for which a loss is no danger.
+_BRIEF = 5.0
 #: A rise of vibration: it stays for this long [s], and is for most of the rest, above this many times nearly all of
 #: what was before, and above a third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181,
 #: which rose to 1.7).
@@ -56,7 +52,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         lost = (fix < 3.0) | (satellites < SATELLITES) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
     losses = list(_losses(t, lost, flying, readings.flight.stop))
     for first, last, rows in losses:
-        before, inside = satellites[(t < first) & (t > first - _SILENT)], satellites[rows]
+        before, inside = satellites[(t < first) & (t > first - SILENT)], satellites[rows]
         had = float(np.nanmedian(before)) if np.isfinite(before).any() else np.nan
         left = float(np.nanmin(inside)) if np.isfinite(inside).any() else np.nan
         counted = f" (satellites {had:.0f} to {left:.0f})" if left < had else ""
@@ -71,9 +67,9 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
             satellites_least=left,
         )
     yield from _silence(readings, t, losses)
-    jump = _jumps(gps)
-    near = within(t, [(first - 1.0, last + _SILENT) for first, last, _ in losses])
-    for first, last, rows in stretches(t, (jump > _RADIUS) & flying & ~near, join=RECOVERS):
+    _, _, jump = steps(gps)
+    near = within(t, [(first - 1.0, last + SILENT) for first, last, _ in losses])
+    for first, last, rows in stretches(t, (jump > GLITCH_RADIUS) & flying & ~near, join=RECOVERS):
         worst = float(jump[rows].max())
         yield finding(
             "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst
@@ -83,30 +79,15 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
 def _losses(t: Floats, lost: Mask, flying: Mask, stop: float) -> Iterator[Stretch]:
     """Yield when the position was lost: to the last row without it, or to the end where no more was heard."""
     on = np.flatnonzero(lost & flying)
-    for rows in np.split(on, np.flatnonzero((np.diff(on) > 1) & (np.diff(t[on]) > _SILENT)) + 1):
+    for rows in np.split(on, np.flatnonzero((np.diff(on) > 1) & (np.diff(t[on]) > SILENT)) + 1):
         if not len(rows):
             continue
         first, last = float(t[rows[0]]), float(t[rows[-1]])
-        if stop - last > _SILENT and not flying[rows[-1] + 1 :].any():
+        if stop - last > SILENT and not flying[rows[-1] + 1 :].any():
             last = stop
         # One row alone is damage, and so are some among many.
         if last > first and 2 * len(rows) > rows[-1] + 1 - rows[0]:
             yield Stretch(first, last, slice(int(rows[0]), int(rows[-1]) + 1))
-
-
-def _jumps(gps: pd.DataFrame) -> Floats:
-    """Distance by which each fix leaves what the one before and its speed foretell, m; 0 where none is known."""
-    t = gps.index.to_numpy(np.float64)
-    lat, lon, v_n, v_e = (gps[name].to_numpy(np.float64) for name in ("lat", "lon", "v_n", "v_e"))
-    dt = np.diff(t)
-    miss = (
-        np.hypot(
-            EARTH_RADIUS * np.diff(lat) - v_n[:-1] * dt, EARTH_RADIUS * np.diff(lon) * np.cos(lat[1:]) - v_e[:-1] * dt
-        )
-        - 0.5 * ACCELERATION * dt**2
-    )
-    miss[~np.isfinite(miss) | (dt > _SILENT)] = 0.0
-    return np.concatenate(([0.0], np.maximum(miss, 0.0)))
 
 
 def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Finding]:
@@ -115,7 +96,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
     if not others or "GPS_RAW_INT" in readings.messages:
         return
     first, last = readings.flight.start, readings.flight.stop
-    limit = max(_SILENT, 5.0 * float(np.median(np.diff(t))))
+    limit = max(SILENT, 5.0 * float(np.median(np.diff(t))))
     inside = np.append(t[(t > first) & (t < last)], last)
     for k in np.flatnonzero(np.diff(inside) > limit):
         begin, end = float(inside[k]), float(inside[k + 1])
@@ -133,9 +114,17 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
 
 
 def _height(readings: Readings) -> Iterator[Finding]:
-    """Find a barometer that stayed in the air when the craft came down, or an autopilot whose height ran away."""
+    """Find a barometer that stopped or stayed in the air, or an autopilot whose height ran away."""
     flight = readings.flight
-    if (above := readings.stayed.get("baro")) is not None:
+    if readings.barometer_stopped is not None:
+        yield finding(
+            "height-estimate-wrong",
+            "The barometer stopped: it repeated one value while other heights changed.",
+            t=readings.barometer_stopped,
+            end=flight.stop,
+            advice="Look at the barometer and its bus: do not hold height before it is cured.",
+        )
+    elif (above := readings.stayed.get("baro")) is not None:
         side = "above" if above > 0.0 else "below"
         yield finding(
             "height-estimate-wrong",

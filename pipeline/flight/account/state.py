@@ -12,12 +12,15 @@ from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import real_voltage
 from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, SATELLITES, Readings, within
+from pipeline.flight.account.vibration import Floats
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
 from pipeline.results.span import Span
 from sysid.rotors.battery import sag_resistance
 
 #: Steady hover: climb [m/s] and lean [rad] below these; the first and last of it [s] that are compared, and the least.
 _STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
+#: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS), and time [s] beyond which one fix does not foretell the next.
+GLITCH_RADIUS, SILENT = 5.0, 2.0
 #: Dilution of a position beyond which it is not believed.
 _DILUTION = 4.0
 #: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
@@ -56,11 +59,28 @@ def ground_speed(readings: Readings, doubtful: Sequence[Span]) -> Reading | None
 
 
 def distance(readings: Readings, doubtful: Sequence[Span]) -> Reading | None:
-    """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out."""
-    rows = _fixes(readings, doubtful)
-    north, east = rows["lat"] - rows["lat"].head(1).mean(), rows["lon"] - rows["lon"].head(1).mean()
-    far = _largest(EARTH_RADIUS * np.hypot(north, east * np.cos(rows["lat"])), "m")
+    """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out and jumps undone."""
+    rows = _fixes(readings, ())
+    step, foretold, missed = steps(rows)
+    jumped = missed > GLITCH_RADIUS
+    step[jumped] = foretold[jumped]
+    place = pd.Series(np.linalg.norm(np.cumsum(step, axis=0), axis=1), index=rows.index)
+    far = _largest(place[place.index.isin(_fixes(readings, doubtful).index)], "m")
     return far if far is not None and far.value > 0.0 else None  # a position that never moves has stopped
+
+
+def steps(gps: pd.DataFrame) -> tuple[Floats, Floats, Floats]:
+    """Return the steps from fix to fix [m], what speed foretold of them, and by how much they left it.
+
+    North and east, shape (n, 2), and metres, shape (n,): 0 where none is known.
+    """
+    lat, lon, t = gps["lat"].to_numpy(np.float64), gps["lon"].to_numpy(np.float64), gps.index.to_numpy(np.float64)
+    step = EARTH_RADIUS * np.column_stack([np.diff(lat, prepend=lat[:1]), np.diff(lon, prepend=lon[:1]) * np.cos(lat)])
+    dt, speed = np.diff(t, prepend=t[:1]), gps[["v_n", "v_e"]].shift().to_numpy(np.float64)
+    foretold = speed * dt[:, None]
+    missed = np.linalg.norm(step - foretold, axis=1) - 0.5 * ACCELERATION * dt**2
+    missed[~np.isfinite(missed) | (dt > SILENT)] = 0.0
+    return step, foretold, np.maximum(missed, 0.0)
 
 
 def _fixes(readings: Readings, doubtful: Sequence[Span]) -> pd.DataFrame:
