@@ -1,5 +1,6 @@
 """Accounts of logs whose faults are known: genuine firmware, and real crashes."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from core.findings import Finding
 from pipeline.flight.account import tell
 from pipeline.results.account import Account
 from pipeline.results.span import Span
+from sysid.rotors.motor_faults import find_motor_faults
 from tests.paths import SHARED
 
 FAULTS, PAIRS = SHARED / "faults", SHARED / "pairs"
@@ -74,6 +76,16 @@ def test_a_throttle_that_ran_away_blames_no_motor_wherever_the_log_was_cut(tmp_p
     log = logparse.read_log(cut)
     account = tell(log, Span(log.flight.start, log.flight.stop))
     assert [each.id for each in account.story] == ["vibration", "throttle-runaway"]
+
+
+def test_a_craft_that_turned_in_a_hole_of_the_log_has_no_motor_at_fault():
+    log = logparse.read_log(SHARED / "real" / "spark404-dataflashlog__log.bin")
+    seen = {
+        name: rows[(rows.index < 416.0) | (rows.index > 431.0)]
+        for name in ("motors", "imu", "attitude", "rates", "setpoints", "baro", "gps")
+        if (rows := getattr(log.tables, name)) is not None
+    }
+    assert not find_motor_faults(replace(log.tables, **seen), log.vehicle, log.flight.start, log.flight.stop)
 
 
 def test_crash_disarming_and_jamming_are_named_to_half_a_second(account_of):
