@@ -36,6 +36,9 @@ from sysid.rigid_body.model import RigidBodyModel
 #: Largest sigma of a feed-forward that is set, as a part of it.
 _KNOWN = 0.05
 
+#: Highest feed-forward that ArduPilot documents, which yaw needs more than: its torque is weak.
+_DOCUMENTED = 0.02
+
 #: Part of the mixer's room in hover that an acceleration asked for may take; the rest is for disturbances.
 _ASKED = 0.5
 
@@ -170,7 +173,10 @@ def feed_forward(gains: Mapping[str, Parameter], flown: Mapping[str, float]) -> 
         elif gain.sigma > _KNOWN * gain.value:
             values += refused([name], ParameterFile.D_FF, flown, f"the craft's gain is known to {gain} only")
         else:
-            inverse = Parameter(1.0 / gain.value, gain.sigma / gain.value**2, "", f"one over the craft's gain, {gain}")
+            why = f"one over the craft's gain, {gain}"
+            if 1.0 / gain.value > _DOCUMENTED:
+                why += f"; beyond the {_DOCUMENTED:g} that is documented, of which ground stations warn"
+            inverse = Parameter(1.0 / gain.value, gain.sigma / gain.value**2, "", why)
             values += decided({name: inverse}, ParameterFile.D_FF, flown)
     return values
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from core.parameter import Parameter
 from logparse import read_log
 from sysid.autopilot.gathering import feed_forward, gains_of_craft, stick_values
 from sysid.loops.tuning import tune
@@ -28,6 +29,15 @@ def test_an_acceleration_without_limit_gets_that_of_half_the_room(chirped):
     assert proposed == pytest.approx({"ATC_ACCEL_P_MAX": 100.0 * most, "ATC_ACC_P_MAX": most}, rel=1e-3)
     assert found["ATC_ACCEL_R_MAX"].right
     assert found["ATC_INPUT_TC"].right
+
+
+def test_a_feed_forward_beyond_what_is_documented_says_so():
+    """A craft of 21.5 rad/s^2 about yaw needs 0.047; ArduPilot documents 0 to 0.02."""
+    gains = {"roll": Parameter(785.0, 12.0, "rad/s^2"), "yaw": Parameter(21.5, 0.9, "rad/s^2")}
+    roll, yaw = (each.proposed for each in feed_forward(gains, {}))
+    assert yaw.value == pytest.approx(1.0 / 21.5, rel=1e-3)
+    assert "beyond the 0.02 that is documented" in yaw.reason
+    assert "documented" not in roll.reason
 
 
 def test_a_stick_sharper_than_the_rate_loops_is_softened(chirped):
