@@ -105,17 +105,8 @@ class Validation(Summarised):
         }
 
     def report(self) -> ValidationReport:
-        """Return tables, averages and verdicts as files hold them."""
-        return ValidationReport(
-            model=self.model,
-            table=table_rows(self.table),
-            horizons=table_rows(self.horizons),
-            residuals=self.residuals,
-            average=self.average,
-            unseen=self.unseen,
-            own_trim=self.own_trim,
-            drift=tuple(self._drift()),
-        )
+        """Return what files hold beside the errors."""
+        return ValidationReport(residuals=self.residuals, own_trim=self.own_trim, drift=tuple(self._drift()))
 
     def _drift(self) -> Iterator[DriftBand]:
         """Yield the bands, thinned to 41 times."""
@@ -326,8 +317,3 @@ def _horizon_rows(
             }
         )
     return rows
-
-
-def table_rows(table: pd.DataFrame) -> tuple[dict[str, str | float | bool | None], ...]:
-    """Return the rows of a table of texts, numbers and truths."""
-    return tuple({str(key): value for key, value in row.items()} for row in table.to_dict(orient="records"))

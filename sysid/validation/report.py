@@ -36,14 +36,9 @@ class DriftBand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidationReport:
-    """A model on records that it has seen and not seen, see `sysid.Validation`."""
+    """What a `sysid.Validation` says beside the errors of a model, which have tables of their own."""
 
-    model: str
-    table: tuple[Mapping[str, str | float | bool | None], ...]
-    horizons: tuple[Mapping[str, str | float | bool | None], ...]
     residuals: Mapping[str, ResidualTest]
-    average: Mapping[str, float | None]
-    unseen: bool
     own_trim: bool
     drift: tuple[DriftBand, ...]
 
