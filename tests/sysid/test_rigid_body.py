@@ -131,7 +131,9 @@ def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
     assert np.hypot(trim.wind_n + 3.0 * np.cos(np.radians(80.0)), trim.wind_e + 3.0 * np.sin(np.radians(80.0))) < 0.5
     result = validate(trimmed, [seen], horizons=(1.0, 5.0))
     assert result.unseen
-    assert result.uses.free_run.trust is Trust.YES
+    # One flight is weak evidence, but it is followed in every axis.
+    assert result.uses.free_run.trust is Trust.LIMITED
+    assert set(result.uses.free_run.follows) == set(result.average)
     assert max(result.average.values()) < 2.0
     following = validate(model.trimmed([seen], wind_spacing=20.0), [seen], horizons=(1.0,))
     # Wind does not lift.
