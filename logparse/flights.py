@@ -141,7 +141,9 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
             first = runs[k - 1].stop + _STEP if k else readings.t[0]
             last = runs[k + 1].start - _STEP if k + 1 < len(runs) else readings.t[-1]
             around = _airborne(readings.between(first, last), run)
-            flights += [_contact(each, shocks) for each in around if each.start < run.stop and each.stop > run.start]
+            flights += [
+                _contact(readings, each, shocks) for each in around if each.start < run.stop and each.stop > run.start
+            ]
     if flights and by_height and flights[0].start == readings.t[0]:
         # Motors that ran already may idle on the ground as high as in hover (uavlogviewer__vtol): the height tells.
         flights[0] = Flight(max(flights[0].start, by_height[0].start), flights[0].stop)
@@ -327,9 +329,17 @@ def _trimmed(readings: _Readings, start: float, stop: float) -> Flight | None:
     return Flight(start, stop)
 
 
-def _contact(flight: Flight, shocks: Array) -> Flight:
-    """Return a flight that ends at the first shock of its last seconds: after it motors may run on for a moment."""
-    last = shocks[(shocks >= max(flight.start + _SHORTEST, flight.stop - _GROUND)) & (shocks <= flight.stop)]
+def _contact(readings: _Readings, flight: Flight, shocks: Array) -> Flight:
+    """Return a flight that ends at the first shock of its last seconds, or after which it stays down.
+
+    Motors may run on for a moment, and in a craft that crashed until they are disarmed.
+    """
+    beyond = readings.between(flight.stop, flight.stop + _GROUND).level
+    ground = readings.between(flight.stop - _GROUND, flight.stop).level if np.isnan(beyond) else beyond
+    flown = readings.between(flight.start, flight.stop)
+    high = flown.t[flown.height > ground + _HOP]
+    down = min(flight.stop - _GROUND, float(high[-1]) if len(high) else flight.stop)
+    last = shocks[(shocks >= max(flight.start + _SHORTEST, down)) & (shocks <= flight.stop)]
     return Flight(flight.start, float(last[0])) if len(last) else flight
 
 

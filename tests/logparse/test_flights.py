@@ -66,6 +66,13 @@ def shaken():
     return dataclasses.replace(log, imu=log.imu.assign(accel_z=log.imu["accel_z"] * np.where(HEIGHT > 0.05, 0.6, 1.0)))
 
 
+def fallen():
+    """Return a craft that fell from 10 m and lies where it hit the ground, with motors that nobody stops."""
+    log = flown(T, np.where(T > 14, 1500.0, PWM), profile(T, (0, 0), (14, 0), (18, 10), (58, 10), (60, 0), (100, 0)))
+    force = log.imu["accel_z"].where(np.abs(T - 60.0) > 0.11, -90.0)
+    return dataclasses.replace(log, imu=log.imu.assign(accel_z=force))
+
+
 #: Landing 30 m below the place of the take-off.
 ELSEWHERE = profile(T, (0, 0), (14, 0), (18, 10), (70, 10), (80, -30), (100, -30))
 T2 = np.arange(0.0, 200.0, 0.1)
@@ -114,6 +121,8 @@ SCENES = {
         [(14.0, 60.0)],
         0.4,
     ),
+    # One that lay with its motors turning as in hover until the log ended (lost_motor_quad: 9 s).
+    "crash with its motors on": (fallen(), [(14.0, 60.0)], 0.4),
     "shock": (struck(), [(14.0, 80.0)], 0.4),
     "hole in the air": (cut((T < 40) | (T > 55)), [(14.0, 80.0)], 0.4),
     "more than a minute": (flown(T3, PWM3, HEIGHT3), [(14.0, 40.0), (115.0, 140.0)], 0.4),
