@@ -172,6 +172,11 @@ def test_mixer_is_that_of_octa_plus():
     pitch = 0.5 * np.array([1, -1, c, -c, c, -c, 0, 0])
     yaw = 0.5 * np.array([-1, -1, 1, 1, 1, 1, -1, -1])
     assert mixer(OCTA) == pytest.approx(np.column_stack((roll, pitch, yaw)), abs=1e-12)
+    # An autopilot knows the frame, and not where the centre of gravity is.
+    ahead = tuple(
+        dataclasses.replace(mount, position=(mount.position[0] + 0.03, *mount.position[1:])) for mount in OCTA.rotors
+    )
+    assert mixer(dataclasses.replace(OCTA, rotors=ahead)) == pytest.approx(mixer(OCTA), abs=1e-12)
 
 
 def test_allocation_gives_up_yaw_before_roll():

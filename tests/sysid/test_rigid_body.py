@@ -309,6 +309,9 @@ def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
     assert "thrust-differs" in {finding.id for finding in model.findings}
     assert "thrust-differs" not in {finding.id for finding in right.findings}
     found = physical_parameters([seen], rigid_body=model).table
+    # Which of the two is wrong matters at full command only.
+    whole, hover = (found.loc[(f"thrust over mass{at}", "rigid body")] for at in ("", " at hover"))
+    assert whole["sigma"] / whole["value"] > 0.05 > 3.0 * hover["sigma"] / hover["value"]
     full = found.loc[("thrust over mass", "mean thrust")]
     assert full["value"] == pytest.approx(right.value("thrust"), abs=2.0 * full["sigma"])
 

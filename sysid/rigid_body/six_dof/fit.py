@@ -41,8 +41,8 @@ class Family(NamedTuple):
     step: float = 1e-3  #: Of differences.
     limit: float = 0.0  #: Standard error of what is called determined where zero is a proper value.
     #: Part of a value by which the equations misrepresent it (inputs between samples, noise of the states from which
-    #: runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of Kim's craft, whose
-    #: motors differ, and of the independent simulator in tests/sysid/six_dof.
+    #: runs start), which the scatter of blocks does not show: mean errors of Monte Carlo flights of the papers'
+    #: craft, and of the independent simulator in tests/sysid/six_dof.
     part: float = 0.0
     unit: str = "1"  #: Of what is not in `UNITS`.
 
@@ -54,7 +54,6 @@ FAMILIES: Mapping[str, Family] = {
     "drag_rotor": Family(0.2, 0.5, -0.5, 5.0, limit=0.1),
     "drag_quadratic": Family(0.0, 0.1, -0.2, 1.0, limit=0.03),
     "gain": Family(0.0, np.inf, -1e5, 1e5, step=1e-2, part=0.001),
-    "yaw_gain": Family(0.0, np.inf, -1e5, 1e5, step=1e-2),
     "damping": Family(0.0, 10.0, -1.0, 100.0, limit=1.0),
     "inertia_x": Family(-0.5, 0.5, -2.0, 2.0, limit=0.15),
     "inertia_y": Family(0.5, 0.5, -2.0, 2.0, limit=0.15),
@@ -66,7 +65,7 @@ FAMILIES: Mapping[str, Family] = {
     "delay": Family(0.0, 0.02, -0.05, 0.1, limit=0.005, unit="s"),
     "lag": Family(0.02, 0.03, 0.0, 0.3, limit=0.01, unit="s"),
     "share": Family(1.0, 0.1, 0.5, 1.5, limit=0.02),
-    "expo": Family(0.65, 0.2, 0.0, 1.0, step=0.02, limit=0.1),
+    "expo": Family(0.65, 0.2, 0.0, 1.0, step=0.02, limit=0.1, part=0.0004),
     # A tenth of thrust is lost in some ten minutes; quick draws lose it in one.
     "drift": Family(0.0, 1e-3, -0.01, 0.01, step=2e-4, limit=1e-4),
     # Full and nearly empty batteries of a cell are 4.2 and 3.5 V, of which thrust follows the square.
