@@ -50,21 +50,21 @@ class Tokens:
         """List all tokens, without their secrets."""
         with self._database.read() as session:
             records = session.scalars(select(TokenRecord).order_by(TokenRecord.created))
-            return [Token(each.id, each.owner, each.created, each.expires) for each in records]
+            return [Token(record.id, record.owner, record.created, record.expires) for record in records]
 
     def revoke(self, token_id: str) -> bool:
         """Make a token worthless; False when there is none of this id."""
         with self._database.write() as session:
-            found = session.get(TokenRecord, token_id)
-            if found is not None:
-                session.delete(found)
-            return found is not None
+            record = session.get(TokenRecord, token_id)
+            if record is not None:
+                session.delete(record)
+            return record is not None
 
     def owner_of(self, secret: str) -> str | None:
         """Report whose token this is; None when it is nobody's, or has expired."""
         with self._database.read() as session:
-            found = session.scalar(select(TokenRecord).where(TokenRecord.digest == digest(secret)))
-            return None if found is None or _expired(found) else found.owner
+            record = session.scalar(select(TokenRecord).where(TokenRecord.digest == digest(secret)))
+            return None if record is None or _expired(record) else record.owner
 
 
 class Shares:
@@ -91,8 +91,8 @@ class Shares:
     def analysis_of(self, secret: str) -> str | None:
         """Report which analysis a link is to; None when there is none, or it has expired."""
         with self._database.read() as session:
-            found = session.scalar(select(ShareRecord).where(ShareRecord.digest == digest(secret)))
-            return None if found is None or _expired(found) else found.analysis_id
+            record = session.scalar(select(ShareRecord).where(ShareRecord.digest == digest(secret)))
+            return None if record is None or _expired(record) else record.analysis_id
 
 
 def _expired(record: TokenRecord | ShareRecord) -> bool:

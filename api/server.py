@@ -177,8 +177,8 @@ def open_folder(folder: Path) -> Iterator[Tools]:
     with TemporaryDirectory(prefix="rotorid-") as scratch:
         settings = Settings(data=Path(scratch), out=folder)
         with _opened(settings) as database:
-            found = FolderFlights(database, folder)
-            reviews = Reviews(database, Crafts(database), _ask, lambda: None, found.look)
+            flights = FolderFlights(database, folder)
+            reviews = Reviews(database, Crafts(database), _ask, lambda: None, flights.look)
             tools = Tools(database, open_store(settings.storage_url), EVERYBODY, _ask, folder, reviews.go_round)
             if not tools.list_craft().craft:
                 raise ConfigError(f"{folder} holds no flights of this version of rotorid; analyze the logs again")

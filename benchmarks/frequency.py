@@ -101,7 +101,7 @@ def _firmware(scratch: Path) -> Iterator[Row]:
 
 def _climb(log: FlightLog, axis: str) -> float:
     """Return how fast the craft climbed in the slow part of a chirp, m/s."""
-    chirp = next(each for each in frequency.find_chirps(log) if each.axis == axis)
+    chirp = next(chirp for chirp in frequency.find_chirps(log) if chirp.axis == axis)
     assert log.tables.truth is not None
     return -float(log.tables.truth["v_d"].loc[chirp.start + 2.0 : chirp.start + 12.0].mean())
 
@@ -190,7 +190,7 @@ def _histories(scratch: Path) -> Iterator[Row]:
                         points[name].append(
                             FlightPoint(flight=str(k), number=k + 1, start_utc=None, value=each.value, sigma=each.sigma)
                         )
-        followed = [history(name, "", {"": each}) for name, each in points.items() if len(each) > 3]
+        followed = [history(name, "", {"": point}) for name, point in points.items() if len(point) > 3]
         changes = [change for each in followed for change in (each.trend, each.step) if change is not None]
         alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
     share = f"{alarms} of {craft}"

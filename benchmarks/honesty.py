@@ -171,9 +171,9 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
         if axis.attitude is not None:
             numbers |= {"bandwidth": axis.attitude.bandwidth, "phase delay": axis.attitude.phase_delay}
         found |= {
-            (axis.axis, name): Number(each.value, each.sigma)
-            for name, each in numbers.items()
-            if each.value is not None and each.sigma
+            (axis.axis, name): Number(number.value, number.sigma)
+            for name, number in numbers.items()
+            if number.value is not None and number.sigma
         }
     with suppress(RotoridError):
         if trajectory is None:
@@ -185,9 +185,9 @@ def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[f
             body = fit_rigid_body(seen)
         except RotoridError:
             body = None
-        for name, each in () if body is None else body.parameters.items():
-            if each.value is not None and each.sigma:
-                found["body", name] = Number(each.value, each.sigma)
+        for name, parameter in () if body is None else body.parameters.items():
+            if parameter.value is not None and parameter.sigma:
+                found["body", name] = Number(parameter.value, parameter.sigma)
         for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():
             if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
                 found[method, name] = Number(row["value"], row["sigma"], row["curve"])

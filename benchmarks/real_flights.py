@@ -249,7 +249,7 @@ def neural_fly(files: list[Path], spare: list[Path]) -> list[Row]:
 
 def _blown(model: SixDofModel, records: Sequence[Experiment]) -> SixDofModel:
     """Model with the wind of the first three seconds of each record, before the first prediction that is judged."""
-    winds = {each.name: estimate_wind(model, each[: round(3.0 / each.dt)]).mean for each in records}
+    winds = {record.name: estimate_wind(model, record[: round(3.0 / record.dt)]).mean for record in records}
     return model.with_wind(winds)
 
 
@@ -319,8 +319,8 @@ def _left_out(
                 )
     how = "flights kept aside" if test else "one left out at a time"
     rows = []
-    for what, each in sorted(errors.items()):
-        rms = np.sqrt(np.mean(np.square(each), axis=0))
+    for what, error in sorted(errors.items()):
+        rms = np.sqrt(np.mean(np.square(error), axis=0))
         text = f"{listed(rms, '.3f')} m" if np.isfinite(rms).all() else "diverges"
         rows.append(row(f"{name}, {how}: {what}: x, y, z", text, goal=limit[what[-3:]]))
     return rows
@@ -466,7 +466,7 @@ def _crazyflie_records(flight: pd.DataFrame, axis: str) -> list[Experiment]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], _flying(flight), [False]]).astype(int))).reshape(-1, 2)
     stretches = [pair[first:last:10] for first, last in edges if last - first > 2000]
     names = {"input_names": [axis], "output_names": [f"w_{letter}"]}
-    return [Experiment.from_arrays(0.01 * np.arange(len(each)), *each.T, **names) for each in stretches]
+    return [Experiment.from_arrays(0.01 * np.arange(len(stretch)), *stretch.T, **names) for stretch in stretches]
 
 
 #: Sets by the name of their folder: ending of their files, and what judges them.

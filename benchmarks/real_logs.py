@@ -117,7 +117,7 @@ def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, s
     if (speed := number(row, "ground_speed_gps_ms")) is not None:
         ours = math.nan if account.ground_speed is None else account.ground_speed.value
         yield "speed", abs(ours - speed) <= max(0.5, 0.1 * speed), f"{speed} m/s read, {ours:.1f} m/s here"
-    crash = next((each for each in account.happenings if each.id == "crash"), None)
+    crash = next((happening for happening in account.happenings if happening.id == "crash"), None)
     if row["crash"] in ("yes", "no"):
         agrees = (crash is not None) == (row["crash"] == "yes")
         impact = number(row, "impact_s")
@@ -208,16 +208,16 @@ def compare_all(readings: Path, folder: Path) -> tuple[Counter[str], Counter[str
             lines.append(f"unread: {file_name}: {error}")
             continue
         pairs = list(paired(flown, found))
-        for row, each in pairs:
+        for row, pair in pairs:
             flight = f"{file_name} flight {row['flight']}"
             if row["sure"] not in ("high", "medium"):
                 continue
-            if each is None and PLANE.search(row["note"]):
+            if pair is None and PLANE.search(row["note"]):
                 lines.append(f"left out: {flight}: {row['note'][:60]}")
-            elif each is None:
+            elif pair is None:
                 count("flights", flight, False, f"{row['takeoff_s']}-{row['landing_s']} s read, not found")
             else:
-                for name, agrees, words in compare(row, each):
+                for name, agrees, words in compare(row, pair):
                     count(name, flight, agrees, words)
         # Of a log whose reader was not sure where it flew nothing is invented.
         if not any(row["sure"] == "low" for row in of_file):

@@ -41,8 +41,8 @@ class Catalogue:
         for section in self.sections:
             head = "| finding | severity | what it means | what to do |\n|---|---|---|---|\n"
             rows = (
-                f"| `{each.id}` | {', '.join(each.severities)} | {each.meaning} | {each.advice} |"
-                for each in section.findings
+                f"| `{entry.id}` | {', '.join(entry.severities)} | {entry.meaning} | {entry.advice} |"
+                for entry in section.findings
             )
             parts += [f"## {section.title}", *filter(None, [section.text.strip()]), head + "\n".join(rows)]
         return "\n\n".join(parts) + "\n"
@@ -57,7 +57,7 @@ def read_catalogue() -> Catalogue:
 @cache
 def _entries() -> dict[str, Entry]:
     """Lines of the catalogue by the names of their findings."""
-    return {each.id: each for section in read_catalogue().sections for each in section.findings}
+    return {entry.id: entry for section in read_catalogue().sections for entry in section.findings}
 
 
 def finding(

@@ -61,7 +61,7 @@ def warning(identifier: str, reason: str, advice: str = "", **evidence: str | in
 def gathered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding of each kind, gravest first, with the sentences and advice of all of the kind, each once."""
     kinds: dict[str, dict[str, list[Finding]]] = {}
-    for finding in sorted(apart(findings), key=lambda each: WORST_FIRST.index(each.severity)):
+    for finding in sorted(apart(findings), key=lambda finding: WORST_FIRST.index(finding.severity)):
         # What differs in numbers only, or is of the same thing, is said once.
         alike = str(finding.evidence.get("what") or _NUMBER.sub("", finding.reason))
         kinds.setdefault(finding.id, {}).setdefault(alike, []).append(finding)
@@ -84,7 +84,7 @@ def apart(findings: Iterable[Finding]) -> Iterator[Finding]:
 
 def _one_of(alike: Iterable[Sequence[Finding]]) -> Finding:
     several = list(alike)
-    parts = tuple(each for same in several for each in same)
+    parts = tuple(finding for same in several for finding in same)
     if len(parts) == 1:
         return parts[0]
     reasons = (sentence(same[0].reason.rstrip(".") + _more(same)) for same in several)
@@ -93,5 +93,5 @@ def _one_of(alike: Iterable[Sequence[Finding]]) -> Finding:
 
 
 def _more(same: Sequence[Finding]) -> str:
-    others = {each.reason for each in same if _NUMBER.sub("", each.reason) == _NUMBER.sub("", same[0].reason)}
+    others = {finding.reason for finding in same if _NUMBER.sub("", finding.reason) == _NUMBER.sub("", same[0].reason)}
     return f"; {len(others) - 1} more such" if len(others) > 1 else ""

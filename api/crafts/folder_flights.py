@@ -42,18 +42,22 @@ class FolderFlights:
             return
         places = [f"{FLIGHTS}/{name}" for name in store.names(FLIGHTS)] if several else ["."]
         entries = {place: store.read_as(f"{place}/{ENTRY}", FlightEntry) for place in places}
-        found = {place: entry for place, entry in entries.items() if entry is not None}
+        flights = {place: entry for place, entry in entries.items() if entry is not None}
         with self._database.write() as session:
             known = session.scalars(
                 select(FlightRecord).where(FlightRecord.owner == EVERYBODY, FlightRecord.log_id.is_(None))
             ).all()
-            same = {each.folder: restored(each.entry, FlightEntry).key for each in known if each.folder in found}
-            forget(session, [each for each in known if each.folder not in found], "is not in the folder any more")
-            for place, entry in found.items():
+            same = {
+                record.folder: restored(record.entry, FlightEntry).key for record in known if record.folder in flights
+            }
+            forget(
+                session, [record for record in known if record.folder not in flights], "is not in the folder any more"
+            )
+            for place, entry in flights.items():
                 if same.get(place) != entry.key:
                     flown = of_report(entry, store.read_as(f"{place}/report.json", Said))
                     keep(session, EVERYBODY, digest(f"{self.folder}/{place}"), flown, (None, None, place))
-        _log.info("%d flights of %s are shown", len(found), self.folder)
+        _log.info("%d flights of %s are shown", len(flights), self.folder)
         self._seen = written
 
     def page(self, place: str) -> str | None:

@@ -257,11 +257,11 @@ class Hooks(Rounds):
         mine = (DeliveryRecord.alert_id == delivery.alert_id, DeliveryRecord.hook_id == delivery.hook_id)
         later = now + _PAUSE * 2**delivery.attempts
         with self._database.write() as session:
-            found = session.scalar(select(DeliveryRecord).where(*mine, DeliveryRecord.attempts == delivery.attempts))
-            if found is None:
+            record = session.scalar(select(DeliveryRecord).where(*mine, DeliveryRecord.attempts == delivery.attempts))
+            if record is None:
                 return False
-            found.attempts += 1
-            found.due = later
+            record.attempts += 1
+            record.due = later
             return True
 
     def _put_off(self, hook_id: str, until: datetime) -> None:

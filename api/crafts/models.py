@@ -52,12 +52,12 @@ def latest(database: Database, craft_id: str, least: LeastTrust, name: str | Non
     trusted = ["yes"] if least is LeastTrust.YES else ["yes", "limited"]
     with database.read() as session:
         said = []
-        for found in _candidates(session, craft_id):
-            if name is not None and name not in found.files:
+        for candidate in _candidates(session, craft_id):
+            if name is not None and name not in candidate.files:
                 continue
-            if found.trust in trusted or name in _OF_ITSELF:
-                return found
-            said.append(found.trust)
+            if candidate.trust in trusted or name in _OF_ITSELF:
+                return candidate
+            said.append(candidate.trust)
     if name in _OF_ITSELF:
         detail = "No flight of this craft supports a proposal; `rotorid tune` of its logs says what is missing."
     elif not said:

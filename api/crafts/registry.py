@@ -47,8 +47,8 @@ class Crafts:
             query = select(CraftRecord)
             if text:
                 query = query.where(holds(text, CraftRecord.name, CraftRecord.kind))
-            found = listed(session, CraftRecord, query, CraftRecord.changed, owner, limit, after)
-            return [_craft(session, record) for record in found]
+            records = listed(session, CraftRecord, query, CraftRecord.changed, owner, limit, after)
+            return [_craft(session, record) for record in records]
 
     def find(self, craft_id: str, owner: str) -> CraftAnswer:
         """Look a craft up with all that is known of it but for its flights; a problem when the owner has none."""
@@ -62,7 +62,7 @@ class Crafts:
             )
             return CraftAnswer(
                 **dict(_craft(session, record)),
-                notes=[Note.model_validate(each) for each in notes],
+                notes=[Note.model_validate(note) for note in notes],
                 joint=joint_of(session, record),
                 review=record.review,
                 recent=[_alert(each, record) for each in session.scalars(newest.limit(20))],
@@ -73,8 +73,8 @@ class Crafts:
         with self._database.read() as session:
             get(session, CraftRecord, craft_id, owner)
             rows = session.scalars(select(FlightRecord).where(FlightRecord.craft_id == craft_id))
-            flights = [CraftFlight.model_validate(each) for each in rows]
-        return sorted(flights, key=lambda each: (each.start or each.added, each.name), reverse=True)
+            flights = [CraftFlight.model_validate(row) for row in rows]
+        return sorted(flights, key=lambda flight: (flight.start or flight.added, flight.name), reverse=True)
 
     def of_analysis(self, analysis_id: str) -> Sequence[tuple[str, str]]:
         """List the craft whose flights an analysis has, or that it fits jointly: id and name."""
@@ -83,7 +83,7 @@ class Crafts:
         joint = select(AnalysisRecord.craft_id).where(AnalysisRecord.id == analysis_id)
         with self._database.read() as session:
             chosen = select(CraftRecord).where(or_(CraftRecord.id.in_(flown), CraftRecord.id.in_(joint)))
-            return [(each.id, each.name or each.kind) for each in session.scalars(chosen)]
+            return [(record.id, record.name or record.kind) for record in session.scalars(chosen)]
 
     def log_before(self, log_id: str, owner: str) -> tuple[str, str] | None:
         """Return id and name of the log of a craft's flight before that of a log; None where none is known."""
@@ -104,8 +104,8 @@ class Crafts:
     def folder_of(self, flight_id: str, owner: str) -> str | None:
         """Return where a flight of no upload is in its folder; None where the owner has no such flight."""
         with self._database.read() as session:
-            found = session.get(FlightRecord, flight_id) if is_id(flight_id) else None
-            return found.folder if found is not None and found.owner == owner and found.log_id is None else None
+            record = session.get(FlightRecord, flight_id) if is_id(flight_id) else None
+            return record.folder if record is not None and record.owner == owner and record.log_id is None else None
 
     def entries(self, craft_id: str) -> tuple[Sequence[dict[str, Any]], Sequence[dict[str, Any]]]:
         """Return the entries of a craft's flights in the order in which they came, and its notes, for a review."""
@@ -113,10 +113,10 @@ class Crafts:
             rows = session.scalars(
                 select(FlightRecord).where(FlightRecord.craft_id == craft_id).order_by(FlightRecord.added)
             )
-            flights = [{**each.entry, "name": each.name} for each in rows]
+            flights = [{**row.entry, "name": row.name} for row in rows]
             notes = session.scalars(select(NoteRecord).where(NoteRecord.craft_id == craft_id))
             return flights, [
-                {"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in notes
+                {"at": note.at.isoformat(), "text": note.text, "boundary": note.boundary} for note in notes
             ]
 
     def rename(self, craft_id: str, owner: str, name: str) -> None:
@@ -143,24 +143,24 @@ class Crafts:
     def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str:
         """Move flights to a craft, or to a new one, and return its id; a problem when the owner has not all of them."""
         with self._database.write() as session:
-            found = [
+            records = [
                 each
                 for each in (session.get(FlightRecord, one) for one in dict.fromkeys(flights) if is_id(one))
                 if each is not None and each.owner == owner
             ]
-            if not found or len(found) < len(set(flights)):
+            if not records or len(records) < len(set(flights)):
                 raise missing(CraftRecord)
             if target is None:
-                craft = new_craft(session, owner, found[0].entry["craft_name"])
+                craft = new_craft(session, owner, records[0].entry["craft_name"])
             else:
                 craft = get(session, CraftRecord, target, owner)
-            touched = {each.craft_id for each in found} | {craft.id}
-            for each in found:
-                if each.craft_id != craft.id:
-                    lose(session, each, "was moved to another craft")
-                    each.craft_id = craft.id
+            touched = {each.craft_id for each in records} | {craft.id}
+            for record in records:
+                if record.craft_id != craft.id:
+                    lose(session, record, "was moved to another craft")
+                    record.craft_id = craft.id
             if later:
-                keys = {digest(each.entry["craft"]) for each in found}
+                keys = {digest(each.entry["craft"]) for each in records}
                 session.execute(
                     update(CraftKeyRecord)
                     .where(CraftKeyRecord.owner == owner, CraftKeyRecord.digest.in_(keys))
@@ -234,14 +234,14 @@ def joint_of(session: Session, craft: CraftRecord) -> JointFit:
         .order_by(AnalysisRecord.created.desc(), AnalysisRecord.id)
         .limit(50)
     ).all()
-    done = next((each for each in ordered if each.state == State.DONE), None)
+    done = next((record for record in ordered if record.state == State.DONE), None)
     names = session.scalars(
         select(FlightRecord.name).where(FlightRecord.id.in_(craft.joint_of)).order_by(FlightRecord.name)
     )
     return JointFit(
         analysis=done.id if done is not None and craft.joint_of else None,
         flights=list(names),
-        waiting=next((each.id for each in ordered if not State(each.state).ended), None),
+        waiting=next((record.id for record in ordered if not State(record.state).ended), None),
         lost=craft.joint_lost,
         next_at=next_fit(len(craft.joint_of)),
     )

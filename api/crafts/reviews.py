@@ -132,7 +132,7 @@ def _joint(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord]
     if session.scalar(open_.limit(1)) is not None:
         return False  # its end is a change
     order = [flight.id for flight in wanted]
-    if any(each.configuration.get("flights") == order for each in session.scalars(failed)):
+    if any(record.configuration.get("flights") == order for record in session.scalars(failed)):
         return False
     newest = max(wanted, key=lambda flight: flight.start or flight.added)
     analysis = session.get(AnalysisRecord, newest.analysis_id)

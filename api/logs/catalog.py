@@ -166,17 +166,17 @@ class Catalog:
             if name:
                 query = query.where(holds(name, LogRecord.name))
             return [
-                Log.model_validate(each)
-                for each in listed(session, LogRecord, query, LogRecord.received, owner, limit, after)
+                Log.model_validate(record)
+                for record in listed(session, LogRecord, query, LogRecord.received, owner, limit, after)
             ]
 
     def may_delete_log(self, log_id: str, secret: str) -> str:
         """Return the owner of the log that a delete token is for; a problem when it is for another or none."""
         with self._database.read() as session:
-            found = session.get(LogRecord, log_id) if is_id(log_id) else None
-            if found is None or found.delete_digest != digest(secret):
+            record = session.get(LogRecord, log_id) if is_id(log_id) else None
+            if record is None or record.delete_digest != digest(secret):
                 raise missing(LogRecord)
-            return found.owner
+            return record.owner
 
     def delete_log(self, log_id: str, owner: str) -> None:
         """Remove a log and every analysis of it."""
@@ -195,7 +195,7 @@ class Catalog:
 
     def _delete_log(self, log_id: str, owner: str) -> None:
         with self._database.write() as session:
-            found = get(session, LogRecord, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
+            record = get(session, LogRecord, log_id, owner, lock=True)  # nobody orders an analysis of it meanwhile
             analyses = list(session.scalars(select(AnalysedLog.analysis_id).where(AnalysedLog.log_id == log_id)))
             gone = or_(FlightRecord.log_id == log_id, FlightRecord.analysis_id.in_(analyses))
             flights = list(session.scalars(select(FlightRecord).where(gone)))
@@ -206,7 +206,7 @@ class Catalog:
                 session.add(_new_analysis(owner, {}, [log]))
             session.execute(delete(AnalysedLog).where(AnalysedLog.analysis_id.in_(analyses)))
             session.execute(delete(AnalysisRecord).where(AnalysisRecord.id.in_(analyses)))
-            session.delete(found)
+            session.delete(record)
         self._objects.remove(f"logs/{log_id}")
         for analysis in analyses:
             self._objects.remove(f"analyses/{analysis}")
@@ -231,10 +231,10 @@ class Catalog:
     def find_analysis(self, analysis_id: str, owner: str | None) -> Analysis:
         """Look an analysis up; a problem when the owner (anybody, when None) has none of this id."""
         with self._database.read() as session:
-            found = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
-            if found is None or owner not in (None, found.owner):
+            record = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
+            if record is None or owner not in (None, record.owner):
                 raise missing(AnalysisRecord)
-            return Analysis.model_validate(found)
+            return Analysis.model_validate(record)
 
     def list_analyses(
         self,
@@ -263,16 +263,16 @@ class Catalog:
                 told = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health, AnalysisRecord.happened)
                 said = holds(text, *told)
                 query = query.where(or_(named, said))
-            found = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
-            return [Analysis.model_validate(each) for each in found]
+            records = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
+            return [Analysis.model_validate(record) for record in records]
 
     def cancel(self, analysis_id: str, owner: str) -> Analysis:
         """End an analysis that has not ended."""
         with self._database.write() as session:
-            found = get(session, AnalysisRecord, analysis_id, owner)
+            record = get(session, AnalysisRecord, analysis_id, owner)
             queue.cancel(session, analysis_id)
-            session.refresh(found)
-            return Analysis.model_validate(found)
+            session.refresh(record)
+            return Analysis.model_validate(record)
 
     def delete_analysis(self, analysis_id: str, owner: str) -> None:
         """Remove an analysis and its results."""
@@ -280,11 +280,11 @@ class Catalog:
 
     def _delete_analysis(self, analysis_id: str, owner: str) -> None:
         with self._database.write() as session:
-            found = get(session, AnalysisRecord, analysis_id, owner)
+            record = get(session, AnalysisRecord, analysis_id, owner)
             flights = list(session.scalars(select(FlightRecord).where(FlightRecord.analysis_id == analysis_id)))
             forget(session, flights, "was deleted with its analysis")
-            craft = None if found.craft_id is None else session.get(CraftRecord, found.craft_id)
-            if craft is not None and found.configuration.get("flights") == craft.joint_of:
+            craft = None if record.craft_id is None else session.get(CraftRecord, record.craft_id)
+            if craft is not None and record.configuration.get("flights") == craft.joint_of:
                 craft.joint_of, craft.joint_lost = [], "their analysis was deleted"
             session.execute(delete(AnalysisRecord).where(AnalysisRecord.id == analysis_id))
         self._objects.remove(f"analyses/{analysis_id}")
@@ -294,10 +294,10 @@ class Catalog:
         if name not in analysis.files:  # as long as it runs, without asking again
             return None
         with self._database.read() as session:
-            found = session.get(AnalysisRecord, analysis.id)
-            if found is None or found.results is None or name not in found.files:
+            record = session.get(AnalysisRecord, analysis.id)
+            if record is None or record.results is None or name not in record.files:
                 return None
-            return f"analyses/{found.id}/{found.results}/{name}"
+            return f"analyses/{record.id}/{record.results}/{name}"
 
 
 def order_joint_fit(session: Session, craft: CraftRecord, flights: Sequence[FlightRecord], mass: float | None) -> None:

@@ -60,7 +60,7 @@ class Housekeeping(Rounds):
 
     def _remove_orphans(self, before: datetime) -> None:
         """Remove bytes that no row names: of uploads that were broken off, and of attempts that came to nothing."""
-        found = (each for prefix in ("logs", "analyses") for each in self._objects.files(prefix))
+        found = (file for prefix in ("logs", "analyses") for file in self._objects.files(prefix))
         old = [key for key, written in found if written < before]
         with self._database.read() as session:
             kept = {f"logs/{log_id}" for log_id in session.scalars(select(LogRecord.id))}

@@ -50,7 +50,9 @@ class _Stock(Collector):
             running_now = select(AnalysisRecord.stage).where(AnalysisRecord.state == State.RUNNING)
             stages = Tally(session.scalars(running_now))
             problems = session.scalars(select(AnalysisRecord.problem).where(AnalysisRecord.state == State.FAILED))
-            failures = Tally(str((each or {}).get("type", "")).rpartition(":")[2] or "unknown" for each in problems)
+            failures = Tally(
+                str((problem or {}).get("type", "")).rpartition(":")[2] or "unknown" for problem in problems
+            )
             logs, size = session.execute(select(func.count(), func.coalesce(func.sum(LogRecord.size), 0))).one()
         analyses = GaugeMetricFamily("rotorid_analyses", "Analyses by state.", labels=("state",))
         for state in State:

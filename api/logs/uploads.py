@@ -105,12 +105,12 @@ async def receive_logs(
             found = (await form.parse()).multi_items()
             if not form.complete:
                 raise _bad_form("The upload ended before the file did. Try again.")
-            files = [each for name, each in found if name == "file" and isinstance(each, UploadFile)]
+            files = [file for name, file in found if name == "file" and isinstance(file, UploadFile)]
             if not files:
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
             if fields is not None:
                 fields |= {name: each for name, each in found if isinstance(each, str)}
-            arrived = [(cast("Upload", each.file), _display_name(each.filename or "")) for each in files]
+            arrived = [(cast("Upload", file.file), _display_name(file.filename or "")) for file in files]
             for upload, name in arrived:
                 if upload.size == 0:
                     raise _empty(name)

@@ -78,12 +78,12 @@ def list_messages(path: Path, name: str) -> LoggedMessages:
 
 def _moments(log: FlightLog) -> list[Moment]:
     modes, events = log.tables.modes, log.tables.events
-    found = [] if modes is None else [Moment(t, "mode", mode) for t, mode in _rows(modes, "mode")]
+    moments = [] if modes is None else [Moment(t, "mode", mode) for t, mode in _rows(modes, "mode")]
     for t, said, detail in () if events is None else _rows(events.head(_MOMENTS), "event", "detail"):
-        found.append(
+        moments.append(
             Moment(t, "message", detail) if said == "MESSAGE" else Moment(t, "event", f"{said} {detail}".strip())
         )
-    return sorted(found, key=lambda each: each.t)
+    return sorted(moments, key=lambda moment: moment.t)
 
 
 def _rows(table: pd.DataFrame, *names: str) -> "zip[tuple[Any, ...]]":
@@ -243,7 +243,7 @@ def _evaluated(log: FlightLog, path: Path, text: str) -> LoggedSignal:
     if key not in _signals:
         _signals[key] = evaluate(log, text)
         while len(_signals) > _SIGNALS or (
-            len(_signals) > 1 and sum(each.t.nbytes + each.y.nbytes for each in _signals.values()) > _BYTES
+            len(_signals) > 1 and sum(signal.t.nbytes + signal.y.nbytes for signal in _signals.values()) > _BYTES
         ):
             _signals.popitem(last=False)
     _signals.move_to_end(key)

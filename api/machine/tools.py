@@ -142,7 +142,9 @@ class Tools:
         return Changes(
             flights=review.flights,
             pooled=review.pooled,
-            changes=[] if drift is None else [each for each in drift.parameters if each.change is not None],
+            changes=[]
+            if drift is None
+            else [parameter for parameter in drift.parameters if parameter.change is not None],
             motors=NOT_DETERMINED if drift is None or drift.motors is None else drift.motors.sentence,
             since=review.since,
             alerts=review.alerts,
@@ -152,14 +154,14 @@ class Tools:
     def compare(self, before: Flight, after: Flight) -> ComparedFlights:
         """Compare the parameters of two flights: values, difference with its error, and the chance of it (p)."""
         flights = (self._flight(before), self._flight(after))
-        older, newer = (self._content(each) for each in flights)
+        older, newer = (self._content(flight) for flight in flights)
         if older is None or newer is None:
             raise UnknownError(f"{before} and {after} cannot be compared")
         return ComparedFlights(self.ask("compare_numbers", older, newer, flights) or NOT_DETERMINED)
 
     def what_to_fly(self, flight: Flight) -> NextFlights:
         """Get what to log and fly next time, the most useful first: what a flight lacked, what it would bring."""
-        return NextFlights(sorted(self._report(flight).advice, key=lambda each: each.rank))
+        return NextFlights(sorted(self._report(flight).advice, key=lambda advice: advice.rank))
 
     def _crafts(self) -> Sequence[CraftRef]:
         columns = (CraftRecord.id, CraftRecord.name, CraftRecord.kind)  # the reviews of large craft are megabytes
@@ -177,7 +179,9 @@ class Tools:
         """Find a craft by its id or its name, which must not mean several."""
         self.refresh()
         crafts = self._crafts()
-        found = [each.id for each in crafts if name == each.id] or [each.id for each in crafts if name == each.name]
+        found = [craft.id for craft in crafts if name == craft.id] or [
+            craft.id for craft in crafts if name == craft.name
+        ]
         if len(found) > 1:
             raise UnclearError(f"several craft are called {name!r}; see list_craft")
         if not found:
@@ -218,13 +222,13 @@ class Tools:
     def _content(self, flight: str) -> bytes | None:
         """Read the report.json of a flight: of its log's analysis, or in its folder below that of several logs."""
         with self.database.read() as session:
-            found = session.get_one(FlightRecord, flight)
-            analysis = None if found.analysis_id is None else session.get(AnalysisRecord, found.analysis_id)
+            record = session.get_one(FlightRecord, flight)
+            analysis = None if record.analysis_id is None else session.get(AnalysisRecord, record.analysis_id)
         try:
-            if found.analysis_id is None:
-                return None if self.folder is None else (self.folder / found.folder / "report.json").read_bytes()
-            names = (f"flights/{found.folder}/report.json", "report.json")
-            name = next((each for each in names if analysis is not None and each in analysis.files), None)
+            if record.analysis_id is None:
+                return None if self.folder is None else (self.folder / record.folder / "report.json").read_bytes()
+            names = (f"flights/{record.folder}/report.json", "report.json")
+            name = next((name for name in names if analysis is not None and name in analysis.files), None)
             if analysis is None or analysis.results is None or name is None:
                 return None
             return self.objects.read(f"analyses/{analysis.id}/{analysis.results}/{name}")

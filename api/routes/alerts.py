@@ -66,7 +66,10 @@ def make_feed(parts: PartsOf, owner: Owner) -> Feed:
 @router.get("/hooks", summary="Webhooks")
 def list_hooks(parts: PartsOf, owner: Owner) -> list[Hook]:
     """List where alerts are sent."""
-    return [Hook(id=each.id, url=each.url, created=each.created, state=each.state) for each in parts.hooks.list(owner)]
+    return [
+        Hook(id=record.id, url=record.url, created=record.created, state=record.state)
+        for record in parts.hooks.list(owner)
+    ]
 
 
 @router.post("/hooks", status_code=HTTPStatus.CREATED, summary="Send alerts to an address")

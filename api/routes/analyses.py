@@ -59,8 +59,8 @@ def list_analyses(
     ] = "",
 ) -> Page[Analysis]:
     """List your analyses."""
-    found = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log, text=q.strip())
-    return page(request, found, limit)
+    analyses = parts.catalog.list_analyses(owner, limit=limit + 1, after=after, state=state, log=log, text=q.strip())
+    return page(request, analyses, limit)
 
 
 @router.get("/{analysis_id}", summary="How far an analysis is and, once it is done, its models and report")

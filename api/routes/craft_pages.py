@@ -32,8 +32,8 @@ def list_crafts_page(
     request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Annotated[str, Query(max_length=200)] = ""
 ) -> Response:
     """Show a part of the list of craft, and the newest alerts."""
-    found = parts.crafts.list(owner, limit=_PAGE + 1, after=after, text=q.strip())
-    shown, older = part_of(found, _PAGE, q=q.strip())
+    crafts = parts.crafts.list(owner, limit=_PAGE + 1, after=after, text=q.strip())
+    shown, older = part_of(crafts, _PAGE, q=q.strip())
     alerts = parts.crafts.alerts(owner, limit=5) if after is None and not q else []
     view = {"crafts": shown, "older": older, "after": after, "q": q.strip(), "alerts": alerts}
     return render(request, "crafts.html", view)
@@ -75,7 +75,7 @@ def craft_report(craft_id: str, parts: PartsOf, owner: Owner) -> Response:
     craft = parts.crafts.find(craft_id, owner)
     if craft.review is None:
         raise ProblemError.missing("This craft has not been looked at yet.")
-    notes = [{"at": each.at.isoformat(), "text": each.text, "boundary": each.boundary} for each in craft.notes]
+    notes = [{"at": note.at.isoformat(), "text": note.text, "boundary": note.boundary} for note in craft.notes]
     page = parts.desk.ask("craft_page", craft.review, craft.name, notes)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 

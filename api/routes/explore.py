@@ -41,15 +41,15 @@ Seconds = Annotated[float | None, Query(description="On the log's clock [s].")]
 @router.get("/{log_id}/messages", summary="The messages of a log, with how many rows each has")
 def list_messages(log: OwnLog, path: LogFile, parts: PartsOf) -> LoggedMessages:
     """List the messages that a log holds, with its flight modes, events and texts."""
-    found: LoggedMessages = parts.desk.ask("list_messages", path, log.name)
-    return found
+    messages: LoggedMessages = parts.desk.ask("list_messages", path, log.name)
+    return messages
 
 
 @router.get("/{log_id}/messages/{message}", summary="The numeric fields of a message, with their units")
 def list_fields(log: OwnLog, path: LogFile, message: MessageName, parts: PartsOf) -> LoggedFields:
     """List the fields of a message as they are written in expressions, such as `IMU[0].GyrX`."""
-    found: LoggedFields = parts.desk.ask("list_fields", path, log.name, message)
-    return found
+    fields: LoggedFields = parts.desk.ask("list_fields", path, log.name, message)
+    return fields
 
 
 @router.get("/{log_id}/parameters", summary="The autopilot's parameters, and what was changed since the flight before")
@@ -58,8 +58,8 @@ def list_parameters(log: OwnLog, path: LogFile, parts: PartsOf, owner: Owner) ->
     known = parts.crafts.log_before(log.id, owner)
     before = None if known is None else local_copy(f"logs/{known[0]}", parts)
     earlier = None if known is None or before is None else (before, known[1])
-    found: LoggedParameters = parts.desk.ask("list_parameters", path, log.name, earlier)
-    return found
+    parameters: LoggedParameters = parts.desk.ask("list_parameters", path, log.name, earlier)
+    return parameters
 
 
 @router.get("/{log_id}/signals", summary="Fields of a log over time, or expressions of them")
@@ -78,13 +78,13 @@ def read_signals(
     ] = False,
 ) -> Signals:
     """Evaluate signals over a stretch of time; of many samples the smallest and largest of each stretch are kept."""
-    if any(each is not None and not math.isfinite(each) for each in (start, stop)):
+    if any(value is not None and not math.isfinite(value) for value in (start, stop)):
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, "start and stop must be numbers."))
     asked = (path, log.name, signal, start, stop)
-    found: Signals = (
+    signals: Signals = (
         parts.desk.ask("read_spectra", *asked) if spectrum else parts.desk.ask("read_signals", *asked, points)
     )
-    return found
+    return signals
 
 
 @pages.api_route("/logs/{log_id}/explore", methods=["GET", "HEAD"])

@@ -113,8 +113,8 @@ async def analyse_again(request: Request, analysis: OwnAnalysis, parts: PartsOf,
 def _flights(analysis: Analysis, parts: Parts) -> dict[str, bool]:
     """Report of every flight of a joint analysis whether it was fitted to; nothing where there is no joint model."""
     groups = restored(answer(analysis, parts).report or {}, _Report).groups
-    return {name: True for each in groups for name in each.training} | {
-        name: False for each in groups for name in each.held_out
+    return {name: True for group in groups for name in group.training} | {
+        name: False for group in groups for name in group.held_out
     }
 
 

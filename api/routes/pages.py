@@ -99,8 +99,8 @@ def list_analyses_page(
 @router.api_route("/logs", methods=["GET", "HEAD"])
 def list_logs_page(request: Request, parts: PartsOf, owner: Owner, after: After = None, q: Text = "") -> Response:
     """Show a part of the list of logs."""
-    found = parts.catalog.list_logs(owner, limit=_PAGE + 1, after=after, name=q.strip())
-    shown, older = part_of(found, _PAGE, q=q.strip())
+    logs = parts.catalog.list_logs(owner, limit=_PAGE + 1, after=after, name=q.strip())
+    shown, older = part_of(logs, _PAGE, q=q.strip())
     return render(request, "logs.html", {"logs": shown, "older": older, "after": after, "q": q.strip()})
 
 
@@ -117,11 +117,11 @@ def compare_page(request: Request, parts: PartsOf, owner: Owner, a: str = "", b:
 @router.get("/compare/report")
 def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
     """Compare two analyses: the page in the frame of `compare_page`."""
-    found = [parts.catalog.find_analysis(each, owner) for each in (a, b)]
-    reports = [answer(each, parts).report for each in found]
+    analyses = [parts.catalog.find_analysis(each, owner) for each in (a, b)]
+    reports = [answer(each, parts).report for each in analyses]
     if None in reports:
         raise ProblemError.missing("Only analyses that are done can be compared.")
-    names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in found)
+    names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in analyses)
     page = parts.desk.ask("compare", *reports, names)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
@@ -130,8 +130,8 @@ def _listed(
     parts: Parts, owner: str, count: int, state: State | None = None, after: str | None = None, text: str = ""
 ) -> dict[str, Any]:
     """Gather what the list of analyses shows: analyses, whether they change by themselves, and what comes after."""
-    found = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after, text=text)
-    shown, older = part_of(found, count, state=state, q=text)
+    analyses = parts.catalog.list_analyses(owner, limit=count + 1, state=state, after=after, text=text)
+    shown, older = part_of(analyses, count, state=state, q=text)
     return {"analyses": shown, "live": any(not analysis.state.ended for analysis in shown), "older": older}
 
 

@@ -32,7 +32,7 @@ def _endpoint(question: Callable[..., object]) -> Callable[..., object]:
 
     own = inspect.signature(question)
     tools = inspect.Parameter("tools", inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[Tools, Depends(_tools)])
-    asked = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in list(own.parameters.values())[1:]]
+    asked = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in list(own.parameters.values())[1:]]
     answer.__signature__ = own.replace(parameters=[tools, *asked])  # type: ignore[attr-defined]
     answer.__name__, answer.__doc__ = question.__name__, question.__doc__
     return answer

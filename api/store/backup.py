@@ -55,8 +55,8 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
                         rows += _dump(session, table, tables / f"{table.name}.json")
                 about = {"version": _VERSION, "made": datetime.now(UTC).isoformat(), "rows": rows}
                 _add(archive, "manifest.json", json.dumps(about).encode())
-                for each in sorted(tables.iterdir()):
-                    archive.add(each, f"tables/{each.name}")
+                for path in sorted(tables.iterdir()):
+                    archive.add(path, f"tables/{path.name}")
                 for key, _ in objects.files(""):
                     with suppress(FileNotFoundError):  # deleted at this moment
                         _add(archive, f"objects/{key}", objects.read(key))

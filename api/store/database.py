@@ -80,7 +80,7 @@ class Database:
             if connection.dialect.name == "postgresql":
                 connection.exec_driver_sql("SELECT pg_advisory_xact_lock(7208960)")
             found = MigrationContext.configure(connection).get_current_heads()
-            known = {each.revision for each in ScriptDirectory.from_config(config).walk_revisions()}
+            known = {revision.revision for revision in ScriptDirectory.from_config(config).walk_revisions()}
             if not known.issuperset(found):
                 raise NewerDatabaseError
             command.upgrade(config, "head")

@@ -91,7 +91,9 @@ Owner = Annotated[str, Depends(_owner)]
 
 def _settings_of(dependant: Dependant) -> set[str]:
     """Return the names that a route and what it depends on read from the query."""
-    return {each.alias for each in dependant.query_params}.union(*map(_settings_of, dependant.dependencies))
+    return {query_param.alias for query_param in dependant.query_params}.union(
+        *map(_settings_of, dependant.dependencies)
+    )
 
 
 async def _refuse_unknown(request: Request) -> None:

@@ -50,7 +50,7 @@ def confine(closed: Sequence[Path], own: Path, given: Sequence[Path] = ()) -> bo
     try:
         kept = os.environ.get("NUMBA_CACHE_DIR")
         # The environment of the server stands in /proc too.
-        others = [each for each in Path("/proc").glob("[0-9]*") if each.name != str(os.getpid())]
+        others = [path for path in Path("/proc").glob("[0-9]*") if path.name != str(os.getpid())]
         shut = [*(path.resolve() for path in closed), *others]
         for path in (own.resolve(), *([Path(kept)] if kept else []), *_beside(Path("/"), shut)):
             _open(libc, rules, path, _FOLDER if path.is_dir() else _FILE)

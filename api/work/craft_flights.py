@@ -26,13 +26,13 @@ def register(session: Session, analysis: AnalysisRecord, flown: Sequence[Flown])
     """Assign the flights of an analysis that is done to their craft."""
     odd = any(name in analysis.configuration for name in _OTHER)
     logs = {member.log.sha256: member.log_id for member in analysis.members}
-    for each in without_experiments(flown) if odd else flown:
-        log_id = logs.get(each.entry.sha256)
+    for flight in without_experiments(flown) if odd else flown:
+        log_id = logs.get(flight.entry.sha256)
         if log_id is None:  # of a packed log the flight has the digest of what was in it
             log_id = analysis.members[0].log_id if len(analysis.members) == 1 else None
         if log_id is not None:
-            place = (log_id, analysis.id, each.entry.folder)
-            keep(session, analysis.owner, log_id, each, place, replace=not odd)
+            place = (log_id, analysis.id, flight.entry.folder)
+            keep(session, analysis.owner, log_id, flight, place, replace=not odd)
 
 
 def joined(session: Session, analysis: AnalysisRecord) -> None:

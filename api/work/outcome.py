@@ -68,11 +68,11 @@ def read_outcome(folder: Path) -> Outcome:
     flights: Sequence[FlightReport]
     flights = [report] if isinstance(report, FlightReport) else report.flights
     groups = report.groups if isinstance(report, FleetReport) else ()
-    crafts = dict.fromkeys(name for each in flights or groups if (name := _craft(each.vehicle)))
+    crafts = dict.fromkeys(name for flight in flights or groups if (name := _craft(flight.vehicle)))
     days = sorted(flight.log.start_utc[:10] for flight in flights if flight.log.start_utc)
     happened = [line for flight in flights for line in answers(flight) if line.purpose == "Happened"]
     worst = min(happened, key=lambda line: _TONES.index(line.tone), default=None)
-    models = [model for each in (*flights, *groups) for model in each.models]
+    models = [model for flight in (*flights, *groups) for model in flight.models]
     return Outcome(
         craft=", ".join(crafts)[:200] or None,
         flown=days[0] if days else None,

@@ -76,21 +76,21 @@ class Queue:
                 .where(left, AnalysisRecord.attempts - AnalysisRecord.deaths >= _LOST)
                 .values(**_end(session, State.FAILED), problem=abandoned(_LOST).model_dump(mode="json"))
             )
-            found = _next(session, or_(AnalysisRecord.state == State.QUEUED, left))
-            if found is None:
+            record = _next(session, or_(AnalysisRecord.state == State.QUEUED, left))
+            if record is None:
                 return None
-            found.state = State.RUNNING
-            found.stage, found.progress, found.happened = "", 0.0, None
-            found.lease, found.lease_until = new_id(), time + self._lease
-            found.attempts += 1
-            found.started = time
+            record.state = State.RUNNING
+            record.stage, record.progress, record.happened = "", 0.0, None
+            record.lease, record.lease_until = new_id(), time + self._lease
+            record.attempts += 1
+            record.started = time
             return Claim(
-                analysis=found.id,
-                lease=found.lease,
-                deaths=found.deaths,
-                logs=tuple((member.log.id, member.log.name) for member in found.members),
-                configuration=found.configuration,
-                craft=found.craft_id,
+                analysis=record.id,
+                lease=record.lease,
+                deaths=record.deaths,
+                logs=tuple((member.log.id, member.log.name) for member in record.members),
+                configuration=record.configuration,
+                craft=record.craft_id,
             )
 
     def prolong(self, claim: Claim, reached: Reached = _BEGUN) -> bool:
@@ -147,15 +147,15 @@ def _next(session: Session, ready: ColumnElement[bool]) -> AnalysisRecord | None
         }
         owners.sort(key=lambda owner: (running.get(owner, 0), last[owner] or datetime.min.replace(tzinfo=UTC), owner))
     for owner in owners:
-        found = session.scalar(
+        record = session.scalar(
             select(AnalysisRecord)
             .where(ready, AnalysisRecord.owner == owner)
             .order_by(AnalysisRecord.created)
             .limit(1)
             .with_for_update(skip_locked=True)
         )
-        if found is not None:
-            return found
+        if record is not None:
+            return record
     return None
 
 

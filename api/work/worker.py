@@ -268,15 +268,17 @@ def _join(task: Task, progress: TaskProgress) -> None:
             place.parent.mkdir(parents=True)
             dataset.write_experiment(record, place)
     asked = Run(config=config, store=scratch, publish=_publish, executor=None, redo=True)
-    found = fleet_crafts.identify_crafts(flights, asked, progress)
-    if not found.entries:
-        raise LogError("; ".join(each.reason for each in found.failures) or "no flights that can be fitted jointly")
+    crafts = fleet_crafts.identify_crafts(flights, asked, progress)
+    if not crafts.entries:
+        raise LogError(
+            "; ".join(failure.reason for failure in crafts.failures) or "no flights that can be fitted jointly"
+        )
     progress("report", 0.99)
-    craft = found.entries[0].folder
-    reports.write_fleet(FleetResult(flights=(), groups=found.entries[:1], failures=(), config=config, store=scratch))
-    for file in [each for each in joint.iterdir() if each.is_file() and not each.name.startswith(".")]:
+    craft = crafts.entries[0].folder
+    reports.write_fleet(FleetResult(flights=(), groups=crafts.entries[:1], failures=(), config=config, store=scratch))
+    for file in [path for path in joint.iterdir() if path.is_file() and not path.name.startswith(".")]:
         file.rename(task.folder / file.name)
-    body = next((each.model for each in found.fitted[craft].models if each.key == kinds.RIGID_BODY_KEY), None)
+    body = next((model.model for model in crafts.fitted[craft].models if model.key == kinds.RIGID_BODY_KEY), None)
     if isinstance(body, sysid.RigidBodyModel):
         sysid.write_craft(body, task.folder, config.mass)
 
@@ -313,7 +315,7 @@ def run(reports_to: Connection, analyze: Analyze, task: Task, limits: TaskLimits
     limit_unpacked(limits.unpacked)
     # What a packed log holds goes where uploads have room, and is gone with the analysis even when killed.
     tempfile.tempdir = str(task.folder.parent)
-    given = [log for log, _ in task.logs] + [file for each in task.members for file in each.experiments.values()]
+    given = [log for log, _ in task.logs] + [file for member in task.members for file in member.experiments.values()]
     confinement.confine(limits.closed, task.folder.parent, given)
     ended = Ended()
     try:

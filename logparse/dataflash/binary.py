@@ -248,7 +248,7 @@ class DataflashSource(MessageSource):
         frame.attrs["units"] = slot.unit_labels(self._units)
         frame.attrs["multipliers"] = layout.multipliers(table)
         # Of all fields, decoded or not.
-        frame.attrs["numeric"] = {each.name: each.char for each in slot.fields if each.is_number}
+        frame.attrs["numeric"] = {field.name: field.char for field in slot.fields if field.is_number}
         instance = slot.units.find("#")
         if 0 <= instance < len(slot.fields):
             frame.attrs["instance"] = slot.fields[instance].name

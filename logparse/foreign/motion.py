@@ -92,15 +92,15 @@ def read_motion(
     values = np.array(frame[names], dtype=np.float64)
     values[np.abs(values) > _LARGEST] = np.nan
     dt = float(np.median(np.diff(t)))
-    attitude = [names.index(each) for each in declared.attitude.columns]
+    attitude = [names.index(column) for column in declared.attitude.columns]
     values[:, attitude] = _without_turns(values[:, attitude], declared)
     keep, values, more = known_rows(values, names, dt, declared.fill, label)
     values, t = values[keep], t[keep]
     values, spikes = without_spikes(values, names)
-    at = {each: k for k, each in enumerate(names)}
+    at = {name: k for k, name in enumerate(names)}
     # Commands are round numbers, which stand still in a calm hover; measured speeds do not.
     measured = () if declared.motors.quantity in {"pwm", "command"} else declared.motors.columns
-    vectors = [each.columns for each in (declared.velocity, declared.rates) if each is not None]
+    vectors = [signal.columns for signal in (declared.velocity, declared.rates) if signal is not None]
     moving = (*declared.position.columns, *declared.attitude.columns, *measured, *itertools.chain(*vectors))
     table = _Converter(values, at, declared, label)
     quaternion, remarks = table.quaternion()
@@ -108,7 +108,7 @@ def read_motion(
     columns_of = {
         "position": table.vector(declared.position.columns, declared.position.factor),
         "quaternion": quaternion,
-        "motors": values[:, [at[each] for each in declared.motors.columns]] * declared.motors.factor,
+        "motors": values[:, [at[column] for column in declared.motors.columns]] * declared.motors.factor,
         "inputs": values[:, [at[signal.columns[0]] for signal in declared.inputs.values()]],
     }
     if declared.velocity is not None:
@@ -119,12 +119,12 @@ def read_motion(
         columns_of["voltage"] = values[:, [at[declared.voltage.columns[0]]]] * declared.voltage.factor
     signals, labels = values[:, [at[each] for each in moving]], list(moving)
     if not measured:  # all commands at once do not stand still
-        commands = values[:, [at[each] for each in declared.motors.columns]]
+        commands = values[:, [at[column] for column in declared.motors.columns]]
         signals = np.column_stack([signals, commands @ np.sqrt(np.arange(2.0, 2.0 + commands.shape[1]))])
         labels.append(", ".join(declared.motors.columns))
     found = [*findings, *more, *spikes, *held_values(signals, labels, dt), *remarks]
     if len(clock) != len(t) or np.max(np.abs(clock - t)) > 0.3 * dt:
-        columns_of = {key: _resampled(t, each, clock) for key, each in columns_of.items()}
+        columns_of = {key: _resampled(t, values, clock) for key, values in columns_of.items()}
     found += check_units(declared, columns_of, label)
     position, velocity, quaternion, rates = _in_ned(columns_of, clock, declared)
     flown = _flown(-position[:, 2], columns_of["motors"], declared)
@@ -139,9 +139,9 @@ def read_motion(
             )
         )
         clock, position, velocity, quaternion, rates = (
-            each[flown] for each in (clock, position, velocity, quaternion, rates)
+            values[flown] for values in (clock, position, velocity, quaternion, rates)
         )
-        columns_of = {key: each[flown] for key, each in columns_of.items()}
+        columns_of = {key: values[flown] for key, values in columns_of.items()}
     every = slice(None, None, max(round(_CHECKED / dt), 1))
     times = clock[every]
     motion = Motion(

@@ -106,7 +106,7 @@ def _following(pull: Floats, strength: Floats, dt: float) -> tuple[float, float,
     span = max(round(_SPAN / dt), 3)
     if len(pull) <= span:
         return -1.0, 0.0, False
-    quick, driving = (_without_knocks(each - uniform_filter1d(each, span)) for each in (pull, strength))
+    quick, driving = (_without_knocks(values - uniform_filter1d(values, span)) for values in (pull, strength))
     likeness, change = -1.0, 0.0
     for shift in _SHIFTS:
         a = quick[max(shift, 0) : len(quick) + min(shift, 0)]

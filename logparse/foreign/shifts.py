@@ -68,7 +68,7 @@ def check_clock(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> l
     if len(pairs) < 2 or len(motion.position) < 4 * max(widths):
         return []
     slopes = [pair.over(width) for pair, width in zip(pairs, widths, strict=True)]
-    if min(alike(*each) for each in slopes) < _FOLLOWS:
+    if min(alike(*slope) for slope in slopes) < _FOLLOWS:
         return []
     stretch = np.array([ratio(signal, slope) for slope, signal in slopes])
     if not (stretch > 1.0 + _STRETCHED).all() and not (stretch < 1.0 - _STRETCHED).all():

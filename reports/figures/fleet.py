@@ -47,10 +47,10 @@ _TONES = {
 
 def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
     """Draw the duration of each flight over its date, or over its place where dates are not known."""
-    flown = [(each, each.flight) for each in flights if each.flight is not None]
+    flown = [(flight, flight.flight) for flight in flights if flight.flight is not None]
     if len(flown) < 2:
         return None
-    dated = all(each.log.start_utc for each, _ in flown)
+    dated = all(flight.log.start_utc for flight, _ in flown)
     places = [str(k + 1) for k in range(len(flown))]
     if dated:
         # The log's clock is 0 at `start_utc`; several flights share it.
@@ -64,7 +64,7 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
         else {"title": {"text": "flight"}, "tick0": 1, "dtick": max(1, len(flown) // 10)}
     )
     plot = Plot({"title": {"text": "duration (min)"}, "rangemode": "tozero"}, x=axis)
-    tones = [_tone(each) for each, _ in flown]
+    tones = [_tone(flight) for flight, _ in flown]
     for tone, (color, symbol, name) in _TONES.items():
         chosen = [k for k, its in enumerate(tones) if its is tone]
         if chosen:
@@ -78,7 +78,7 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
 
 def _tone(flight: FlightReport) -> Tone:
     lines = () if flight.answer is None else flight.answer.lines
-    return next((each.tone for each in lines if each.purpose == "Happened"), Tone.UNKNOWN)
+    return next((line.tone for line in lines if line.purpose == "Happened"), Tone.UNKNOWN)
 
 
 def coverage_figures(coverage: Envelope | None, prefix: str) -> list[Figure]:
@@ -136,19 +136,19 @@ def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
 
 def distributions(coverage: Envelope, name: str) -> Figure | None:
     """Draw how much time was spent at which values, one small plot for each quantity, fitted over judged."""
-    quantities = [each for each in coverage.quantities.values() if any(each.training) or any(each.held_out)]
+    quantities = [flown for flown in coverage.quantities.values() if any(flown.training) or any(flown.held_out)]
     if not quantities:
         return None
     data: list[Trace] = []
     axes: Drawn = {}
     rows = math.ceil(len(quantities) / 2)
-    for place, each in enumerate(quantities):
+    for place, quantity in enumerate(quantities):
         row, column = divmod(place, 2)
-        degrees, unit = per_degree(each.unit)
+        degrees, unit = per_degree(quantity.unit)
         for part, word, color in PARTS:
-            counted = getattr(each, part)
+            counted = getattr(quantity, part)
             total = sum(counted) or 1.0
-            edges = [(each.first + k) * each.step * degrees for k in range(len(counted) + 1)]
+            edges = [(quantity.first + k) * quantity.step * degrees for k in range(len(counted) + 1)]
             shares = [100.0 * value / total for value in counted]
             if not any(shares):
                 continue
@@ -161,7 +161,7 @@ def distributions(coverage: Envelope, name: str) -> Figure | None:
             data.append(steps | {"xaxis": f"x{suffix(place)}", "yaxis": f"y{suffix(place)}"})
         top = 1.0 - row / rows
         side = {"domain": [0.0, 0.47] if column == 0 else [0.53, 1.0], "anchor": f"y{suffix(place)}"}
-        title = {"text": f"{each.title} ({unit})", "standoff": 4, "font": {"size": 11}}
+        title = {"text": f"{quantity.title} ({unit})", "standoff": 4, "font": {"size": 11}}
         axes[f"xaxis{suffix(place)}"] = side | {"title": title, "zeroline": False, "nticks": 6}
         upright = {"domain": [top - 0.62 / rows, top - 0.04 / rows], "anchor": f"x{suffix(place)}"}
         axes[f"yaxis{suffix(place)}"] = upright | {"showticklabels": False, "rangemode": "tozero", "showgrid": False}
@@ -176,24 +176,24 @@ def distributions(coverage: Envelope, name: str) -> Figure | None:
 
 def winds(coverage: Envelope, name: str) -> Figure | None:
     """Draw the mean wind of each flight as a point in the direction that it came from."""
-    known = [each for each in coverage.winds if each.speed is not None]
+    known = [wind for wind in coverage.winds if wind.speed is not None]
     if not known:
         return None
-    reach = 1.15 * max(max(each.speed + (each.sigma or 0.0) for each in known), 1.0)
+    reach = 1.15 * max(max(wind.speed + (wind.sigma or 0.0) for wind in known), 1.0)
     axis = {"range": [-reach, reach], "zeroline": True}
     north = axis | {"title": {"text": "wind from the north (m/s)"}, "scaleanchor": "x", "scaleratio": 1}
     plot = Plot(north, x=axis | {"title": {"text": "wind from the east (m/s)"}})
     for part, word, color in PARTS:
-        some = [each for each in known if each.part == part.replace("_", "-")]
+        some = [wind for wind in known if wind.part == part.replace("_", "-")]
         if not some:
             continue
-        x, y = ([each.speed * which(each.direction) for each in some] for which in (math.sin, math.cos))
+        x, y = ([wind.speed * which(wind.direction) for wind in some] for which in (math.sin, math.cos))
         text = [
-            f"{each.flight}: {each.speed:.1f} m/s from {math.degrees(each.direction):.0f}°"
-            + (", its error not determined" if each.sigma is None else "")
-            for each in some
+            f"{wind.flight}: {wind.speed:.1f} m/s from {math.degrees(wind.direction):.0f}°"
+            + (", its error not determined" if wind.sigma is None else "")
+            for wind in some
         ]
-        sigma = [math.nan if each.sigma is None else each.sigma for each in some]
+        sigma = [math.nan if wind.sigma is None else wind.sigma for wind in some]
         symbol, hover = "circle" if part == "training" else "circle-open", f"%{{text}}<extra>{word}</extra>"
         drawn = marks(x, y, word, color, symbol=symbol, size=9, sigma=sigma, text=text, hover=hover)
         plot.add(drawn | {"error_x": drawn["error_y"]})
@@ -223,8 +223,8 @@ def drift_figures(
     shown = [*([] if motors is None else [motors]), *response_overlays(drift.responses, prefix)]
     folded: list[Figure] = []
     # Fewer points show no course.
-    worth = [each for each in drift.parameters if len(each.flights) >= 3]
-    worth.sort(key=lambda each: each.change is None)
+    worth = [parameter for parameter in drift.parameters if len(parameter.flights) >= 3]
+    worth.sort(key=lambda history: history.change is None)
     for first in range(0, len(worth), MOST_PLOTS):
         some = worth[first : first + MOST_PLOTS]
         (shown if first == 0 else folded).append(parameters_over_flights(some, drift, f"{prefix}course-{first}", lines))
@@ -242,7 +242,7 @@ def _utc(start: str) -> str:
 
 
 def _dated(drift: Drift) -> bool:
-    points = [point for each in drift.parameters for point in each.flights]
+    points = [point for parameter in drift.parameters for point in parameter.flights]
     return drift.order == "date" and all(point.start_utc for point in points)
 
 
@@ -258,26 +258,31 @@ def parameters_over_flights(parameters: Sequence[History], drift: Drift, name: s
     """Draw parameters over the flights, a small plot for each, with the trend or step that is seen."""
     axes: list[Drawn] = [{"nticks": 4} for _ in parameters]
     plot = Plot(*axes, x=_axis(drift), gap=0.26)
-    for panel, each in enumerate(parameters):
-        degrees, unit = per_degree(each.unit.partition(",")[0])
-        at = [_place(drift, point) for point in each.flights]
-        values, sigma = ([degrees * getattr(point, which) for point in each.flights] for which in ("value", "sigma"))
-        color = "@bad" if each.change is not None else "@ink"
-        text = [point.flight for point in each.flights]
+    for panel, parameter in enumerate(parameters):
+        degrees, unit = per_degree(parameter.unit.partition(",")[0])
+        at = [_place(drift, point) for point in parameter.flights]
+        values, sigma = (
+            [degrees * getattr(point, which) for point in parameter.flights] for which in ("value", "sigma")
+        )
+        color = "@bad" if parameter.change is not None else "@ink"
+        text = [point.flight for point in parameter.flights]
         hover = f"%{{text}}: %{{y:.4g}} {plotly_text(unit)}<extra></extra>"
         plot.add(marks(at, values, "value", color, size=6, sigma=sigma, text=text, hover=hover), panel, legend=False)
-        shape = "hvh" if each.step is not None and each.step.significant else "linear"
-        course = {"x": at, "y": digits([degrees * value for value in _course(each)], 5), "hoverinfo": "skip"}
+        shape = "hvh" if parameter.step is not None and parameter.step.significant else "linear"
+        course = {"x": at, "y": digits([degrees * value for value in _course(parameter)], 5), "hoverinfo": "skip"}
         style = {"type": "scatter", "mode": "lines", "line": {"color": "@quiet", "width": 1.2, "shape": shape}}
         plot.add(style | course, panel, legend=False)
-        label: Drawn = {"text": plotly_text(with_unit(f"{each.parameter}, {each.method}", unit)), "font": {"size": 12}}
+        label: Drawn = {
+            "text": plotly_text(with_unit(f"{parameter.parameter}, {parameter.method}", unit)),
+            "font": {"size": 12},
+        }
         label |= {"x": 0, "xref": "paper", "xanchor": "left", "y": 1, "yanchor": "bottom", "showarrow": False}
         plot.notes.append(label | {"yref": f"y{suffix(panel)} domain"})
-        if each.change is None:
+        if parameter.change is None:
             # Where 95 % of flights of an unchanged craft lie: two standard deviations, their own errors with them.
-            own = sorted(point.sigma for point in each.flights)[len(each.flights) // 2]
-            reach = 2.0 * math.hypot(each.between, own, each.mean_sigma)
-            low, high = digits([degrees * (each.mean - reach), degrees * (each.mean + reach)], 5)
+            own = sorted(point.sigma for point in parameter.flights)[len(parameter.flights) // 2]
+            reach = 2.0 * math.hypot(parameter.between, own, parameter.mean_sigma)
+            low, high = digits([degrees * (parameter.mean - reach), degrees * (parameter.mean + reach)], 5)
             box = {"type": "rect", "xref": "paper", "yref": f"y{suffix(panel)}", "x0": 0, "x1": 1}
             box |= {"y0": low, "y1": high, "layer": "below"}
             plot.shapes.append(box | {"fillcolor": "@joint", "opacity": 0.1, "line": {"width": 0}})
@@ -295,7 +300,7 @@ def _course(parameter: History) -> list[float]:
     numbers = [point.number for point in parameter.flights]
     if step is not None and step.significant:
         late = [float(number >= step.number) for number in numbers]
-        return [mean + step.change * (each - sum(late) / len(late)) for each in late]
+        return [mean + step.change * (value - sum(late) / len(late)) for value in late]
     if trend is not None and trend.significant:
         middle = sum(numbers) / len(numbers)
         return [mean + trend.per_flight * (number - middle) for number in numbers]

@@ -131,12 +131,12 @@ def _heights(states: pd.DataFrame, height: pd.Series[float] | None) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
     """Mark where notable events began."""
-    inside = [(each, t) for each, t in notable(result) if states.index[0] <= t <= states.index[-1]][:40]
+    inside = [(finding, t) for finding, t in notable(result) if states.index[0] <= t <= states.index[-1]][:40]
     if not inside:
         return None
     at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)
     east, north = (states[name].to_numpy(float)[at] for name in ("p_e", "p_n"))
-    text = [f"{each.id.replace('-', ' ')}, {t:.1f} s" for each, t in inside]
+    text = [f"{finding.id.replace('-', ' ')}, {t:.1f} s" for finding, t in inside]
     hover = "%{text}<extra></extra>"
     return marks(east, north, "events", "@bad", symbol="x", size=10, text=text, hover=hover)
 
@@ -144,7 +144,7 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
 def notable(result: FlightResult) -> list[tuple[Finding, float]]:
     """List what happened with its times, the gravest first."""
     account = present(result.account)
-    return [(each, each.t) for each in (() if account is None else account.notable) if each.t is not None]
+    return [(finding, finding.t) for finding in (() if account is None else account.notable) if finding.t is not None]
 
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
@@ -199,7 +199,7 @@ def motors(result: FlightResult) -> Figure | None:
     """Draw the commands of every motor in a row of its own."""
     span = margin(present(result.flight))
     lines = _outputs(result, span)
-    flown = np.array([each.y for each in _outputs(result, present(result.flight))])
+    flown = np.array([output.y for output in _outputs(result, present(result.flight))])
     used = flown[np.isfinite(flown)]
     if not lines or used.size == 0:
         return None
@@ -293,7 +293,7 @@ def draw_flight(result: FlightResult, numbers: FlightReport) -> FlightFigures:
     predicted = prediction(result, hidden)
     return FlightFigures(
         first=tuple(first),
-        flight=tuple(each for each in flight_figures(result) if each.id not in shown),
+        flight=tuple(figure for figure in flight_figures(result) if figure.id not in shown),
         signals=tuple(signal_figures(result)),
         predicted=() if predicted is None else (predicted,),
         board=model_board(result.models, hidden),

@@ -64,14 +64,16 @@ def measured(frf: FrequencyResponse, name: str = "measured", color: str = "@ink"
 
 def of_model(function: TransferFunction, hz: Floats, name: str, color: str, *, hidden: bool = False) -> Curve:
     """Return the response of a transfer function as it is drawn, with a band where the data determine it."""
-    found = frequency_response(function, 2.0 * np.pi * hz)
-    sigma = tuple(np.where(found.determined, each, np.inf) for each in (found.sigma_gain, found.sigma_phase))
+    response = frequency_response(function, 2.0 * np.pi * hz)
+    sigma = tuple(
+        np.where(response.determined, values, np.inf) for values in (response.sigma_gain, response.sigma_phase)
+    )
     return Curve(
         name=name,
         color=color,
         hz=hz,
-        gain_db=20.0 * np.log10(np.maximum(found.gain, 1e-300)),
-        phase_deg=np.degrees(found.phase),
+        gain_db=20.0 * np.log10(np.maximum(response.gain, 1e-300)),
+        phase_deg=np.degrees(response.phase),
         sigma=(sigma[0], sigma[1]),
         group=name,
         hidden=hidden,
@@ -116,8 +118,8 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
 def bode_figure(fitted: FittedResponse, name: str) -> Figure:
     """Draw one measured response, its model, and plain regression beside it."""
     hz, gain, phase, coherence, sigma, sigma_phase = (
-        np.array(each, dtype=np.float64)
-        for each in (
+        np.array(values, dtype=np.float64)
+        for values in (
             *(fitted.hz, fitted.gain_db, fitted.phase_deg, fitted.coherence),
             *(fitted.sigma, fitted.sigma_phase),
         )
@@ -131,7 +133,7 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
         (fitted.model, "model", "@body", "dash"),
     ):
         if drawn:
-            gain, phase = (np.array(each, dtype=np.float64) for each in drawn)
+            gain, phase = (np.array(values, dtype=np.float64) for values in drawn)
             curves.append(Curve(name=label, color=color, dash=dash, hz=hz, gain_db=gain, phase_deg=phase))
     unit = "dB" if fitted.unit == "rad/rad" else f"dB of {fitted.unit} per unit"
     caption = (
@@ -178,7 +180,9 @@ def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
 
 def pole_map(functions: Mapping[str, TransferFunction], name: str) -> Figure:
     """Draw poles and zeros of the transfer functions to one output, by input."""
-    return root_map({source: (poles(each), zeros(each)) for source, each in functions.items()}, f"roots-{name}")
+    return root_map(
+        {source: (poles(function), zeros(function)) for source, function in functions.items()}, f"roots-{name}"
+    )
 
 
 def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: str) -> Figure:
@@ -216,7 +220,7 @@ def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: s
             for sure in (True, False):
                 some = [root.value for root in roots if root.determined is sure]
                 if some:
-                    at, words = place(some), [f"{each.real:.3g} + {each.imag:.3g} i rad/s" for each in some]
+                    at, words = place(some), [f"{value.real:.3g} + {value.imag:.3g} i rad/s" for value in some]
                     hover = f"%{{text}}<extra>{kind}</extra>"
                     drawn = marks(at.real, at.imag, source, color, symbol=symbol, size=9, text=words, hover=hover)
                     plot.add(drawn, group=source, legend=first, opacity=1.0 if sure else 0.35)
@@ -227,7 +231,7 @@ def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: s
     scale = ""
     if unit is not None:
         scale = " Distances from the origin are logarithmic: circles are powers of ten."
-        lowest, highest = (int(np.floor(np.log10(each))) for each in (unit, max(sizes)))
+        lowest, highest = (int(np.floor(np.log10(value))) for value in (unit, max(sizes)))
         for power in range(lowest, highest + 1):
             rim = float(place([10.0**power]).real[0])
             circle = {"type": "circle", "layer": "below", "line": {"color": "@grid", "width": 1}}

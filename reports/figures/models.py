@@ -92,7 +92,7 @@ class Board:
 
     def within(self, prefix: str) -> Board:
         """Return the same board where a page has several, its plots and places called apart."""
-        figures = tuple(replace(each, id=prefix + each.id, place=prefix + each.place) for each in self.figures)
+        figures = tuple(replace(figure, id=prefix + figure.id, place=prefix + figure.place) for figure in self.figures)
         return Board(self.choices, figures, {prefix + place: caption for place, caption in self.captions.items()})
 
 
@@ -100,10 +100,10 @@ def model_board(models: Sequence[ModelResult], hidden: Collection[str]) -> Board
     """Draw the board; `hidden` are the keys of models that nobody should trust, which come last."""
     figures: list[Figure] = []
     choices = []
-    for result in sorted(models, key=lambda each: each.key in hidden):
+    for result in sorted(models, key=lambda model: model.key in hidden):
         for output, drawn in response_figures(result).items():
             choices.append((f"{result.key}-{output}", f"{result.report.short} → {output}"))
-            figures += [replace(each, place=each.id.partition("-")[0]) for each in drawn]
+            figures += [replace(figure, place=figure.id.partition("-")[0]) for figure in drawn]
     captions = {figure.place: (figure.caption, figure.height) for figure in reversed(figures)}
     return Board(tuple(choices), tuple(figures), {each: captions[each] for each in ("bode", "roots") if captions})
 
@@ -128,7 +128,9 @@ def _bode(
 ) -> Figure:
     hz = _frequencies(functions, model.rate)
     # The input that moves the output most is shown first; all others wait in the legend.
-    gains = {source: float(np.median(np.abs(each.response(2.0 * np.pi * hz)))) for source, each in functions.items()}
+    gains = {
+        source: float(np.median(np.abs(function.response(2.0 * np.pi * hz)))) for source, function in functions.items()
+    }
     strongest = max(gains, key=lambda source: gains[source])
     units = {model.units.get(source, "") for source in functions}
     unit = {"us": "m/µs", "m": "m/m"}.get(next(iter(units)), "m per unit") if len(units) == 1 else "m per unit"
@@ -153,7 +155,7 @@ def _frequencies(functions: dict[str, TransferFunction], rate: float) -> NDArray
 
 def prediction(result: FlightResult, hidden: Collection[str] = ()) -> Figure | None:
     """Draw measured and predicted x, y and z of a flight, `hidden` models off; nothing without a prediction."""
-    parts = [part for each in result.models for part in each.predictions]
+    parts = [part for model in result.models for part in model.predictions]
     if not parts:
         return None
     whole = next(iter(result.experiments.values()), parts[0].experiment)
@@ -199,7 +201,7 @@ def compare(
     for number, output in enumerate(outputs):
         shown = [whole.y[:, number]] if measured else []
         shown += [
-            part.y_hat[:, number] + _alignment(whole, part, number) for each, part in runs if each.key not in hidden
+            part.y_hat[:, number] + _alignment(whole, part, number) for model, part in runs if model.key not in hidden
         ]
         unit = whole.units.get(output, "m")
         axes.append({"title": {"text": f"{output} ({unit})"}, "range": _readable_range(shown or [whole.y[:, number]])})

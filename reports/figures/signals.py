@@ -70,8 +70,10 @@ def signal_figures(result: FlightResult) -> list[Figure]:
         if panels
     ]
     figures = [
-        replace(each, caption=f"{each.caption} {_sagging(_sag(result))}") if each.id == "health-battery" else each
-        for each in figures
+        replace(figure, caption=f"{figure.caption} {_sagging(_sag(result))}")
+        if figure.id == "health-battery"
+        else figure
+        for figure in figures
     ]
     if signals.spectrum is not None:
         figures.append(_spectrum(signals.spectrum))
@@ -113,7 +115,9 @@ def _sag(result: FlightResult) -> Parameter | None:
 def _marks(result: FlightResult) -> list[Drawn]:
     """Draw each notable happening as a line where it began."""
     account = present(result.account)
-    times = sorted({round(each.t, 1) for each in (() if account is None else account.notable) if each.t is not None})
+    times = sorted(
+        {round(finding.t, 1) for finding in (() if account is None else account.notable) if finding.t is not None}
+    )
     return [mark_line(t, "@judged") for t in times[:40]]
 
 
@@ -132,7 +136,7 @@ def _spectrum(spectrum: Spectrum) -> Figure:
     labels += [band_label(Span(notch.low, notch.high), notch.name) for notch in spectrum.notches[:2]]
     # Below each other: filters and notches lie close together.
     plot.notes += [label | {"y": 0, "yshift": 14 * k} for k, label in enumerate(labels)]
-    highest = max(float(np.max(factor * each)) for each in spectrum.amplitudes.values())
+    highest = max(float(np.max(factor * amplitude)) for amplitude in spectrum.amplitudes.values())
     arrow = {"xref": "x", "yref": "y", "showarrow": True, "arrowhead": 0, "ax": 0, "ay": -18, "font": {"size": 10}}
     for peak in spectrum.peaks:
         at = {"x": peak.hz, "y": float(np.log10(min(factor * peak.amplitude, highest)))}

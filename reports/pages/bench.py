@@ -64,13 +64,13 @@ def _coefficients(bench: Bench, voltage: float | None) -> Table:
     for volts in _volts(bench, voltage):
         rows.append(Row("at the voltage of the test" if volts is None else f"{volts:.4g} V", kind="part"))
         for motor in bench.motors:
-            found = bench.coefficients(motor, volts)
+            coefficients = bench.coefficients(motor, volts)
             cells = [
                 # No stand measures to better than a thousandth.
-                uncertain(each.value, max(each.sigma or 0.0, 1e-3 * each.value))
-                if each.value is not None
-                else f"not determined: {each.reason}"
-                for each in (found.thrust, found.torque)
+                uncertain(parameter.value, max(parameter.sigma or 0.0, 1e-3 * parameter.value))
+                if parameter.value is not None
+                else f"not determined: {parameter.reason}"
+                for parameter in (coefficients.thrust, coefficients.torque)
             ]
             rows.append(Row(motor, cells))
     return Table(
@@ -143,8 +143,8 @@ def _over_pwm(bench: Bench, voltage: float | None) -> Figure:
 def _over_speed(bench: Bench, voltage: float | None, name: str, title: str, symbol: str) -> Figure | None:
     plot = Plot(title, x="rotor speed (rad/s)")
     for motor in bench.motors:
-        found = bench.coefficients(motor, voltage)
-        coefficient = found.thrust if symbol == "k" else found.torque
+        coefficients = bench.coefficients(motor, voltage)
+        coefficient = coefficients.thrust if symbol == "k" else coefficients.torque
         if coefficient.value is None:
             continue
         color, dash = _style(bench, motor)

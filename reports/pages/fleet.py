@@ -91,7 +91,7 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[CraftReport]) -> str:
     told = insight(numbers)
     first = _insight_figure(told) or flights_over_time(numbers.flights)
     firsts = [] if first is None else [first]
-    courses = [drift_figures(each.drift, f"{place}-")[0] for place, each in enumerate(crafts, start=1)]
+    courses = [drift_figures(craft.drift, f"{place}-")[0] for place, craft in enumerate(crafts, start=1)]
     drawn = zip(crafts, courses, strict=True)
     shown = [
         _shown(craft, called(craft, numbers.groups), place, figures)
@@ -111,12 +111,12 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[CraftReport]) -> str:
         health=fleet_views.health_table(numbers),
         flights=fleet_views.flights_table(numbers, pages),
         unfolded=len(numbers.flights) <= 60,
-        serious=[each for each in numbers.findings if each.severity is Severity.ERROR],
-        notes=[each for each in numbers.findings if each.severity is not Severity.ERROR],
-        failures=[(each.file, log_words.sentence(each.reason)) for each in numbers.failures],
+        serious=[finding for finding in numbers.findings if finding.severity is Severity.ERROR],
+        notes=[finding for finding in numbers.findings if finding.severity is not Severity.ERROR],
+        failures=[(failure.file, log_words.sentence(failure.reason)) for failure in numbers.failures],
         left_out=summary.left_out(numbers),
         unused=[
-            (each.file, log_words.sentence(each.reason)) for kind in summary.not_used(numbers).values() for each in kind
+            (out.file, log_words.sentence(out.reason)) for kind in summary.not_used(numbers).values() for out in kind
         ],
         config=settings(numbers.config),
     )
@@ -210,10 +210,10 @@ def _changed(review: CraftReview) -> list[str]:
     if review.boundary is None or not review.since:
         return []
     changed = [
-        f"{each.parameter} went from {uncertain(each.a.value, each.a.sigma)} to "
-        f"{uncertain(each.b.value, each.b.sigma)} {each.unit.partition(',')[0]}".rstrip()
-        for each in review.since
-        if each.significant
+        f"{change.parameter} went from {uncertain(change.a.value, change.a.sigma)} to "
+        f"{uncertain(change.b.value, change.b.sigma)} {change.unit.partition(',')[0]}".rstrip()
+        for change in review.since
+        if change.significant
     ]
     since = f"since {review.boundary.text} ({review.boundary.at:%Y-%m-%d})"
     if not changed:

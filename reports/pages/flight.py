@@ -48,7 +48,7 @@ def flight_page(
         loop_warnings=() if rotation is None else loop_warnings(rotation),
         holding=holding(numbers.models),
         others=failing(numbers.models),
-        findings=[each for each in numbers.findings if each.severity is not Severity.INFO],
+        findings=[finding for finding in numbers.findings if finding.severity is not Severity.INFO],
         advice=numbers.advice[:MOST_ADVICE],
         more_advice=numbers.advice[MOST_ADVICE:],
         missing=views.missing_stages(numbers),
@@ -83,4 +83,4 @@ def models_page(numbers: FlightReport, drawn: FlightFigures, script_file: str = 
 
 def _margins_known(answer: Answer | None) -> bool:
     """Return whether the first screen has a margin: what its sigma covers is not known."""
-    return answer is not None and any(each.purpose == "Loops" and each.unit == "°" for each in answer.lines)
+    return answer is not None and any(line.purpose == "Loops" and line.unit == "°" for line in answer.lines)

@@ -23,7 +23,7 @@ def frequency_page(found: FrequencySurvey) -> str:
     curves = [curve_of(fitted_response(frf, None), name) for name, frf in found.single]
     if curves:
         summed = [fitted_response(_modelled(axis.fit), None) for axis in found.axes if axis.fit is not None]
-        figures += response_overlays([*curves, *(curve_of(each, "model of all") for each in summed)])
+        figures += response_overlays([*curves, *(curve_of(response, "model of all") for response in summed)])
     poles = pole_figure([(axis.axis, axis.fit) for axis in found.axes if axis.fit is not None])
     if poles is not None:
         figures.append(poles)
@@ -40,7 +40,11 @@ def frequency_page(found: FrequencySurvey) -> str:
         facts=" · ".join(found.names),
         sentences=[
             *(sentence for axis in axes for sentence in sentences_of(axis)),
-            *(coupling_sentence(coupling_of(each)) for each in found.couplings if each.ratio.value is not None),
+            *(
+                coupling_sentence(coupling_of(coupling))
+                for coupling in found.couplings
+                if coupling.ratio.value is not None
+            ),
         ],
         table=parameter_table(axes),
         frequency_figures=figures,

@@ -29,7 +29,7 @@ def tables_page(result: TableResult) -> str:
         by_horizon=by_horizon,
         errors=_errors(report),
         missed=_missed(report),
-        tests=[f"{each.name}: {each.test.sentence}" for each in report.missed if each.test is not None],
+        tests=[f"{missed.name}: {missed.test.sentence}" for missed in report.missed if missed.test is not None],
         parameters=parameters,
         undetermined=undetermined,
         findings=report.findings,
@@ -66,8 +66,8 @@ def _errors(report: TablesReport) -> Table:
 
 def _missed(report: TablesReport) -> Table:
     rows = [
-        Row(each.name, [f"{number(each.rms)} {each.unit}", f"{number(each.whole)} {each.unit}"])
-        for each in report.missed
+        Row(missed.name, [f"{number(missed.rms)} {missed.unit}", f"{number(missed.whole)} {missed.unit}"])
+        for missed in report.missed
     ]
     return Table(
         label="In body axes",
@@ -81,15 +81,15 @@ def _missed(report: TablesReport) -> Table:
 def _parameters(result: TableResult) -> tuple[Table, list[tuple[str, str]]]:
     """Parameters that are determined, and why the others are not."""
     rows, missing = [], []
-    for name, each in result.model.parameters.items():
+    for name, parameter in result.model.parameters.items():
         label = name.replace("_", " ")
-        if each.value is not None and each.sigma is not None:
+        if parameter.value is not None and parameter.sigma is not None:
             si = ""
-            if each.si_value is not None and each.si_sigma is not None:
-                si = f"{uncertain(each.si_value, each.si_sigma)} {each.si_unit}"
-            rows.append(Row(label, [uncertain(each.value, each.sigma), each.unit, si]))
-        elif each.reason != "not part of the model for these inputs":
-            missing.append((label, each.reason))
+            if parameter.si_value is not None and parameter.si_sigma is not None:
+                si = f"{uncertain(parameter.si_value, parameter.si_sigma)} {parameter.si_unit}"
+            rows.append(Row(label, [uncertain(parameter.value, parameter.sigma), parameter.unit, si]))
+        elif parameter.reason != "not part of the model for these inputs":
+            missing.append((label, parameter.reason))
     table = Table(
         label="Parameter",
         heads=["value", "unit", "in units of the inputs"],

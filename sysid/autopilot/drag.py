@@ -64,7 +64,7 @@ def drag_values(
     ratio = s if version >= (4, 7) else s**-0.25
     linear = values[0] * (np.sqrt(s) if model.rotor_drag else s)
     sigma = np.sqrt(np.diag(covariance))
-    found: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     for k, name in enumerate(NAMES[:2]):
         quadratic, speed = values[1 + k], max(float(flown_at[k]), _IN_WIND)
         by = np.array([speed, speed**2])
@@ -75,14 +75,14 @@ def drag_values(
             return no(f"in {speed:.0f} m/s EKF3's wind would err by {error:.1f} m/s (sigma): {why}")
         value = float(REFERENCE_DENSITY * ratio / (2.0 * s * quadratic))
         reason = f"mass over drag area along body {'xy'[k]}; flown at {flown_at[k]:.1f} m/s rms through the air"
-        found[name] = Parameter(value, value * float(sigma[1 + k] / quadratic), "kg/m^2", reason)
+        parameters[name] = Parameter(value, value * float(sigma[1 + k] / quadratic), "kg/m^2", reason)
     reason = f"momentum drag of the rotors at density {s:.3f} of sea level"
     if excess > 1.0:
         reason += f"; x and y differ by {excess:.1f} times their errors, and EKF3 has one number"
     mcoef = float(linear / ratio)
     # The firmware knows none below zero.
-    found[NAMES[2]] = Parameter(max(mcoef, 0.0), mcoef * float(sigma[0] / values[0]), "1/s", reason)
-    return decided(found, ParameterFile.WIND, flown)
+    parameters[NAMES[2]] = Parameter(max(mcoef, 0.0), mcoef * float(sigma[0] / values[0]), "1/s", reason)
+    return decided(parameters, ParameterFile.WIND, flown)
 
 
 def _of_three(values: Floats, covariance: Floats) -> tuple[Floats, Floats, float]:

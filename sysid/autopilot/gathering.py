@@ -91,8 +91,8 @@ def autopilot_values(logs: GivenLogs) -> AutopilotValues:
         gains = gains_of_craft(with_rates, tuning)
         values += feed_forward(gains, flown)
         values += stick_values(tuning, gains, flown)
-    values = [_in_names_of(flights[0].vehicle.firmware, each) for each in values]
-    proposed = {each.file for each in values if each.proposed.value is not None}
+    values = [_in_names_of(flights[0].vehicle.firmware, value) for value in values]
+    proposed = {value.file for value in values if value.proposed.value is not None}
     one_by_one = (
         f"{ParameterFile.GAINS} is for the loops as they flew: load it alone, or load the others and fly the chirps "
         "again."
@@ -122,7 +122,7 @@ def batch_values(
         except RotoridError as error:
             reasons.append(str(error))
     # Of flights without batches nothing more is to be said than that.
-    why = next((each for each in reasons if NO_BATCHES not in each), reasons[0])
+    why = next((reason for reason in reasons if NO_BATCHES not in reason), reasons[0])
     return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, why)
 
 

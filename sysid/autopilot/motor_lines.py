@@ -130,13 +130,13 @@ def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> Mot
 
     LineError where none stands out, or none goes with throttle, or the battery moves them at equal throttle.
     """
-    steady = [each for each in batches if each.steady]
+    steady = [batch for batch in batches if batch.steady]
     if len(steady) < _FEWEST:
         raise LineError(f"{log.name}: {len(steady)} batches of steady throttle; hover for half a minute")
-    hover = float(np.median([each.throttle for each in steady]))
-    near = tuple(each for each in steady if abs(each.throttle / hover - 1.0) < _HOVERS)
-    alike = [each for each in near if len(each.hz) == len(near[0].hz)]
-    mean = np.mean([each.power.sum(axis=0) for each in alike], axis=0)
+    hover = float(np.median([batch.throttle for batch in steady]))
+    near = tuple(batch for batch in steady if abs(batch.throttle / hover - 1.0) < _HOVERS)
+    alike = [batch for batch in near if len(batch.hz) == len(near[0].hz)]
+    mean = np.mean([batch.power.sum(axis=0) for batch in alike], axis=0)
     candidates = _standing_out(alike[0].hz, mean, alike[0].rate)
     if not candidates:
         raise LineError(f"{log.name}: no line stands out of the gyro's noise, so that no notch is needed")

@@ -106,11 +106,11 @@ def notch_values(
         "FM_RAT": "down to FREQ" if by_esc else "down to the throttle of descents",
     }
     sigmas = {"FREQ": lines.sigma * values[_PREFIX + "FREQ"] / lines.hz, "BW": lines.sigma}
-    found = {
+    parameters = {
         _PREFIX + name: Parameter(values[_PREFIX + name], sigmas.get(name), "Hz" if name in sigmas else "", why)
         for name, why in reasons.items()
     }
-    return [*decided(found, ParameterFile.MOTOR_NOTCH, flown), *filters]
+    return [*decided(parameters, ParameterFile.MOTOR_NOTCH, flown), *filters]
 
 
 def _filters(
@@ -148,10 +148,10 @@ def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> 
     now, then = (motor_noise(log, lines, each, loops) for each in (parameters, {**parameters, **values}))
     measured = _measured(log, lines.batches)
     told = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
-    behind = [each for each in after if each.steady and abs(each.throttle / lines.hover - 1.0) < _SAME]
+    behind = [batch for batch in after if batch.steady and abs(batch.throttle / lines.hover - 1.0) < _SAME]
     filtered = None
     if behind:
-        squares = [each.power[:, each.hz >= _VIBRATION].sum(axis=1).mean() * each.step for each in behind]
+        squares = [batch.power[:, batch.hz >= _VIBRATION].sum(axis=1).mean() * batch.step for batch in behind]
         filtered = float(np.sqrt(np.mean(squares)))
         told.append(("gyro behind the filters", filtered, now.gyro))
     for what, seen, foretold in told:
@@ -184,8 +184,8 @@ def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
     }
     choices = [values | {_PREFIX + "BW": typed(width * frequency)} for width in _BANDWIDTHS]
     everywhere = replace(lines, batches=lines.steady)
-    noise = [motor_noise(log, everywhere, {**log.parameters_flown, **each}).mixer["roll"] for each in choices]
-    return next(each for each, loud in zip(choices, noise, strict=True) if loud <= _AS_QUIET * noise[-1])
+    noise = [motor_noise(log, everywhere, {**log.parameters_flown, **choice}).mixer["roll"] for choice in choices]
+    return next(choice for choice, loud in zip(choices, noise, strict=True) if loud <= _AS_QUIET * noise[-1])
 
 
 def _reported(log: FlightLog, lines: MotorLines) -> bool:
@@ -193,7 +193,7 @@ def _reported(log: FlightLog, lines: MotorLines) -> bool:
     if log.tables.esc is None:
         return False
     speeds = log.tables.esc.filter(regex=r"^w\d+$")
-    during = [speeds.loc[each.start : each.stop].to_numpy(np.float64) for each in lines.batches]
+    during = [speeds.loc[batch.start : batch.stop].to_numpy(np.float64) for batch in lines.batches]
     values = np.concatenate([part[np.isfinite(part) & (part > 1.0)] for part in during]) / (2.0 * np.pi)
     return len(values) > 0 and abs(float(np.median(values)) / lines.hz - 1.0) < _SAME
 
@@ -248,12 +248,12 @@ def motor_noise(
         # Rounding to the batch's quantum is white, and none of it passes the filters.
         power = np.maximum(batch.power[:, heard] - lines.quantum**2 / 6.0 / batch.rate, 0.0) * np.abs(through) ** 2
         for axis, loop in (loops or {}).items():
-            flown, new = (_behind(loop, _path(each, batch, lines)) for each in (log.parameters_flown, parameters))
+            flown, new = (_behind(loop, _path(values, batch, lines)) for values in (log.parameters_flown, parameters))
             rise = np.abs((1.0 + flown.response) / (1.0 + new.response))
             power[list(AXES).index(axis)] *= np.interp(hz, loop.hz, rise, left=1.0, right=1.0) ** 2
         high = hz >= _VIBRATION
         gyro.append(power[:, high].sum(axis=1).mean() * step + lines.quantum**2 / 12.0)
-        gains = [np.abs(each.error_response(hz)) ** 2 for each in controllers.values()]
+        gains = [np.abs(controller.error_response(hz)) ** 2 for controller in controllers.values()]
         mixer.append([float(axis @ gain) * step for axis, gain in zip(power, gains, strict=True)])
     by_axis = dict(zip(AXES, np.sqrt(np.mean(mixer, axis=0)).tolist(), strict=True))
     return MotorNoise(gyro=float(np.sqrt(np.mean(gyro))), mixer=by_axis)
@@ -273,7 +273,7 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
         output = log.tables.column("rates", column)
         if output is None:
             return {}
-        parts = [output.loc[each.start : each.stop].to_numpy(np.float64) for each in batches]
+        parts = [output.loc[batch.start : batch.stop].to_numpy(np.float64) for batch in batches]
         squares = [np.var(part) for part in parts if len(part) > 20 and np.isfinite(part).all()]
         if squares:
             found[axis] = float(np.sqrt(np.mean(squares)))

@@ -59,7 +59,7 @@ def thrust_values(
     model: RigidBodyModel, logs: Sequence[FlightLog], records: Sequence[Experiment], flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
     """Return thrust curve and hover throttle, or why not; the throttle of hover is that of the curve proposed."""
-    apart = next((each for record in records for each in record.findings if each.id == MIXER_DIFFERS), None)
+    apart = next((finding for record in records for finding in record.findings if finding.id == MIXER_DIFFERS), None)
     if apart is not None:
         return refused(NAMES, ParameterFile.ESC, flown, f"parameters did not fly: {apart.reason}")
     vehicle = model.vehicle
@@ -78,14 +78,16 @@ def thrust_values(
             f"{100.0 * highest:+.0f} % at the highest thrust flown; with this curve the rate gains act "
             f"{100.0 * (1.0 / ratio[1] - 1.0):+.0f} % in hover"
         )
-        found = {NAMES[0]: Parameter(meant.thrust_expo, sigma, "", reason)}
+        parameters = {NAMES[0]: Parameter(meant.thrust_expo, sigma, "", reason)}
         moved = meant.spin_min != vehicle.spin_min
         if moved:
-            found[NAMES[1]] = Parameter(meant.spin_min, begin_sigma * width, "", "where thrust begins, with this curve")
-        curves = decided(found, ParameterFile.ESC, flown)
+            parameters[NAMES[1]] = Parameter(
+                meant.spin_min, begin_sigma * width, "", "where thrust begins, with this curve"
+            )
+        curves = decided(parameters, ParameterFile.ESC, flown)
         clear = abs(meant.thrust_expo - vehicle.thrust_expo) > _CLEARLY * sigma
         if not clear and max(abs(least), abs(highest)) < _SAME_GAIN and _proposed(curves):
-            why = f"{found[NAMES[0]]} changes the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % as flown"
+            why = f"{parameters[NAMES[0]]} changes the loops' gain by less than {100.0 * _SAME_GAIN:.0f} % as flown"
             curves = refused(NAMES[:1], ParameterFile.ESC, flown, why)
         if not moved or not _proposed(curves):
             known = begin_sigma <= _BEGIN_SIGMA
@@ -101,7 +103,7 @@ def thrust_values(
 
 
 def _proposed(values: Sequence[AutopilotValue]) -> bool:
-    return any(each.proposed.value is not None for each in values)
+    return any(value.proposed.value is not None for value in values)
 
 
 def believed(model: RigidBodyModel, records: Sequence[Experiment]) -> tuple[Vehicle, float, float]:

@@ -73,7 +73,7 @@ class AutopilotValues(Summarised):
     @property
     def proposed(self) -> Mapping[str, float]:
         """Values to set by name."""
-        return {each.name: each.proposed.value for each in self.values if each.proposed.value is not None}
+        return {value.name: value.proposed.value for value in self.values if value.proposed.value is not None}
 
     def table(self) -> Table:
         """Show every parameter beside what flew, with the reason of each."""
@@ -87,10 +87,10 @@ class AutopilotValues(Summarised):
                 if others and not new:
                     rows.append(Row(f"  {first.name} to {others[-1].name}", ["", stays, why]))
                     continue
-                for each in (first, *others):  # the reason stands once
-                    now = "" if each.now is None else number(each.now, parameter_file.DIGITS)
-                    cell = Cell(each.shown, "good") if new else stays
-                    rows.append(Row(f"  {each.name}", [now, cell, why if each is first else ""]))
+                for value in (first, *others):  # the reason stands once
+                    now = "" if value.now is None else number(value.now, parameter_file.DIGITS)
+                    cell = Cell(value.shown, "good") if new else stays
+                    rows.append(Row(f"  {value.name}", [now, cell, why if value is first else ""]))
         return Table("parameter", ["now", "proposed", "why, or why not"], rows, texts=(2,), style="reasons")
 
     def write(self, folder: Path) -> list[Path]:
@@ -108,7 +108,7 @@ class AutopilotValues(Summarised):
         folder.mkdir(parents=True, exist_ok=True)
         written = []
         for file in ParameterFile:
-            lines = [each.line for each in self.values if each.file is file and each.proposed.value is not None]
+            lines = [value.line for value in self.values if value.file is file and value.proposed.value is not None]
             path = folder / file.value
             if lines:
                 path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -120,7 +120,7 @@ class AutopilotValues(Summarised):
     def summary(self) -> Mapping[str, str]:
         """Return what is proposed, and what is not."""
         changes = [f"{name} {value:.4g}" for name, value in self.proposed.items()]
-        stays = [each.name for each in self.values if each.proposed.value is None]
+        stays = [value.name for value in self.values if value.proposed.value is None]
         return {"flights": listed(self.flights), "proposed": listed(changes) or "nothing", "stays": listed(stays)}
 
 
@@ -139,18 +139,18 @@ def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> Aut
     """
     told: dict[tuple[ParameterFile, str], list[list[AutopilotValue]]] = {}
     gains = [each for _, values in flights for each in values if each.file is ParameterFile.GAINS]
-    whole = any(each.proposed.value is not None and not _axis(each.name) for each in gains)
+    whole = any(gain.proposed.value is not None and not _axis(gain.name) for gain in gains)
     for _, values in flights:
         own: dict[tuple[ParameterFile, str], list[AutopilotValue]] = {}
-        for each in values:
-            by_axis = each.file is ParameterFile.D_FF or (each.file is ParameterFile.GAINS and not whole)
-            own.setdefault((each.file, _axis(each.name) if by_axis else ""), []).append(each)
+        for value in values:
+            by_axis = value.file is ParameterFile.D_FF or (value.file is ParameterFile.GAINS and not whole)
+            own.setdefault((value.file, _axis(value.name) if by_axis else ""), []).append(value)
         for step, found in own.items():
             told.setdefault(step, []).append(found)
     newest: list[AutopilotValue] = []
     for file, alone in sorted(told, key=lambda step: list(ParameterFile).index(step[0])):
         every = told[file, alone]
-        known = [found for found in every if any(each.right or each.proposed.value is not None for each in found)]
+        known = [values for values in every if any(each.right or each.proposed.value is not None for each in values)]
         newest += (known or every)[-1]
     return AutopilotValues(tuple(name for name, _ in flights), tuple(newest))
 
@@ -170,9 +170,9 @@ def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[
             name,
             file,
             flown.get(name),
-            replace(each, value=None if each.value is None else parameter_file.typed(each.value)),
+            replace(parameter, value=None if parameter.value is None else parameter_file.typed(parameter.value)),
         )
-        for name, each in found.items()
+        for name, parameter in found.items()
     ]
 
 

@@ -211,7 +211,7 @@ class Bench:
         if not mass > 0.0:
             raise BenchError(f"mass must be positive, not {mass:g} kg")
         curve = self.command_curve(vehicle, voltage)
-        (full, full_sigma), (expo, expo_sigma) = (_known(each) for each in (curve.full_thrust, curve.expo))
+        (full, full_sigma), (expo, expo_sigma) = (_known(parameter) for parameter in (curve.full_thrust, curve.expo))
         return {
             "thrust": (full / mass, float(np.hypot(full_sigma, 0.03 * full)) / mass),
             "thrust_expo": (expo, float(np.hypot(expo_sigma, 0.05))),
@@ -221,9 +221,9 @@ class Bench:
         """Return k and b in the form of Table 3: rows voltages, columns (coefficient, motor)."""
         rows: dict[float, dict[tuple[str, str], float]] = {}
         for voltage in self.voltages or (float("nan"),):
-            found = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
-            rows[voltage] = {("k", m): _known(each.thrust)[0] for m, each in found.items()}
-            rows[voltage] |= {("b", m): _known(each.torque)[0] for m, each in found.items()}
+            coefficients = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
+            rows[voltage] = {("k", m): _known(each.thrust)[0] for m, each in coefficients.items()}
+            rows[voltage] |= {("b", m): _known(each.torque)[0] for m, each in coefficients.items()}
         table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("voltage")
         pairs = [(coefficient, motor) for coefficient in ("k", "b") for motor in self.motors]
         table.columns = pd.MultiIndex.from_tuples(pairs, names=["coefficient", "motor"])
@@ -395,11 +395,11 @@ def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:
     if len(levels) < 2:
         return []
     grid = np.linspace(
-        max(found[0].pwm for found in levels.values()), min(found[-1].pwm for found in levels.values()), 20
+        max(level[0].pwm for level in levels.values()), min(level[-1].pwm for level in levels.values()), 20
     )
     curves = {
-        motor: np.interp(grid, [each.pwm for each in found], [float(each.readings[:, 0].mean()) for each in found])
-        for motor, found in levels.items()
+        motor: np.interp(grid, [level.pwm for level in level], [float(level.readings[:, 0].mean()) for level in level])
+        for motor, level in levels.items()
     }
     usual = np.median(np.array(list(curves.values())), axis=0)
     strong = usual > max(NOISE, 0.2) * usual.max()

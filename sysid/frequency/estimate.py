@@ -87,7 +87,7 @@ def response(
     findings: list[Finding] = []
     sources = _sources(data, within)
     records = records_of(sources, which, findings)
-    logs = [each.log for each, _ in sources if isinstance(each, LogSignals)]
+    logs = [source.log for source, _ in sources if isinstance(source, LogSignals)]
     source = records[0].source
     filters = {log.parameters_flown.get("INS_GYRO_FILTER") for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
@@ -365,10 +365,10 @@ def _composite(
     known = None if model is None else model.response(hz)
     outputs = [ThinnedSignals(record.output[:, None]) for record in records]
     parts = []
-    for each in windows:
-        cuts = zip(each.of_records, outputs, strict=True)
+    for window in windows:
+        cuts = zip(window.of_records, outputs, strict=True)
         sums = [cut.sums(output) for cut, output in cuts if cut is not None]
-        parts.append((each.mask, each.regression.estimate(sums, None if known is None else known[each.mask])))
+        parts.append((window.mask, window.regression.estimate(sums, None if known is None else known[window.mask])))
     if not parts:
         longest = max(record.duration for record in records)
         lost = 1.0 - float(np.mean(np.concatenate([record.usable for record in records])))

@@ -148,7 +148,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
 
 def mixer_chirps(log: FlightLog, axis: str, within: Within | None = None) -> list[Chirp]:
     """Return the chirps at the mixer on one axis that show dynamics, in order."""
-    return [each for each in find_chirps(log, within) if each.axis == axis and each.at_mixer and each.worthwhile]
+    return [chirp for chirp in find_chirps(log, within) if chirp.axis == axis and chirp.at_mixer and chirp.worthwhile]
 
 
 def outside_chirps(log: FlightLog, t: Floats) -> NDArray[np.bool_]:

@@ -48,7 +48,7 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
 
 def survey_json(found: FrequencySurvey) -> str:
     """Return the text of frequency.json."""
-    couplings = [_fields(each, "axis other ratio") for each in found.couplings]
+    couplings = [_fields(coupling, "axis other ratio") for coupling in found.couplings]
     axes = [{name: value for name, value in _axis(axis).items() if value is not None} for axis in found.axes]
     return as_json({"logs": found.names, "axes": axes, "couplings": couplings, "findings": found.findings})
 
@@ -116,7 +116,7 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
         table = out / f"frequency_{name}.csv"
         response_table(frf, fit).to_csv(table)
         files.append(table)
-    scipy.io.savemat(files[1], {name: _struct(*each) for name, each in responses.items()})
+    scipy.io.savemat(files[1], {name: _struct(*response) for name, response in responses.items()})
     return tuple(files)
 
 

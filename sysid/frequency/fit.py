@@ -184,7 +184,7 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
         bend[: max(len(bend) // 4, 2)] = 0.0
         mode = float(omega[np.argmax(bend)])
         guesses = [guess | {"mode_frequency": mode, "mode_share": share} for share in (0.2, -0.2)]
-    return [np.array([each[name] for name in structure.names]) for each in guesses]
+    return [np.array([guess[name] for name in structure.names]) for guess in guesses]
 
 
 def _search(

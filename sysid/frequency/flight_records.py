@@ -73,12 +73,12 @@ def chirp_record(
     if len(t) < 16:
         raise FrequencyError(f"{log.path.name}: no RATE or PID rows within the chirp at {chirp.start:.1f} s")
     axes = (*beside, axis)
-    _require(log, signals, axis, rows, (*(each.input for each in axes), axis.output))
+    _require(log, signals, axis, rows, (*(axis.input for axis in axes), axis.output))
     commands = []
     for each in axes:
         late = chirp.at_mixer and not signals.with_chirp and chirp.axis == each.name
         commands.append(signals.columns[each.input][rows] + (chirp.added(t) if late else 0.0))
-    shares = [float(not beside or chirp.axis == each.name) for each in axes]
+    shares = [float(not beside or chirp.axis == axis.name) for axis in axes]
     answer = signals.columns[axis.output][rows]
     record = record_of_chirp(log, chirp, t, commands, answer, lambda at: np.outer(chirp.added(at), shares))
     return replace(record, source=signals.source)

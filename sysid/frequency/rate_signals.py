@@ -82,7 +82,7 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
         rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
     columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
     # In single precision, as the fast loop is logged: all in double are the largest thing in memory.
-    known = {str(each.name): each.to_numpy()[rows].astype(np.float32) for each in columns}
+    known = {str(column.name): column.to_numpy()[rows].astype(np.float32) for column in columns}
     log.tables.release(keep="imu")  # what the columns were made of is as large as they are
     told = {name: values for name, values in known.items() if np.isfinite(values).any()}
     return RateSignals(t[rows], told, "RATE" in log.messages)
@@ -256,10 +256,10 @@ GivenSignals = GivenLogs | LogSignals | Sequence[FlightLog | LogSignals | str | 
 
 def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSignals]:
     """Return the signals of each log, and of each power-up of one."""
-    found: list[LogSignals] = []
+    signals: list[LogSignals] = []
     for each in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
-        found += [each] if isinstance(each, LogSignals) else [LogSignals(log, within) for log in logs_of(each)]
-    return found
+        signals += [each] if isinstance(each, LogSignals) else [LogSignals(log, within) for log in logs_of(each)]
+    return signals
 
 
 def records_of_each(

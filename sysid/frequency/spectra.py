@@ -421,7 +421,7 @@ class Regression:
         """Invert the sums of records; None where there are too few windows to know the error of a response."""
         if not records:
             return None
-        sums = DrivingSums(*(sum(each[1:], each[0]) for each in zip(*records, strict=True)))
+        sums = DrivingSums(*(sum(record[1:], record[0]) for record in zip(*records, strict=True)))
         others = sums.zx.shape[1] - 1
         if min(sums.independent - others, sums.moved) < 1.5:
             return None
@@ -447,7 +447,7 @@ class Regression:
 
         `known` (F,): response to the first input that was taken out of the output beforehand.
         """
-        sums = AnswerSums(*(sum(each[1:], each[0]) for each in zip(*records, strict=True)))
+        sums = AnswerSums(*(sum(record[1:], record[0]) for record in zip(*records, strict=True)))
         responses = (self.inverse @ sums.zy[..., None])[..., 0]
         response, direct = responses[:, 0], (self.direct @ sums.xy[..., None])[:, 0, 0]
         shared = np.einsum("fi,fij,fj->f", responses.conj(), self.xx, responses).real

@@ -96,12 +96,14 @@ class FrequencySurvey:
 def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
     """Estimate what can be had of each axis from logs of one craft."""
     given = sources_of(logs, within)
-    found = tuple(_axis(given, axis, within) for axis in axes)
+    surveys = tuple(_axis(given, axis, within) for axis in axes)
     alone = [(log, axis) for log in given for axis in axes] if len(given) > 1 else []
     tried = [(log.log.name, _tried(partial(response, log, axis, within))[0]) for log, axis in alone]
     single = tuple((name, frf) for name, frf in tried if frf is not None)
-    couplings = tuple(_couplings(given, found, within))
-    return FrequencySurvey(tuple(each.log.name for each in given), found, couplings, single, tuple(_differing(single)))
+    couplings = tuple(_couplings(given, surveys, within))
+    return FrequencySurvey(
+        tuple(signals.log.name for signals in given), surveys, couplings, single, tuple(_differing(single))
+    )
 
 
 def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Finding]:
@@ -146,7 +148,7 @@ def _couplings(logs: Sequence[LogSignals], found: Sequence[AxisSurvey], within: 
     known = {each.axis: each.response for each in found if each.fit is not None and each.response is not None}
     for axis, other in (("roll", "pitch"), ("pitch", "roll")):
         if axis in known and other in known:
-            records = [each for log in logs for each in _records(log, AXES[axis], AXES[other], within)]
+            records = [record for log in logs for record in _records(log, AXES[axis], AXES[other], within)]
             across = replace(AXES[other], input=AXES[axis].input)
             with suppress(FrequencyError):
                 cross = response_of_records(records, across, gyro_filter_hz=known[axis].gyro_filter_hz, refined=False)
@@ -190,7 +192,8 @@ def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Withi
     if first.start != second.start or len(first.output) != len(second.output):
         return []
     inputs, instruments = (
-        np.column_stack([getattr(each, name)[:, 0] for each in (first, second)]) for name in ("inputs", "instruments")
+        np.column_stack([getattr(record, name)[:, 0] for record in (first, second)])
+        for name in ("inputs", "instruments")
     )
     return [replace(second, inputs=inputs, instruments=instruments)]
 

@@ -111,7 +111,7 @@ def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | N
             f"rows at {1.0 / found.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
             "predicted; log it at 25 Hz or more"
         )
-    if any(chirp.axis == axis.name for each in logs for chirp in find_chirps(each.log, within)):
+    if any(chirp.axis == axis.name for signals in logs for chirp in find_chirps(signals.log, within)):
         return verify(found, logs, within)
     if len(logs) > 1:
         return verify(refit(found, response(logs[:-1], axis.name, within, like=found)), logs[-1], within)

@@ -298,7 +298,7 @@ def _gyro_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
 def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | None:
     """Bring signals within a chirp, or what of it their rows show, and the chirp itself to one uniform clock."""
     added = chirp.spline()
-    if added is None or not all(np.isfinite(each).sum() > FEWEST_ROWS for each in columns.values()):
+    if added is None or not all(np.isfinite(column).sum() > FEWEST_ROWS for column in columns.values()):
         return None
     clock, values, _ = on_uniform_clock(t, [added(t), *columns.values()])
     found = dict(zip(columns, values[:, 1:].T, strict=True))

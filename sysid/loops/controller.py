@@ -139,8 +139,8 @@ class LoopSettings:
         """Compute the feedback with each of many changes (see `changed`), shape (K, n): affine in the gains."""
         result = np.empty((len(candidates), len(hz)), np.complex128)
         alike: dict[tuple[tuple[str, float], ...], list[int]] = {}
-        for k, each in enumerate(candidates):
-            alike.setdefault(tuple(item for item in each.items() if item[0] not in _GAINS), []).append(k)
+        for k, candidate in enumerate(candidates):
+            alike.setdefault(tuple(item for item in candidate.items() if item[0] not in _GAINS), []).append(k)
         for filters, rows in alike.items():
             gains = [name for name in _GAINS if name in candidates[rows[0]]]
             bare = self.changed(**dict(filters), **dict.fromkeys(gains, 0.0))

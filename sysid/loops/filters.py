@@ -38,9 +38,9 @@ class DigitalFilter:
 def _polynomial(coefficients: Sequence[float], x: Complexes) -> Complexes:
     """Return ``sum c_k x^k``, several times as fast as `numpy.polyval` of so few."""
     total = np.full_like(x, coefficients[-1])
-    for each in coefficients[-2::-1]:
+    for coefficient in coefficients[-2::-1]:
         total *= x
-        total += each
+        total += coefficient
     return total
 
 

@@ -190,10 +190,10 @@ def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[Fligh
     the check of that controller (`remarks`), not the measurement: PID terms that are logged less often than the loop
     runs bend it by some percent (`RateLoop.measured_margins`).
     """
-    foretold, found = predicted.margins, second.own_margins
+    foretold, margins = predicted.margins, second.own_margins
     rows: list[Row] = []
     for name, (unit, _) in MARGINS.items():
-        a, b = getattr(foretold, name), getattr(found, name) if measured else Parameter(None, None, unit)
+        a, b = getattr(foretold, name), getattr(margins, name) if measured else Parameter(None, None, unit)
         rows.append((axis, name, a.value, a.sigma, b.value, b.sigma, unit))
     if not measured:
         return rows

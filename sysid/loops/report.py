@@ -91,7 +91,7 @@ class TuningReport:
 
 def tuning_report(tuning: Tuning) -> TuningReport:
     """Return a tuning as tuning.json holds it."""
-    found = TuningReport(
+    report = TuningReport(
         logs=tuning.logs,
         made=tuning.made,
         aim=tuning.aim,
@@ -102,7 +102,7 @@ def tuning_report(tuning: Tuning) -> TuningReport:
         remarks=tuning.remarks,
         axes=tuple(map(_axis, tuning.axes)),
     )
-    return cleaned(found, TuningReport)
+    return cleaned(report, TuningReport)
 
 
 def _axis(axis: AxisTuning) -> AxisReport:

@@ -147,7 +147,7 @@ class ActuatorNoise:
         """Return the factor of a loop's settings."""
         raised = self._to_mixer(loop) / self._flown
         power = self._flown**2
-        rms, slew = (np.sqrt((raised**2 * each).sum() / each.sum()) for each in (power, power * self._hz**2))
+        rms, slew = (np.sqrt((raised**2 * values).sum() / values.sum()) for values in (power, power * self._hz**2))
         return float(max(rms, slew, *raised[~self._seen]))
 
     def _to_mixer(self, loop: RateLoop) -> Floats:

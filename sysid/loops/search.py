@@ -171,9 +171,9 @@ def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) 
         return best
     angle = loop.flown.angle.P
     for more in (_others(loop), [{"angle_P": typed(angle * k)} for k in _ANGLE if angle * k <= _HIGHEST_ANGLE]):
-        found = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
-        if found.tuned is not None and found.score > best.score + SAME_SCORE and _attitude_keeps(found.tuned):
-            best = found
+        tuning = _best(loop, aim, _field(loop, best.tuned.settings, more), allowed) if more else best
+        if tuning.tuned is not None and tuning.score > best.score + SAME_SCORE and _attitude_keeps(tuning.tuned):
+            best = tuning
     return best
 
 
@@ -185,9 +185,9 @@ def _raised_least(loop: RateLoop, aim: Aim, bare: LoopSettings, part: float | No
     for most in raised[1:]:
         if best.gains:
             break
-        found = _best(loop, aim, candidates, most)
-        if found.tuned is not None and (found.wider, found.score) > (best.wider, best.score):
-            best, allowed = found, most
+        tuning = _best(loop, aim, candidates, most)
+        if tuning.tuned is not None and (tuning.wider, tuning.score) > (best.wider, best.score):
+            best, allowed = tuning, most
     return best, allowed, candidates
 
 

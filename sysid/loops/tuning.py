@@ -81,8 +81,8 @@ class Tuning(Summarised):
             return None if text is None else own_names(text, firmware)
 
         proposed, rollback, flown = (
-            {own_names(name, firmware): value for name, value in each.items()}
-            for each in (self.proposed, self.rollback, self.flown)
+            {own_names(name, firmware): value for name, value in values.items()}
+            for values in (self.proposed, self.rollback, self.flown)
         )
         return replace(
             self,
@@ -90,13 +90,13 @@ class Tuning(Summarised):
             rollback=rollback,
             flown=flown,
             refused=own(self.refused),
-            axes=tuple(replace(each, refused=own(each.refused)) for each in self.axes),
-            remarks=tuple(own_names(each, firmware) for each in self.remarks),
+            axes=tuple(replace(axis, refused=own(axis.refused)) for axis in self.axes),
+            remarks=tuple(own_names(remark, firmware) for remark in self.remarks),
         )
 
     def proposed_file(self) -> str:
         """Return the text of ``proposed.param``; LoopError where nothing is proposed."""
-        unchanged = (f"{each.axis}: unchanged: {each.reason}" for each in self.axes if each.tuned is None)
+        unchanged = (f"{axis.axis}: unchanged: {axis.reason}" for axis in self.axes if axis.tuned is None)
         first = "first flight: hover low, be ready to load rollback.param; then `rotorid prove`"
         reasons = {name: f"was {self.rollback[name]:g}; {reason}" for name, reason in self.reasons().items()}
         return self._file("proposed", self.proposed, reasons, *unchanged, *self.remarks, first)
@@ -108,7 +108,7 @@ class Tuning(Summarised):
 
     def reasons(self) -> dict[str, str]:
         """Return of each proposed parameter what its axis keeps with all that are proposed."""
-        kept = {AXES[each.axis]: f"{each.axis}: {each.promise}" for each in self.axes if each.tuned is not None}
+        kept = {AXES[axis.axis]: f"{axis.axis}: {axis.promise}" for axis in self.axes if axis.tuned is not None}
         axes = {name: next((each for each in name.split("_") if each in kept), "") for name in self.proposed}
         return {name: kept.get(axis, "serves all axes") for name, axis in axes.items()}
 
@@ -179,12 +179,12 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
     reason = other_settings(flights)
     if reason is not None:
         return refuse(reason)
-    found = [_examined(flights, axis) for axis in AXES]
-    loops = {item.axis: item.loop for item in found if item.loop is not None and item.refused is None}
+    tunings = [_examined(flights, axis) for axis in AXES]
+    loops = {item.axis: item.loop for item in tunings if item.loop is not None and item.refused is None}
     if not loops:
-        return refuse(_reasons(found), tuple(found))
-    closed = _gyro_filter_stays(flights, found)
-    staying = [item.loop for item in found if item.axis not in loops and item.loop is not None]
+        return refuse(_reasons(tunings), tuple(tunings))
+    closed = _gyro_filter_stays(flights, tunings)
+    staying = [item.loop for item in tunings if item.axis not in loops and item.loop is not None]
     options = [f for f in (1.0, 1.25, 1.5, 2.0) if f == 1.0 or (closed is None and others_keep(staying, f))]
     best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
     for factor in options[1:]:
@@ -192,12 +192,14 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
         if any(item.tuned is None for item in tuned.values()) or worth_of(tuned) <= worth_of(best):
             break
         best = tuned
-    axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in found)
+    axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in tunings)
     proposed = _proposed(axes)
     during = {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
     before, flown = _before(flights, during, proposed), {name: during[name] for name in proposed}
     remarks = [remark for item in axes if item.loop is not None for remark in item.loop.flown.remarks]
-    remarks += _said_once(each for item in axes for each in _remarks(item, loops.get(item.axis), aim, i_term, proposed))
+    remarks += _said_once(
+        remark for item in axes for remark in _remarks(item, loops.get(item.axis), aim, i_term, proposed)
+    )
     if any(log.tables.battery is not None and log.vehicle.battery_voltage_max <= 0.0 for log in flights):
         remarks.append(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
@@ -212,7 +214,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
         remarks.append(
             f"{listed(kept)} changed after the flight: both files hold what flew, without which nothing is sure"
         )
-    proposed, before, flown = ({**kept, **each} for each in (proposed, before, flown))
+    proposed, before, flown = ({**kept, **values} for values in (proposed, before, flown))
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
@@ -264,7 +266,9 @@ def _filters_opened(item: AxisTuning) -> str | None:
     if crossover is None or not values:
         return None
     hz = np.array([crossover])
-    before, after = (each.feedback(hz) * each.gyro.response(hz) for each in (flown, flown.changed(**values)))
+    before, after = (
+        settings.feedback(hz) * settings.gyro.response(hz) for settings in (flown, flown.changed(**values))
+    )
     names = [f"{filters[name]} {flown.value(name):g} to {value:g} Hz" for name, value in values.items()]
     return (
         f"{listed(names)} wins {float(np.degrees(np.angle(after / before))[0]):.0f} deg at the crossover; noise at the "
@@ -414,7 +418,7 @@ def _changed_later(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> dic
     changed = {}
     for log in logs:
         assert log.flight is not None
-        flown, now = (loop_parameters(each) for each in (log.parameters_at(log.flight.stop), log.parameters))
+        flown, now = (loop_parameters(values) for values in (log.parameters_at(log.flight.stop), log.parameters))
         for name, value in flown.items():
             own = name.endswith("_I") or name.startswith(staying)
             if not own and np.float32(now.get(name, value)) != np.float32(value):

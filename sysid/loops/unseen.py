@@ -100,7 +100,7 @@ def bends_at_its_end(loop: RateLoop) -> str | None:
     x = np.log(loop.hz[last])
     drawn = np.concatenate([loop.plant.response[None, last], loop.plant.own_draws[1:, last]])
     craft = np.log(drawn / loop.flown.gyro.response(loop.hz[last]))
-    slopes, turns = (np.polyfit(x, each.T, 1)[0] for each in (craft.real, np.unwrap(craft.imag)))
+    slopes, turns = (np.polyfit(x, values.T, 1)[0] for values in (craft.real, np.unwrap(craft.imag)))
     (slope, error), (turn, wrong) = ((float(each[0]), _SURE * float(np.std(each))) for each in (slopes, turns))
     low, high = max(_SLOPE[0] - error, _STEEP[0]), min(_SLOPE[1] + error, _STEEP[1])
     if low <= slope <= high and turn <= min(wrong, _FORWARD):
@@ -223,8 +223,8 @@ def _without_chirp(record: AxisRecord, size: int, above: NDArray[np.bool_]) -> F
     if len(record.output) < 2 * size or not above.any():
         return np.empty((0, len(above)))
     signals = (record.instruments[:, 0], record.output)
-    windows = (np.lib.stride_tricks.sliding_window_view(each, size)[:: size // 2] for each in signals)
-    chirp, power = (densities(np.asarray(each, np.float64), 1.0 / record.dt) for each in windows)
+    windows = (np.lib.stride_tricks.sliding_window_view(signal, size)[:: size // 2] for signal in signals)
+    chirp, power = (densities(np.asarray(window, np.float64), 1.0 / record.dt) for window in windows)
     reached = chirp[:, above].sum(axis=1)
     return np.asarray(power[reached < _NO_CHIRP * reached.max()])
 

@@ -58,7 +58,7 @@ def wander(values: Floats) -> float:
     known = np.concatenate([[0.0], np.cumsum(values)])
     lengths = 2 ** np.arange(int(np.log2(max(len(values) // 2, 1))) + 1)
     means = [(known[length:] - known[:-length]) / length for length in lengths]
-    apart = [0.5 * float(np.mean((each[n:] - each[:-n]) ** 2)) for each, n in zip(means, lengths, strict=True)]
+    apart = [0.5 * float(np.mean((length[n:] - length[:-n]) ** 2)) for length, n in zip(means, lengths, strict=True)]
     allan = np.maximum(apart, 1e-12 * max(apart))
     kinds = lengths[:, None] ** _KINDS
     weight, sizes = np.sqrt(np.maximum(len(values) // lengths - 1, 1)), np.zeros(len(_KINDS))
