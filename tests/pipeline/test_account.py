@@ -266,6 +266,9 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
     assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
     gps.loc[44.0:, "lat"] -= 30.0 / 6.371e6
     assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
+    # It leapt before its fix was lost, and was right when it came back (gps_jam_octa).
+    jammed = gps.assign(fix=np.where((gps.index > 41.0) & (gps.index < 46.0), 1.0, 3.0))
+    assert account(flown(gps=jammed)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
     # Nor is it believed while the autopilot does not.
     checked = flown(gps=gps, events=events_at((30.0, "ERROR", "GPS 2"), (65.0, "ERROR", "GPS 2")))
     assert account(checked).distance.value == pytest.approx(0.64 * 19.0, abs=1.0)

@@ -60,12 +60,13 @@ def ground_speed(readings: Readings, doubtful: Sequence[Span]) -> Reading | None
 
 def distance(readings: Readings, doubtful: Sequence[Span]) -> Reading | None:
     """Return the largest horizontal distance from the take-off by GPS, doubtful stretches left out and jumps undone."""
-    rows = _fixes(readings, ())
-    step, foretold, missed = steps(rows)
-    jumped = missed > GLITCH_RADIUS
-    step[jumped] = foretold[jumped]
-    place = pd.Series(np.linalg.norm(np.cumsum(step, axis=0), axis=1), index=rows.index)
-    far = _largest(place[place.index.isin(_fixes(readings, doubtful).index)], "m")
+    rows = _fixes(readings, doubtful)
+    step, foretold, _ = steps(rows)
+    # Longer than its greatest speed allows: what was left out between two fixes may have been a jump for good.
+    speed, t = np.hypot(rows["v_n"], rows["v_e"]), rows.index.to_numpy(np.float64)
+    jumped = np.linalg.norm(step, axis=1) > speed.max() * np.diff(t, prepend=t[:1]) + GLITCH_RADIUS
+    step[jumped] = np.nan_to_num(foretold[jumped])
+    far = _largest(pd.Series(np.linalg.norm(np.cumsum(step, axis=0), axis=1), index=rows.index), "m")
     return far if far is not None and far.value > 0.0 else None  # a position that never moves has stopped
 
 
