@@ -504,6 +504,14 @@ def test_heights_and_speeds_are_of_sources_that_can_be_believed(changes, source)
     assert account(flown(gps=spiked.assign(hdop=5.0), **changes)).ground_speed is None
 
 
+def test_rows_of_a_height_that_damage_changed_are_no_height():
+    spiked = lambda t: height(t) + 300.0 * np.isin(np.round(10.0 * t), (300, 340, 500))  # noqa: E731
+    tables = flown(baro=table(10.0, alt=spiked), ekf=table(10.0, p_d=lambda t: -height(t)))
+    found = account(tables)
+    assert found.notable == ()
+    assert (found.height.value, found.climb.value) == pytest.approx((20.0, 5.0), abs=0.3)
+
+
 @pytest.mark.parametrize("first", [0.0, 30.0])
 def test_a_barometer_that_repeats_itself_has_stopped(first):
     """Whether the log shows the ground that the craft left, or begins in the air (spark404, stopped at 427 s)."""

@@ -10,7 +10,7 @@ import pandas as pd
 from core.catalogue import finding
 from core.findings import Finding, Severity
 from core.quantity import number
-from logparse.heights import WRONG
+from logparse.heights import WRONG, smoothed
 from pipeline.flight.account.readings import (
     RECOVERS,
     SATELLITES,
@@ -137,11 +137,11 @@ def _height(readings: Readings) -> Iterator[Finding]:
     if own is None or readings.own_height:
         return
     source, credible = readings.heights[0]
-    height = own.loc[flight.start : flight.stop]
-    if len(height) < 10 or len(credible.loc[flight.start : flight.stop]) < 10:
+    height, other = (smoothed(each.loc[flight.start : flight.stop]) for each in (own, credible))
+    if len(height) < 10 or len(other) < 10:
         return
     t = height.index.to_numpy(np.float64)
-    off = height.to_numpy(np.float64) - at(t, credible)
+    off = height.to_numpy(np.float64) - at(t, other)
     off -= float(np.median(off[: max(len(off) // 20, 3)]))
     for first, last, rows in stretches(t, np.abs(off) > WRONG, join=5.0, shortest=2.0)[:1]:
         worst = float(off[rows][int(np.argmax(np.abs(off[rows])))])
