@@ -781,7 +781,7 @@ def backward(
     wander_time: Vector,
     lam: Vector,
     adjoint: Matrix,
-    found: Estimates,
+    estimates: Estimates,
 ) -> None:
     """Fill the smoothed estimates of what `forward` kept, whose filtered states they hold.
 
@@ -792,7 +792,7 @@ def backward(
     group_start, scalar_var = readings.start, readings.variance
     _, out_P, slow_P, scalar_nu, scalar_inv, scalar_S = kept[:6]
     node_T, node_S, node_C, scalar_K, scalar_index, scalar_value = kept[6:12]
-    out_x, out_covariance, slow_variance, deletion, _, shock, shock_size = found
+    out_x, out_covariance, slow_variance, deletion, _, shock, shock_size = estimates
     Lam = np.empty((N, N))
     _copy(adjoint, Lam)
     states = lam.size

@@ -35,14 +35,14 @@ _FIX = ["lat", "lon", "alt", *_VELOCITY]
 
 def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
     """Leave out repetitions of a fix, or of its velocity alone, while the craft turns, and report them."""
-    gps, found = tables.gps, []
+    gps, findings = tables.gps, []
     if gps is None:
         return tables, []
     spans = [span for span in _repeated(gps, _FIX) if _turns(tables, *span)]
     if spans:
         old = _during(gps, spans)
         gps = gps[~old]
-        found.append(
+        findings.append(
             _frozen("fix", "turns", spans, "the repetitions are", "cable and its driver", fixes=int(old.sum()))
         )
     spans = [
@@ -55,10 +55,10 @@ def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
         gps = gps.copy()
         for first, last in spans:
             gps.loc[first:last, _VELOCITY] = np.nan
-        found.append(
+        findings.append(
             _frozen("velocity", "turns or goes elsewhere", spans, "these velocities are", "messages and its driver")
         )
-    return (replace(tables, gps=gps), found) if found else (tables, found)
+    return (replace(tables, gps=gps), findings) if findings else (tables, findings)
 
 
 def _during(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> np.ndarray:

@@ -205,11 +205,11 @@ def driven_by(t: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     (Shumway & Stoffer 1982): of accelerations over `SPAN`, for who flies hard in a part of the log may have done so
     where a sensor is missing; of what lasts in the autopilot's velocity over all. Shape (n, 6), m/s^2 and m/s.
     """
-    found = x**2 + np.diagonal(P, axis1=1, axis2=2)
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(found[:, 6:9], axis=0)])
+    squares = x**2 + np.diagonal(P, axis1=1, axis2=2)
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(squares[:, 6:9], axis=0)])
     first, last = np.searchsorted(t, t - SPAN / 2), np.searchsorted(t, t + SPAN / 2, side="right")
     mean = (total[last] - total[first]) / (last - first)[:, None]
-    lasting = np.tile(found[:, 13:16].mean(axis=0), (len(t), 1))
+    lasting = np.tile(squares[:, 13:16].mean(axis=0), (len(t), 1))
     least = np.append(DISTURBANCE, np.full(3, EKF_LASTING))
     return np.asarray(np.maximum(np.sqrt(np.hstack([mean, lasting])), least))
 
@@ -221,7 +221,7 @@ def rescaled(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
     out: states then move by more than it. No variance is lowered: errors that last do not show in residuals.
     """
     node = nodes_of(t, measured)
-    found: dict[tuple[str, int], tuple[list[float], list[float], list[float]]] = {}
+    innovations: dict[tuple[str, int], tuple[list[float], list[float], list[float]]] = {}
     keys = []
     for m, at in zip(measured, node, strict=True):
         keys.append([(m.sensor, int(np.flatnonzero(row)[0])) for row in m.H])
@@ -232,11 +232,13 @@ def rescaled(measured: list[Measured], t: np.ndarray, x: np.ndarray, P: np.ndarr
         residual = m.z - m.H[:, :13] @ x[at, :13]
         expected = m.variance - _spread(m, P[at])
         for key, one, variance in zip(keys[-1], residual, expected, strict=True):
-            when, residuals, variances = found.setdefault(key, ([], [], []))
+            when, residuals, variances = innovations.setdefault(key, ([], [], []))
             when.append(m.t)
             residuals.append(float(one))
             variances.append(float(variance))
-    factor = {key: variance_factor(*map(np.array, rows)) for key, rows in found.items() if len(rows[0]) >= FEWEST_ROWS}
+    factor = {
+        key: variance_factor(*map(np.array, rows)) for key, rows in innovations.items() if len(rows[0]) >= FEWEST_ROWS
+    }
     return [
         replace(m, variance=m.variance * np.array([factor.get(key, 1.0) for key in mine]))
         for m, mine in zip(measured, keys, strict=True)
@@ -331,16 +333,16 @@ def estimate_low_rate(
 
 def _innovations(stretches: list[dict[str, np.ndarray]]) -> dict[str, SensorStatistics]:
     """Sum up over the stretches of a log what of each sensor was fused and refused, and how far it was off."""
-    found: dict[str, SensorStatistics] = {}
+    statistics: dict[str, SensorStatistics] = {}
     for sensor in sorted({name for part in stretches for name in part}):
         nis = np.concatenate([part[sensor] for part in stretches if sensor in part])
         fused = nis[np.isfinite(nis)]
-        found[sensor] = {
+        statistics[sensor] = {
             "count": fused.size,
             "refused": nis.size - fused.size,
             "nis": float(fused.mean()) if fused.size else float("nan"),
         }
-    return found
+    return statistics
 
 
 def _estimate_segment(

@@ -82,11 +82,11 @@ class Segment:
 def find_segments(tables: Tables, place: Surroundings, observations: Observations, noise: SensorNoise) -> list[Segment]:
     """Cut the log at the holes that no IMU fills, and choose one IMU for each segment, in order of time."""
     pieces = [(number, piece) for number, imu in _imus(tables) for piece in segments(imu)]
-    found = []
+    likeliest = []
     for rivals in cover(pieces):
         aligned = [_aligned(tables, rival, place, observations, noise) for rival in rivals]
-        found.append(_likeliest(aligned, observations, place, noise))
-    return found
+        likeliest.append(_likeliest(aligned, observations, place, noise))
+    return likeliest
 
 
 def cover(pieces: Sequence[Piece]) -> list[list[Piece]]:
@@ -139,7 +139,7 @@ def _aligned(
     if not aligned.still:
         # What the autopilot, or a force in the air, says of the attitude may be worth nothing.
         adrift = replace(segment, aligned=lost(aligned))
-        fits = [_fit(each, observations, place, noise, matched=True) for each in (segment, adrift)]
+        fits = [_fit(candidate, observations, place, noise, matched=True) for candidate in (segment, adrift)]
         if fits[1] - fits[0] > DECISIVE:
             segment, aligned = adrift, adrift.aligned
     if aligned.yaw_source != "unknown" or place.frame is None:

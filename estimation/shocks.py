@@ -43,8 +43,8 @@ class Shocks:
     @property
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the times of the steps beyond `SHOCK_GATE`, shape (s,), s, and their sizes, shape (s, 2)."""
-        found = self.size.any(axis=1)
-        return self.t[found], self.size[found]
+        steps = self.size.any(axis=1)
+        return self.t[steps], self.size[steps]
 
     def widened(self, nodes: np.ndarray, shock: np.ndarray, size: np.ndarray) -> "Shocks":
         """Add the moments at which all measurements together ask for a step that the IMU does not know.
@@ -74,8 +74,8 @@ class Shocks:
         total = np.zeros((2, len(merged), 2))
         for values, all_of in zip(total, (variance, sizes), strict=True):
             np.maximum.at(values, where, np.concatenate(all_of))
-        found = Shocks(merged * TICK, *total)
-        return self if found._settled(self) else found
+        shocks = Shocks(merged * TICK, *total)
+        return self if shocks._settled(self) else shocks
 
     def _settled(self, before: "Shocks") -> bool:
         """Return whether variances have hardly grown."""

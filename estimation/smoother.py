@@ -44,15 +44,15 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
 
     Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
     """
-    found = smooth_piece(problem, result, new_adjoint())
-    fill_in(found.x)
-    return found._replace(slow_variance=between_rows(found.slow_variance, len(found.x)))
+    estimates = smooth_piece(problem, result, new_adjoint())
+    fill_in(estimates.x)
+    return estimates._replace(slow_variance=between_rows(estimates.slow_variance, len(estimates.x)))
 
 
 def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
     """Walk back over a piece of a segment; sensor errors are those of every eighth row (see `fill_in`)."""
     rows = problem.outputs
-    found = Estimates(
+    estimates = Estimates(
         x=result.x.copy(),
         covariance=np.empty((rows, 3, 3, 3)),
         slow_variance=np.empty(result.sensor_rows.shape[:2]),
@@ -62,9 +62,9 @@ def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Est
         shock_size=np.empty((len(problem.t), 2)),
     )
     readings, times = problem.observations.readings, problem.noise.wander_times()
-    _kernels.backward(problem.steps, readings, result, times, *adjoint, found)
+    _kernels.backward(problem.steps, readings, result, times, *adjoint, estimates)
     symmetrise(adjoint[1])
-    return found
+    return estimates
 
 
 def fill_in(x: np.ndarray) -> None:

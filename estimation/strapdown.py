@@ -74,32 +74,32 @@ class _Known:
     """What is known of a log before it is estimated: its segments, and settings for their sensors."""
 
     observations: Observations  #: At the times that their tables give.
-    found: list[Segment]
+    segments: list[Segment]
     tuned: Tuned
 
     @classmethod
     def of(cls, tables: Tables, place: Surroundings, noise: SensorNoise) -> "_Known":
         observations = observe(tables, place.frame, noise)
-        found = find_segments(tables, place, observations, noise)
-        if not found:
+        segments = find_segments(tables, place, observations, noise)
+        if not segments:
             raise MissingDataError(
                 f"the log has no {SHORTEST_SEGMENT:g} s of IMU samples without a hole: it is too short, or the logger "
                 "lost most of it (a faster card or fewer messages help)"
             )
-        longest = _longest(found)
+        longest = _longest(segments)
         tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
         if max(map(abs, tuned.lags.values()), default=0.0) > LATE:
             # An IMU that agreed better with a sensor of another time was chosen for nothing.
-            found, before = find_segments(tables, place, tuned.in_time(observations), noise), longest.imu
-            longest = _longest(found)
+            segments, before = find_segments(tables, place, tuned.in_time(observations), noise), longest.imu
+            longest = _longest(segments)
             if longest.imu != before:
                 tuned = tune(longest.signal, observations, longest.aligned, place.world, noise)
-        found = [s.rescaled(tuned.yaw_scale) if s.imu == longest.imu else s for s in found]
-        return cls(observations, found, tuned)
+        segments = [s.rescaled(tuned.yaw_scale) if s.imu == longest.imu else s for s in segments]
+        return cls(observations, segments, tuned)
 
 
-def _longest(found: list[Segment]) -> Segment:
-    return max(found, key=lambda segment: segment.length)
+def _longest(segments: list[Segment]) -> Segment:
+    return max(segments, key=lambda segment: segment.length)
 
 
 def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> Turn | None:
@@ -112,7 +112,7 @@ def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: Sensor
         return None
 
     def turn_of(which: _Known, tuned: Tuned) -> Turn | None:
-        segment, seen = _longest(which.found), tuned.in_time(known.observations)
+        segment, seen = _longest(which.segments), tuned.in_time(known.observations)
         return compass_turn(segment.signal, seen, segment.aligned, place.world, field, which.tuned, noise)
 
     field = place.field.ned
@@ -145,11 +145,13 @@ def estimate_strapdown(
     if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
         tables = replace(tables, mag=turn.undone(tables.mag))
         known = _Known.of(tables, place, noise)
-    found, tuned = known.found, known.tuned
+    segments, tuned = known.segments, known.tuned
     observations = tuned.in_time(known.observations)
     span = (-np.inf if start is None else start, np.inf if stop is None else stop)
     done = [
-        e for e in _estimate_all(found, span, rate, observations, place.world, noise, tuned, smoothed) if e.rows.t.size
+        e
+        for e in _estimate_all(segments, span, rate, observations, place.world, noise, tuned, smoothed)
+        if e.rows.t.size
     ]
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
@@ -157,8 +159,8 @@ def estimate_strapdown(
     findings += missing_sensors(
         gps=fixes is not None and len(fixes) >= FEWEST_FIXES, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
     )
-    findings += imu_holes([segment.samples for segment in found])
-    for segment in found:
+    findings += imu_holes([segment.samples for segment in segments])
+    for segment in segments:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
         findings += gps_troubles(estimated.filtered, estimated.rows.t, estimated.rows.estimates.covariance)
@@ -171,11 +173,11 @@ def estimate_strapdown(
     lag = tuned.lags.get("gps", 0.0)
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
-    del found, known, segment, estimated, done
+    del segments, known, segment, estimated, done
     tables.release()
     if turn is not None:
-        for each in rows:
-            each.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
+        for stretch in rows:
+            stretch.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
     index = pd.Index(np.concatenate([e.t for e in rows]), name="t")
     there = _errors_there(rows)
     states = _states(rows, index, there)
@@ -225,7 +227,7 @@ def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tu
 
 
 def _estimate_all(
-    found: list[Segment],
+    segments: list[Segment],
     span: tuple[float, float],
     rate: float,
     observations: Observations,
@@ -236,7 +238,7 @@ def _estimate_all(
 ) -> list[_Estimated]:
     """Estimate segment after segment, each starting with what the one before learned of the sensors."""
     done: list[_Estimated] = []
-    for segment in found:
+    for segment in segments:
         signal = segment.signal
         begin, end = max(signal.start, span[0]), min(signal.stop, span[1])
         t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
@@ -335,13 +337,13 @@ class _Plan:
 
     def filter(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter only: each row knows what was measured before it."""
-        found = self._nothing_yet()
-        known, _ = self._forward(observations, x, found)
-        return known, found
+        estimates = self._nothing_yet()
+        known, _ = self._forward(observations, x, estimates)
+        return known, estimates
 
     def smooth(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter, then smooth piece by piece from behind."""
-        found = self._nothing_yet()
+        estimates = self._nothing_yet()
         known, begun = self._forward(observations, x, None)
         adjoint = new_adjoint()
         pieces = []
@@ -349,10 +351,10 @@ class _Plan:
             x, P, memory = begun[number]
             problem = self.lay_out(observations, self.rows[number], x, P, *self.spans[number])
             piece = smooth_piece(problem, run(problem, memory=memory), adjoint)
-            _place(piece, found, number)
+            _place(piece, estimates, number)
             pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
         deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
-        return known, found._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+        return known, estimates._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
 
     def surprises(self, observations: Observations, x: np.ndarray) -> np.ndarray:
         """Return how far each reading lies from what those before it foretell, squared and over its variance, (s,)."""
@@ -365,7 +367,7 @@ class _Plan:
         return np.concatenate(squares)
 
     def _forward(
-        self, observations: Observations, x: np.ndarray, found: Estimates | None
+        self, observations: Observations, x: np.ndarray, estimates: Estimates | None
     ) -> tuple[Filtered, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
         """Filter the pieces one after the other; the second result is what each begins with.
 
@@ -378,13 +380,13 @@ class _Plan:
         for asked, (start, stop) in zip(self.rows, self.spans, strict=True):
             begun.append((x, P, memory.copy()))
             problem = self.lay_out(observations, asked, x, P, start, stop)
-            result = run(problem, keep=False, hard=found is not None, memory=memory)
+            result = run(problem, keep=False, hard=estimates is not None, memory=memory)
             x, P = result.last_state, result.last_covariance
             innovation.append(result.innovation)
             inverse_variance.append(result.inverse_variance)
             log_likelihood += result.log_likelihood
-            if found is not None:
-                _place(filtered(result), found, len(begun) - 1)
+            if estimates is not None:
+                _place(filtered(result), estimates, len(begun) - 1)
         known = Filtered(
             observations=observations,
             white_scale=self.tuned.white_scale,

@@ -74,11 +74,11 @@ def _without_bursts(t: np.ndarray, values: np.ndarray, steady: np.ndarray, climb
     if len(kept) < NEIGHBOURS:
         return even
     step = np.diff(t[kept])
-    climbed, told = _climbed(t[kept], climb)
+    climbed, known = _climbed(t[kept], climb)
     rate = (np.diff(values[kept]) - climbed) / np.maximum(step, 1e-9)
     usual = pd.Series(rate).rolling(NEIGHBOURS, center=True, min_periods=1).median().to_numpy(float)
     jump = (rate - usual) * step
-    limit = UNEVEN + np.where(told, CLIMB_KNOWN * step, 0.25 * STANDARD_GRAVITY * step**2)
+    limit = UNEVEN + np.where(known, CLIMB_KNOWN * step, 0.25 * STANDARD_GRAVITY * step**2)
     edges = np.flatnonzero(np.abs(jump) > limit)
     begun = 0
     while begun < len(edges):

@@ -101,8 +101,8 @@ class InertialSignal:
         known = imu if list(imu.columns) == GYRO + ACCEL else imu[GYRO + ACCEL]
         t, values, hole = _regular(imu.index.to_numpy(float), known.to_numpy(float))
         density = noise_density(t, values, imu_cutoffs(parameters), floor)
-        for column, unseen in enumerate((UNSEEN_RATE, UNSEEN_FORCE)):
-            density[:, column] += hole * unseen**2
+        for column, motion in enumerate((UNSEEN_RATE, UNSEEN_FORCE)):
+            density[:, column] += hole * motion**2
         gyro_delay, accel_delay = imu_delays(parameters)
         return cls(
             t=t,

@@ -293,11 +293,11 @@ class _Search:
     def search(self) -> None:
         """Find lags and noise, from what `begin` found."""
         for last in (False, True):
-            found = {}
+            corrections = {}
             for sensor in self.lags:
                 # Some hundredths of a second of a barometer say more of its noise than of its clock.
                 least = LAG_LARGE if sensor == "baro" else 0.0
-                found[sensor] = find_lag(
+                corrections[sensor] = find_lag(
                     self._judging(sensor),
                     sensor,
                     self.span,
@@ -306,10 +306,10 @@ class _Search:
                     least,
                     () if last else FAR_LAGS[sensor],
                 )
-                self.observations = self.observations.earlier(LAGGING[sensor], found[sensor])
-                self.lags[sensor] += found[sensor]
+                self.observations = self.observations.earlier(LAGGING[sensor], corrections[sensor])
+                self.lags[sensor] += corrections[sensor]
             # What was found with a clock that was off is found again with it set right.
-            if max(map(abs, found.values()), default=0.0) < LAG_LARGE:
+            if max(map(abs, corrections.values()), default=0.0) < LAG_LARGE:
                 break
             if self.found.late_barometer and not last:
                 self._forget_receivers()
