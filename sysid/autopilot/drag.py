@@ -90,10 +90,10 @@ def _of_three(values: Floats, covariance: Floats) -> tuple[Floats, Floats, float
     design = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     weights = np.linalg.inv(covariance)
     spread = np.linalg.inv(design.T @ weights @ design)
-    found = spread @ design.T @ weights @ values
-    left = values - design @ found
+    estimate = spread @ design.T @ weights @ values
+    left = values - design @ estimate
     excess = float(np.sqrt(left @ weights @ left))
-    return found, spread * max(excess, 1.0) ** 2, excess
+    return estimate, spread * max(excess, 1.0) ** 2, excess
 
 
 def airspeeds(model: RigidBodyModel, record: Experiment) -> Floats:

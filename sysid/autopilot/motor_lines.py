@@ -90,7 +90,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
         raise LineError(f"{name}: {NO_BATCHES}{only}; fly with INS_LOG_BAT_MASK 1, INS_LOG_BAT_OPT 4")
     heads = log.messages["ISBH"]
     gyro = heads[heads["type"] == 1]
-    instances = [int(each) for each in sorted(gyro["instance"].unique())]
+    instances = [int(instance) for instance in sorted(gyro["instance"].unique())]
     option = int(parameters.get("INS_LOG_BAT_OPT", 0.0))
     if option & 2:
         raise LineError(f"{name}: the batches are behind the filters (INS_LOG_BAT_OPT {option}); fly with 0 or 4")
@@ -108,7 +108,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
         raise LineError(f"{name}: no throttle output (CTUN), which the notch would follow")
     given = throttle.dropna()
     t, values = given.index.to_numpy(np.float64), given.to_numpy(np.float64)
-    found: list[tuple[Batch, ...]] = []
+    by_table: list[tuple[Batch, ...]] = []
     for table in both:
         batches = []
         for _, part in table.loc[flight.start : flight.stop].groupby("batch"):
@@ -121,8 +121,8 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
             during = np.interp(np.linspace(times[0], times[-1], 11), t, values)
             steady = bool(np.std(during) < _STEADY * np.mean(during))
             batches.append(Batch(times[0], times[-1], float(during.mean()), steady, rate, hz, power))
-        found.append(tuple(batches))
-    return found[0], (found[1] if len(found) > 1 else ()), 1.0 / float(np.median(gyro["mul"]))
+        by_table.append(tuple(batches))
+    return by_table[0], (by_table[1] if len(by_table) > 1 else ()), 1.0 / float(np.median(gyro["mul"]))
 
 
 def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> MotorLines:
@@ -168,16 +168,16 @@ def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> Mot
 def _standing_out(hz: Floats, power: Floats, rate: float) -> list[float]:
     """Return the frequencies of lines that stand out, the lowest first."""
     inside = np.flatnonzero((hz >= _LOWEST) & (hz <= NOTCH_LIMIT * rate))
-    found: list[tuple[float, float]] = []
+    lines: list[tuple[float, float]] = []
     for k in inside:
         wide = max(_WIDTH * hz[k], _STEPS * hz[1])
         line, about = np.abs(hz - hz[k]) <= wide, np.abs(hz - hz[k]) <= _ABOUT * hz[k]
         if power[k] == power[line].max() and power[k] > _STANDS_OUT * np.median(power[about]):
             total = float(power[line].sum() * hz[1])
             if total > _LEAST**2:
-                found.append((float(hz[line] @ power[line] / power[line].sum()), total))
-    strongest = max((total for _, total in found), default=0.0)
-    return [where for where, total in found if total > _PART * strongest]
+                lines.append((float(hz[line] @ power[line] / power[line].sum()), total))
+    strongest = max((total for _, total in lines), default=0.0)
+    return [where for where, total in lines if total > _PART * strongest]
 
 
 def _near(where: float, lines: Sequence[float]) -> bool:

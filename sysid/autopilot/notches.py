@@ -120,19 +120,19 @@ def _filters(
     parameters = {**log.parameters_flown, **study.values}
     names = [("INS_GYRO_FILTER",), *(tuple(f"ATC_RAT_{axis}_{name}" for axis in ("RLL", "PIT")) for name in FILTERS)]
     result = []
-    for each in names:
-        now = [parameters.get(name, 0.0) for name in each]
+    for group in names:
+        now = [parameters.get(name, 0.0) for name in group]
         if not min(now) > 0.0:
             continue
-        wider = parameters | {name: _WIDER * value for name, value in zip(each, now, strict=True)}
+        wider = parameters | {name: _WIDER * value for name, value in zip(group, now, strict=True)}
         noise = max(motor_noise(log, study.lines, wider, loops).mixer[axis] for axis in ("roll", "pitch"))
         why = (
             f"at {_WIDER * now[0]:.0f} Hz noise at the mixer would be {number(noise, 2)}, with the notch "
             f"{number(max(study.then.mixer['roll'], study.then.mixer['pitch']), 2)} as it is; that no mode of the "
             "frame rises with it only chirps show: rotorid tune"
         )
-        file = ParameterFile.MOTOR_NOTCH if len(each) == 1 else ParameterFile.PID_FILTERS
-        result += refused(each, file, flown, why)
+        file = ParameterFile.MOTOR_NOTCH if len(group) == 1 else ParameterFile.PID_FILTERS
+        result += refused(group, file, flown, why)
     return result
 
 
@@ -145,16 +145,16 @@ def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> 
     lines = motor_lines(log, before, quantum)
     values = _proposed(log, lines)
     parameters = log.parameters_flown
-    now, then = (motor_noise(log, lines, each, loops) for each in (parameters, {**parameters, **values}))
+    now, then = (motor_noise(log, lines, settings, loops) for settings in (parameters, {**parameters, **values}))
     measured = _measured(log, lines.batches)
-    told = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
+    comparisons = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
     behind = [batch for batch in after if batch.steady and abs(batch.throttle / lines.hover - 1.0) < _SAME]
     filtered = None
     if behind:
         squares = [batch.power[:, batch.hz >= _VIBRATION].sum(axis=1).mean() * batch.step for batch in behind]
         filtered = float(np.sqrt(np.mean(squares)))
-        told.append(("gyro behind the filters", filtered, now.gyro))
-    for what, seen, foretold in told:
+        comparisons.append(("gyro behind the filters", filtered, now.gyro))
+    for what, seen, foretold in comparisons:
         if not 1.0 / _APART < seen / foretold < _APART:
             raise LineError(
                 f"{log.name}: the {what} has {number(seen, 2)} of noise, and {number(foretold, 2)} by the filters in "
@@ -268,7 +268,7 @@ def _controller(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> R
 
 def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
     """Return the rms of the controllers' outputs during the batches, each about its mean; empty without RATE."""
-    found = {}
+    measured = {}
     for axis, column in (("roll", "out_roll"), ("pitch", "out_pitch"), ("yaw", "out_yaw")):
         output = log.tables.column("rates", column)
         if output is None:
@@ -276,8 +276,8 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
         parts = [output.loc[batch.start : batch.stop].to_numpy(np.float64) for batch in batches]
         squares = [np.var(part) for part in parts if len(part) > 20 and np.isfinite(part).all()]
         if squares:
-            found[axis] = float(np.sqrt(np.mean(squares)))
-    return found
+            measured[axis] = float(np.sqrt(np.mean(squares)))
+    return measured
 
 
 def _margins_with(study: NotchStudy, loop: RateLoop) -> dict[str, float]:
@@ -298,9 +298,9 @@ def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
         if flown.gain_db.value is None or not flown.stable:
             continue
         if not left["stable"] or left["gain_db"] < _HALVED * flown.gain_db.value:
-            found = f"{left['gain_db']:.1f} dB of gain margin" if left["stable"] else "unstable"
+            margin = f"{left['gain_db']:.1f} dB of gain margin" if left["stable"] else "unstable"
             return (
-                f"behind this notch {axis} would be left {found} ({flown.gain_db.value:.1f} dB as flown): a mode of "
+                f"behind this notch {axis} would be left {margin} ({flown.gain_db.value:.1f} dB as flown): a mode of "
                 "the frame that the notch that flew hides, or too little margin for another lag; tune first, or give a "
                 "mode a notch of its own (INS_HNTC2_)"
             )
@@ -309,7 +309,7 @@ def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
 
 def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
     """Return what the notch costs in phase, and the margin it leaves where the loop is identified."""
-    told, notches = [], _proposed_path(study).notches
+    costs, notches = [], _proposed_path(study).notches
     for axis, loop in loops.items():
         margins = loop.margins
         if margins.crossover_hz.value is None:
@@ -317,13 +317,13 @@ def _costs(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str:
         left = _margins_with(study, loop)
         kept = {name: left[name] for name in ("phase_deg", "gain_db")}
         lost = -np.degrees(np.angle(cascade(notches, np.array([margins.crossover_hz.value]))[0]))
-        told.append(
+        costs.append(
             f"{lost:.0f} deg at {axis}'s crossover of {margins.crossover_hz.value:.1f} Hz, leaving "
             f"{left['phase_deg']:.0f} deg and {left['gain_db']:.1f} dB of "
             f"{margins.phase_deg.value or np.nan:.0f} deg and {margins.gain_db.value or np.nan:.1f} dB"
             + (", which is thin: tune with it" if Aim().lacking(kept) else "")
         )
-    if told:
-        return "; ".join(told)
+    if costs:
+        return "; ".join(costs)
     lags = -np.degrees(np.angle(cascade(notches, np.array(_PHASE_AT))))
     return " and ".join(f"{lag:.0f} deg at {hz:.0f} Hz" for lag, hz in zip(lags, _PHASE_AT, strict=True))

@@ -79,9 +79,9 @@ class AutopilotValues(Summarised):
         """Show every parameter beside what flew, with the reason of each."""
         rows: list[Row] = []
         for file in ParameterFile:
-            own = [each for each in self.values if each.file is file]
+            own = [value for value in self.values if value.file is file]
             rows += [Row(file.value, kind="part")] if own else []
-            for (new, why), alike in groupby(own, lambda each: (bool(each.shown), each.proposed.reason)):
+            for (new, why), alike in groupby(own, lambda value: (bool(value.shown), value.proposed.reason)):
                 first, *others = alike
                 stays = Cell("right" if first.right else "stays", "unknown")
                 if others and not new:
@@ -137,20 +137,20 @@ def over_flights(flights: Sequence[tuple[str, Sequence[AutopilotValue]]]) -> Aut
     Values of a step belong together, but for those of an axis: the published procedure flies one in each flight. Gains
     found with another filter of the gyro, which serves all axes, belong together again.
     """
-    told: dict[tuple[ParameterFile, str], list[list[AutopilotValue]]] = {}
-    gains = [each for _, values in flights for each in values if each.file is ParameterFile.GAINS]
+    by_step: dict[tuple[ParameterFile, str], list[list[AutopilotValue]]] = {}
+    gains = [value for _, values in flights for value in values if value.file is ParameterFile.GAINS]
     whole = any(gain.proposed.value is not None and not _axis(gain.name) for gain in gains)
     for _, values in flights:
         own: dict[tuple[ParameterFile, str], list[AutopilotValue]] = {}
         for value in values:
             by_axis = value.file is ParameterFile.D_FF or (value.file is ParameterFile.GAINS and not whole)
             own.setdefault((value.file, _axis(value.name) if by_axis else ""), []).append(value)
-        for step, found in own.items():
-            told.setdefault(step, []).append(found)
+        for step, step_values in own.items():
+            by_step.setdefault(step, []).append(step_values)
     newest: list[AutopilotValue] = []
-    for file, alone in sorted(told, key=lambda step: list(ParameterFile).index(step[0])):
-        every = told[file, alone]
-        known = [values for values in every if any(each.right or each.proposed.value is not None for each in values)]
+    for file, alone in sorted(by_step, key=lambda step: list(ParameterFile).index(step[0])):
+        every = by_step[file, alone]
+        known = [values for values in every if any(value.right or value.proposed.value is not None for value in values)]
         newest += (known or every)[-1]
     return AutopilotValues(tuple(name for name, _ in flights), tuple(newest))
 
@@ -160,11 +160,13 @@ def _axis(name: str) -> str:
     return next((part for part in name.split("_") if part in ("RLL", "PIT", "YAW")), "")
 
 
-def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]) -> list[AutopilotValue]:
+def decided(
+    parameters: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]
+) -> list[AutopilotValue]:
     """Return values that are set together: all of them, or none where none differs from what flew by its errors."""
-    if all(_as_flown(flown.get(name), found[name]) for name in found):
-        stays = {name: f"within the error of what flew: {found[name]}" for name in found}
-        return [one for name in found for one in refused([name], file, flown, stays[name], right=True)]
+    if all(_as_flown(flown.get(name), parameters[name]) for name in parameters):
+        stays = {name: f"within the error of what flew: {parameters[name]}" for name in parameters}
+        return [one for name in parameters for one in refused([name], file, flown, stays[name], right=True)]
     return [
         AutopilotValue(
             name,
@@ -172,11 +174,13 @@ def decided(found: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[
             flown.get(name),
             replace(parameter, value=None if parameter.value is None else parameter_file.typed(parameter.value)),
         )
-        for name, parameter in found.items()
+        for name, parameter in parameters.items()
     ]
 
 
-def _as_flown(now: float | None, found: Parameter) -> bool:
-    if now is None or found.value is None:
+def _as_flown(now: float | None, parameter: Parameter) -> bool:
+    if now is None or parameter.value is None:
         return False
-    return abs(found.value - now) <= max(_OTHER * (found.sigma or 0.0), abs(found.value) * 10.0**-parameter_file.DIGITS)
+    return abs(parameter.value - now) <= max(
+        _OTHER * (parameter.sigma or 0.0), abs(parameter.value) * 10.0**-parameter_file.DIGITS
+    )

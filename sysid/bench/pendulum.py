@@ -190,22 +190,22 @@ def check_thread(
     if not len(times):
         raise BenchError("no time of the simple pendulum given")
     period = float(np.mean(times)) / oscillations
-    found = length * (2.0 * math.pi / period) ** 2
+    measured = length * (2.0 * math.pi / period) ** 2
     true_length = gravity * (period / (2.0 * math.pi)) ** 2
-    off = found / gravity - 1.0
+    off = measured / gravity - 1.0
     findings: tuple[Finding, ...] = ()
     if abs(off) > 0.02:
         findings = (
             Finding(
                 "table-doubtful",
                 Severity.WARNING,
-                f"the simple pendulum gives g = {found:.2f} m/s^2, {100.0 * off:+.1f} %: the thread is "
+                f"the simple pendulum gives g = {measured:.2f} m/s^2, {100.0 * off:+.1f} %: the thread is "
                 f"{true_length:.3f} m long rather than {length:.3f} m, or swings were miscounted",
                 "measure from the suspension to the centre of gravity; inertia errs by as much",
-                {"gravity": found, "length": true_length},
+                {"gravity": measured, "length": true_length},
             ),
         )
-    return ThreadCheck(found, true_length, findings)
+    return ThreadCheck(measured, true_length, findings)
 
 
 def _require_positive(numbers: dict[str, float]) -> None:

@@ -222,8 +222,8 @@ class Bench:
         rows: dict[float, dict[tuple[str, str], float]] = {}
         for voltage in self.voltages or (float("nan"),):
             coefficients = {m: self.coefficients(m, voltage if np.isfinite(voltage) else None) for m in self.motors}
-            rows[voltage] = {("k", m): _known(each.thrust)[0] for m, each in coefficients.items()}
-            rows[voltage] |= {("b", m): _known(each.torque)[0] for m, each in coefficients.items()}
+            rows[voltage] = {("k", m): _known(pair.thrust)[0] for m, pair in coefficients.items()}
+            rows[voltage] |= {("b", m): _known(pair.torque)[0] for m, pair in coefficients.items()}
         table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("voltage")
         pairs = [(coefficient, motor) for coefficient in ("k", "b") for motor in self.motors]
         table.columns = pd.MultiIndex.from_tuples(pairs, names=["coefficient", "motor"])
@@ -295,7 +295,7 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     for motor, rows in table.rows.groupby("motor", sort=False):
         # Steps of 5 us are one level.
         steps = np.round(rows["pwm"] / 5.0)
-        found = [
+        of_motor = [
             Level(
                 float(level["pwm"].mean()),
                 level["voltage"].to_numpy(np.float64),
@@ -303,9 +303,9 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
             )
             for _, level in rows.groupby(steps)
         ]
-        if len(found) < 3:
-            raise BenchError(f"motor {motor}: {len(found)} level(s) of PWM; a thrust curve needs three or more")
-        levels[str(motor)] = tuple(found)
+        if len(of_motor) < 3:
+            raise BenchError(f"motor {motor}: {len(of_motor)} level(s) of PWM; a thrust curve needs three or more")
+        levels[str(motor)] = tuple(of_motor)
     voltages = voltages_tested(table.rows)
     if not voltages:
         findings.append(
@@ -420,6 +420,8 @@ def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:
     return findings
 
 
-def _known(found: Parameter) -> tuple[float, float]:
+def _known(quantity: Parameter) -> tuple[float, float]:
     """Return value and standard error; NaN where they are not determined."""
-    return (np.nan if found.value is None else found.value), (np.nan if found.sigma is None else found.sigma)
+    return (np.nan if quantity.value is None else quantity.value), (
+        np.nan if quantity.sigma is None else quantity.sigma
+    )

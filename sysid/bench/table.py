@@ -137,9 +137,9 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
     lines = [line for _, line in numbered]
     head = next((k for k, line in enumerate(lines) if _assign(_cells(line, line)).keys() >= {"pwm", "thrust"}), None)
     if head is None:
-        found = _assign(_cells(lines[0], lines[0])) if lines else {}
+        columns = _assign(_cells(lines[0], lines[0])) if lines else {}
         missing = " and no ".join(
-            label for key, label in {"pwm": "PWM (ESC signal)", "thrust": "thrust"}.items() if key not in found
+            label for key, label in {"pwm": "PWM (ESC signal)", "thrust": "thrust"}.items() if key not in columns
         )
         raise BenchError(
             f"{path.name}: no {missing} column; a bench table needs a header such as 'PWM (us), Voltage (V), "
@@ -216,9 +216,9 @@ def _assign(header: Sequence[str]) -> dict[str, int]:
 
 def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]]:
     """Factor to SI of a header's unit; without a unit SI, or what the name implies, is assumed and said."""
-    found = _UNIT.search(header)
-    unit = found[1] if found else (header if quantity == "speed" and "rpm" in header.lower() else "")
-    if not found and "_" in header:
+    written = _UNIT.search(header)
+    unit = written[1] if written else (header if quantity == "speed" and "rpm" in header.lower() else "")
+    if not written and "_" in header:
         unit = header.rsplit("_", 1)[1]
     key = re.sub(r"[\s·.*⋅]", "", unit).replace("µ", "u").replace("μ", "u").lower()
     known = _UNITS[quantity]
@@ -226,7 +226,7 @@ def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]
         key = "rpm"
     if key in known:
         return known[key], []
-    if key and found:
+    if key and written:
         raise BenchError(f"{file}: unit {unit!r} of column {header!r} is not known; use one of {', '.join(known)}")
     assumed = next(iter(known))
     if quantity == "speed":

@@ -72,15 +72,15 @@ def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = 
     # Its target as input and its attitude as output; nothing integrates between them.
     following = Axis(axis, f"{axis} target", axis, "rad/rad", "", "", which.letter)
     frf = response_of_records(records, following)
-    found = fit(frf)
-    bandwidth = _known(found, lambda fit: _passing(fit, _BANDWIDTH_PHASE)[0], "rad/s", _BANDWIDTH_PHASE)
+    model = fit(frf)
+    bandwidth = _known(model, lambda fit: _passing(fit, _BANDWIDTH_PHASE)[0], "rad/s", _BANDWIDTH_PHASE)
     return AttitudeResponse(
         axis=axis,
         bandwidth=possible_bandwidth(bandwidth, axis),
-        phase_delay=_known(found, _phase_delay, "s", -np.pi),
-        peak=_known(found, _peak, "dB"),
+        phase_delay=_known(model, _phase_delay, "s", -np.pi),
+        peak=_known(model, _peak, "dB"),
         frf=frf,
-        fit=found,
+        fit=model,
     )
 
 
@@ -116,25 +116,25 @@ def _record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
     )
 
 
-def crossing_of(found: FrequencyFit, phase: float) -> float:
+def crossing_of(model: FrequencyFit, phase: float) -> float:
     """Return the first frequency at which the model's phase passes a level, rad/s; NaN if never below 100 Hz."""
-    return _passing(found, phase)[0]
+    return _passing(model, phase)[0]
 
 
-def _passing(found: FrequencyFit, level: float) -> tuple[float, float]:
+def _passing(model: FrequencyFit, level: float) -> tuple[float, float]:
     """Return where the model's phase first passes a level, rad/s, and its phase at twice that frequency, rad."""
     hz = np.geomspace(1e-2, 100.0, 3200)
-    at, beyond = lagging(hz, (found.response(hz) * np.sign(found.values[0]))[None], level)
+    at, beyond = lagging(hz, (model.response(hz) * np.sign(model.values[0]))[None], level)
     return 2.0 * np.pi * float(at[0]), float(beyond[0])
 
 
-def _phase_delay(found: FrequencyFit) -> float:
-    at, beyond = _passing(found, -np.pi)
+def _phase_delay(model: FrequencyFit) -> float:
+    at, beyond = _passing(model, -np.pi)
     return (-beyond - np.pi) / (2.0 * at)
 
 
-def _peak(found: FrequencyFit) -> float:
-    gain = np.abs(found.response(np.geomspace(0.02, 20.0, 300)))
+def _peak(model: FrequencyFit) -> float:
+    gain = np.abs(model.response(np.geomspace(0.02, 20.0, 300)))
     return float(20.0 * np.log10(np.max(gain) / gain[0])) if np.argmax(gain) else 0.0
 
 
@@ -147,21 +147,21 @@ def possible_bandwidth(bandwidth: Parameter, axis: str) -> Parameter:
 
 
 def _known(
-    found: FrequencyFit, quantity: Callable[[FrequencyFit], float], unit: str, level: float | None = None
+    model: FrequencyFit, quantity: Callable[[FrequencyFit], float], unit: str, level: float | None = None
 ) -> Parameter:
     """Return a quantity of a fit, of where its phase passes a level if one is given, or why it is not determined."""
-    value = quantity(found)
+    value = quantity(model)
     if not np.isfinite(value):
         return Parameter(None, None, unit, "the model's phase never passes this level below 100 Hz")
-    sigma = _REAL_FLIGHT * found.sigma_of(quantity)
+    sigma = _REAL_FLIGHT * model.sigma_of(quantity)
     if not sigma:
-        return Parameter(None, None, unit, f"the structure that fits, {found.structure[0].name}, cannot show it")
-    if found.cost > POOR:
-        return Parameter(None, None, unit, f"the structure misses the response: cost J {found.cost:.0f}")
+        return Parameter(None, None, unit, f"the structure that fits, {model.structure[0].name}, cannot show it")
+    if model.cost > POOR:
+        return Parameter(None, None, unit, f"the structure misses the response: cost J {model.cost:.0f}")
     if not sigma < (0.3 * value if unit == "rad/s" else _LARGEST[unit]):
         return Parameter(None, None, unit, f"{uncertain(value, sigma, unit)}: too uncertain to be of use")
-    at = 0.0 if level is None else crossing_of(found, level)
-    if level is not None and at > 4.0 * np.pi * float(found.responses[0].hz[found.responses[0].usable][-1]):
+    at = 0.0 if level is None else crossing_of(model, level)
+    if level is not None and at > 4.0 * np.pi * float(model.responses[0].hz[model.responses[0].usable][-1]):
         passes = f"the phase passes {np.degrees(level):.0f} deg at {at:.3g} rad/s"
         return Parameter(None, None, unit, f"{passes}, beyond the frequencies that were excited")
     return Parameter(value, sigma, unit)

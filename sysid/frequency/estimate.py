@@ -135,9 +135,9 @@ def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            found = _chirped(source, axis, findings, reasons, part)
-            chirped += found
-            if not found:
+            with_chirps = _chirped(source, axis, findings, reasons, part)
+            chirped += with_chirps
+            if not with_chirps:
                 ordinary.append(ordinary_record(source, axis, part))
         except FrequencyError as error:
             reasons.append(str(error))
@@ -152,16 +152,16 @@ def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -
 
 def _sources(data: Data | Sequence[Data], within: Within | None) -> list[Source]:
     """Return each source with the part of it that counts; a record cut from a log is that stretch of the log."""
-    found: list[Source] = []
-    for each in [data] if isinstance(data, Data) else data:
-        if not isinstance(each, Experiment):
-            found += [(source, within) for source in sources_of(each, within)]
-        elif each.log is None:
-            found.append((each, None))
+    sources: list[Source] = []
+    for given in [data] if isinstance(data, Data) else data:
+        if not isinstance(given, Experiment):
+            sources += [(source, within) for source in sources_of(given, within)]
+        elif given.log is None:
+            sources.append((given, None))
         else:
-            part = (float(each.t[0]), float(each.t[-1])) if within is None else within
-            found.append((LogSignals(each.log, part), part))
-    return found
+            part = (float(given.t[0]), float(given.t[-1])) if within is None else within
+            sources.append((LogSignals(given.log, part), part))
+    return sources
 
 
 def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[AxisRecord]:
@@ -268,11 +268,11 @@ def response_of_records(
     if axis.attitude:  # a rate axis integrates
         thin = [record.difference() for record in thin]
     windows = _windows(thin, hz, longest)
-    found = _composite(thin, windows, axis, hz, gyro_filter_hz, None)
+    frf = _composite(thin, windows, axis, hz, gyro_filter_hz, None)
     if refined:
         with suppress(FrequencyError):  # what no structure can be fitted to stays as it is
-            found = _without_bends(thin, windows, axis, found, fit(found) if like is None else refit(like, found))
-    return replace(found, step=step, duration=float(sum(record.duration for record in records)))
+            frf = _without_bends(thin, windows, axis, frf, fit(frf) if like is None else refit(like, frf))
+    return replace(frf, step=step, duration=float(sum(record.duration for record in records)))
 
 
 def _without_bends(
@@ -290,13 +290,13 @@ def _without_bends(
     remainders = [record.remainders() for record in records]
     for _ in range(8):
         left = [without(model.response) for without in remainders]
-        found = _composite(left, windows, axis, first.hz, first.gyro_filter_hz, model)
-        moved = np.abs(np.log(found.response / first.response)) / found.sigma
-        first = found
-        if np.max(moved, where=found.counts, initial=0.0) < 0.3:
+        frf = _composite(left, windows, axis, first.hz, first.gyro_filter_hz, model)
+        moved = np.abs(np.log(frf.response / first.response)) / frf.sigma
+        first = frf
+        if np.max(moved, where=frf.counts, initial=0.0) < 0.3:
             break
         try:
-            model = refit(model, found)
+            model = refit(model, frf)
         except FrequencyError:
             break
     return first
@@ -345,12 +345,12 @@ def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[
     masks = [(length, mask) for length, mask in masks if mask.any()]
     served, lengths_used = [hz[mask] for _, mask in masks], [length for length, _ in masks]
     cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
-    found = []
+    windows = []
     for (length, mask), cut in zip(masks, cuts, strict=True):
-        regression = Regression.of([each.driving for each in cut if each is not None], length)
+        regression = Regression.of([of_record.driving for of_record in cut if of_record is not None], length)
         if regression is not None:
-            found.append(_Windows(mask, cut, regression))
-    return found
+            windows.append(_Windows(mask, cut, regression))
+    return windows
 
 
 def _composite(

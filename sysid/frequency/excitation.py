@@ -122,7 +122,7 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
     new = (np.diff(elapsed) < -1e-3) | (np.diff(t) > _PAUSE) | (np.diff(axis) != 0.0)
     edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(t)]])
     planned = table["planned"].to_numpy(np.float64)
-    found = []
+    chirps = []
     for first, last in pairwise(edges):
         if last - first < 8:
             continue
@@ -142,8 +142,8 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
         else:  # Autotuning of PX4 says what it adds, not at which frequency; the coherence tells where it did.
             limits = _SHORTEST / max(lasted, 1e-3), 0.45 / float(np.median(np.diff(t[first:last])))
         span, rows = (float(t[first]), float(t[last - 1])), table.iloc[first:last]
-        found.append(Chirp(name, number, *span, *limits, at_mixer, complete, rows))
-    return tuple(chirp for chirp in found if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
+        chirps.append(Chirp(name, number, *span, *limits, at_mixer, complete, rows))
+    return tuple(chirp for chirp in chirps if within is None or (within[0] <= chirp.start and chirp.stop <= within[1]))
 
 
 def mixer_chirps(log: FlightLog, axis: str, within: Within | None = None) -> list[Chirp]:

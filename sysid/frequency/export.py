@@ -46,11 +46,11 @@ def response_table(frf: FrequencyResponse, fit: FrequencyFit | None = None) -> p
     return pd.DataFrame(columns, index=pd.Index(frf.hz, name="hz"))
 
 
-def survey_json(found: FrequencySurvey) -> str:
+def survey_json(survey: FrequencySurvey) -> str:
     """Return the text of frequency.json."""
-    couplings = [_fields(coupling, "axis other ratio") for coupling in found.couplings]
-    axes = [{name: value for name, value in _axis(axis).items() if value is not None} for axis in found.axes]
-    return as_json({"logs": found.names, "axes": axes, "couplings": couplings, "findings": found.findings})
+    couplings = [_fields(coupling, "axis other ratio") for coupling in survey.couplings]
+    axes = [{name: value for name, value in _axis(axis).items() if value is not None} for axis in survey.axes]
+    return as_json({"logs": survey.names, "axes": axes, "couplings": couplings, "findings": survey.findings})
 
 
 def _axis(axis: AxisSurvey) -> dict[str, object]:
@@ -97,7 +97,7 @@ def _fit(fit: FrequencyFit) -> dict[str, object]:
     )
 
 
-def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
+def write(survey: FrequencySurvey, out: Path) -> tuple[Path, ...]:
     """Write ``frequency.json``, ``frequency.mat`` and one ``frequency_AXIS.csv`` for each response.
 
     In MATLAB: ``load frequency.mat; sys = frd(roll.response, roll.hz, 'FrequencyUnit', 'Hz'); tf(roll.num, roll.den)``,
@@ -105,9 +105,9 @@ def write(found: FrequencySurvey, out: Path) -> tuple[Path, ...]:
     ``roll_attitude``.
     """
     files = [out / "frequency.json", out / "frequency.mat"]
-    files[0].write_text(survey_json(found), encoding="utf-8")
+    files[0].write_text(survey_json(survey), encoding="utf-8")
     responses: dict[str, tuple[FrequencyResponse, FrequencyFit | None]] = {}
-    for axis in found.axes:
+    for axis in survey.axes:
         if axis.response is not None:
             responses[axis.axis] = axis.response, axis.fit
         if axis.attitude is not None:
@@ -129,8 +129,8 @@ def _struct(frf: FrequencyResponse, fit: FrequencyFit | None) -> dict[str, objec
     return struct
 
 
-def to_control(found: FrequencyResponse | FrequencyFit | TransferFunction) -> control.FRD | control.TransferFunction:
+def to_control(model: FrequencyResponse | FrequencyFit | TransferFunction) -> control.FRD | control.TransferFunction:
     """Return a response as FRD of python-control, a model as its transfer function, the delay by Padé."""
-    if isinstance(found, FrequencyResponse):
-        return python_control().FRD(found.response, 2.0 * np.pi * found.hz)
-    return functions_to_control([[found.transfer_function() if isinstance(found, FrequencyFit) else found]])
+    if isinstance(model, FrequencyResponse):
+        return python_control().FRD(model.response, 2.0 * np.pi * model.hz)
+    return functions_to_control([[model.transfer_function() if isinstance(model, FrequencyFit) else model]])

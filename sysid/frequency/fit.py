@@ -58,11 +58,11 @@ def fit(
     return stated(_search(responses, tuple(part.structure[0] for part in chosen), starts))
 
 
-def refit(found: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
+def refit(earlier: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
     """Fit the structure of an earlier fit to one response, from the values found before."""
-    if np.count_nonzero(response.counts) < len(found.values) + 2:
+    if np.count_nonzero(response.counts) < len(earlier.values) + 2:
         raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
-    return stated(_search((response,), found.structure, [found.values]))
+    return stated(_search((response,), earlier.structure, [earlier.values]))
 
 
 def _worth(responses: Sequence[FrequencyResponse]) -> float:
@@ -83,26 +83,26 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
             raise FrequencyError(f"there is no structure {structure!r}; there are {', '.join(known)}")
     good = response.counts
     worth = _worth((response,))
-    found: list[tuple[float, int, FrequencyFit]] = []
+    attempts: list[tuple[float, int, FrequencyFit]] = []
     for candidate in candidates:
         if worth < len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
             continue
         rare = "mode_frequency" in candidate.names or "speed_moment" in candidate.names
         # No mode is looked for where the remainder is its errors already.
-        if rare and found and min(attempt.excess for _, _, attempt in found) < 1.3:
+        if rare and attempts and min(attempt.excess for _, _, attempt in attempts) < 1.3:
             continue
         for start in _starts(response, candidate):
             attempt = _search((response,), (candidate,), [start])
-            found.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
-    if not found:
+            attempts.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
+    if not attempts:
         low, high = (response.hz[good][0], response.hz[good][-1]) if good.any() else (0.0, 0.0)
         raise FrequencyError(
             f"{response.axis}: {np.count_nonzero(good)} coherent frequencies"
             + (f" from {low:.2g} to {high:.2g} Hz" if good.any() else "")
             + f" are too few for a fit; {_what_to_do(response)}"
         )
-    usual = max(1.0, min(misfit / max(worth - count, 1.0) for misfit, count, _ in found))
-    scored = [(misfit / usual + count * np.log(max(worth, 2.0)), one) for misfit, count, one in found]
+    usual = max(1.0, min(misfit / max(worth - count, 1.0) for misfit, count, _ in attempts))
+    scored = [(misfit / usual + count * np.log(max(worth, 2.0)), one) for misfit, count, one in attempts]
     best, chosen = min([entry for entry in scored if _plausible(entry[1])] or scored[:1], key=lambda entry: entry[0])
     rest = [(score, one) for score, one in scored if one is not chosen and _stands_out(one, 1.0) and _possible(one)]
     others = tuple((float(np.exp(min(0.5 * (best - score), 0.0))), one) for score, one in rest)

@@ -149,10 +149,10 @@ class FrequencyFit(Summarised):
         }
 
 
-def value_of(name: str, found: FrequencyFit) -> float:
+def value_of(name: str, model: FrequencyFit) -> float:
     """Return a parameter of a fit; lag and lead are zero in a structure without them, other things are unknown."""
-    if name in found.names:
-        return float(found.values[found.names.index(name)])
+    if name in model.names:
+        return float(model.values[model.names.index(name)])
     return 0.0 if name.rpartition(".")[2] in TIMES else float("nan")
 
 
@@ -195,59 +195,59 @@ def of_flights(
     return np.diag(variance)
 
 
-def stated(found: FrequencyFit) -> FrequencyFit:
+def stated(model: FrequencyFit) -> FrequencyFit:
     """Return the fit with its parameters, each with its error or why it has none."""
     specs = {
-        found.names[k]: spec
-        for structure, own in zip(found.structure, found.columns, strict=True)
+        model.names[k]: spec
+        for structure, own in zip(model.structure, model.columns, strict=True)
         for k, spec in zip(own, structure.specs, strict=True)
     }
     parameters = {
-        name: _parameter(spec, value, found.sigma_of(partial(value_of, name)), found.responses)
-        for (name, spec), value in zip(specs.items(), found.values.tolist(), strict=True)
+        name: _parameter(spec, value, model.sigma_of(partial(value_of, name)), model.responses)
+        for (name, spec), value in zip(specs.items(), model.values.tolist(), strict=True)
     }
-    if any(response.unit != "rad/rad" for response in found.responses):
-        parameters |= _times(found, specs)
-    reason = _refusal(parameters, found)
+    if any(response.unit != "rad/rad" for response in model.responses):
+        parameters |= _times(model, specs)
+    reason = _refusal(parameters, model)
     if reason:
         parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}
-    return replace(found, parameters=parameters)
+    return replace(model, parameters=parameters)
 
 
-def _times(found: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str, Parameter]:
+def _times(model: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str, Parameter]:
     """Return the effective delay of each axis, and that its parts are not determined where only their sum shows."""
     parameters = {}
-    flights = of_flights(found.responses, found.columns, found.names, found.values)
-    row = max(response.step for response in found.responses)  # by as much the stamps of two signals may differ
+    flights = of_flights(model.responses, model.columns, model.names, model.values)
+    row = max(response.step for response in model.responses)  # by as much the stamps of two signals may differ
     prefixes = dict.fromkeys(name.removesuffix("gain") for name in specs if name.rpartition(".")[2] == "gain")
     for prefix in prefixes:
-        parts = [next((n for n in (f"{prefix}{each}", each) if n in specs), "") for each in TIMES]
-        places = [found.names.index(name) for name in parts if name]
-        spec = specs[found.names[places[0]]]
+        parts = [next((n for n in (f"{prefix}{time}", time) if n in specs), "") for time in TIMES]
+        places = [model.names.index(name) for name in parts if name]
+        spec = specs[model.names[places[0]]]
 
         def whole(fit: FrequencyFit, parts: Sequence[str] = parts) -> float:
             return sum(sign * value_of(part, fit) for sign, part in zip(TIMES.values(), parts, strict=True) if part)
 
-        value, sigma = whole(found), found.sigma_of(whole)
-        known = _parameter(spec, value, sigma, found.responses)
+        value, sigma = whole(model), model.sigma_of(whole)
+        known = _parameter(spec, value, sigma, model.responses)
         if -SIGNIFICANT * sigma - row < value < 0.0:
             known = _of_none(value, sigma)
         parameters[f"{prefix}effective_delay"] = known
-        delay, late = found.names[places[0]], found.values[places[0]]
+        delay, late = model.names[places[0]], model.values[places[0]]
         if late < 0.0:
-            parameters[delay] = _of_none(float(late), found.sigma_of(partial(value_of, delay)))
-        if len(places) == 1 or _exchanged(found.covariance - flights, places):
+            parameters[delay] = _of_none(float(late), model.sigma_of(partial(value_of, delay)))
+        if len(places) == 1 or _exchanged(model.covariance - flights, places):
             reason = "only the sum of delay and lag, less a lead, is determined: the effective delay"
-            parameters |= {found.names[k]: Parameter(None, None, "s", reason) for k in places}
+            parameters |= {model.names[k]: Parameter(None, None, "s", reason) for k in places}
     return parameters
 
 
-def _refusal(parameters: Mapping[str, Parameter], found: FrequencyFit) -> str:
+def _refusal(parameters: Mapping[str, Parameter], model: FrequencyFit) -> str:
     """Return why the parameters of a fit mean nothing; empty where they may."""
     # Coarse rows, averaged, leave a poor fit no excuse that the structure were too simple.
-    coarse = any(response.trim is not None for response in found.responses)
-    if found.cost > (ACCEPTABLE if coarse else POOR):
-        return f"the structure misses the response: cost J {found.cost:.0f}"
+    coarse = any(response.trim is not None for response in model.responses)
+    if model.cost > (ACCEPTABLE if coarse else POOR):
+        return f"the structure misses the response: cost J {model.cost:.0f}"
     for name, known in parameters.items():
         limits = _POSSIBLE.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
@@ -256,7 +256,7 @@ def _refusal(parameters: Mapping[str, Parameter], found: FrequencyFit) -> str:
                 f"{said} of {known.value:.3g} {known.unit} is none of a craft: the data say something else than the "
                 "structure"
             )
-    return _power_refusal(found.responses[0], found.values[0])
+    return _power_refusal(model.responses[0], model.values[0])
 
 
 def _power_refusal(response: FrequencyResponse, gain: float) -> str:

@@ -75,9 +75,9 @@ def chirp_record(
     axes = (*beside, axis)
     _require(log, signals, axis, rows, (*(axis.input for axis in axes), axis.output))
     commands = []
-    for each in axes:
-        late = chirp.at_mixer and not signals.with_chirp and chirp.axis == each.name
-        commands.append(signals.columns[each.input][rows] + (chirp.added(t) if late else 0.0))
+    for input_axis in axes:
+        late = chirp.at_mixer and not signals.with_chirp and chirp.axis == input_axis.name
+        commands.append(signals.columns[input_axis.input][rows] + (chirp.added(t) if late else 0.0))
     shares = [float(not beside or chirp.axis == axis.name) for axis in axes]
     answer = signals.columns[axis.output][rows]
     record = record_of_chirp(log, chirp, t, commands, answer, lambda at: np.outer(chirp.added(at), shares))
@@ -215,14 +215,14 @@ def _other_outputs(axis: Axis, signals: RateSignals, rows: slice) -> list[str]:
     """Return which outputs of the other axes of rotation move, so that what they do does not count as the axis's."""
     if not axis.attitude:
         return []
-    found = []
+    outputs = []
     for other in AXES.values():
         values = signals.columns.get(other.input)
         if other.name == axis.name or not other.attitude or values is None:
             continue
         if np.isfinite(values[rows]).all() and np.std(values[rows]) > _STILL:
-            found.append(other.input)
-    return found
+            outputs.append(other.input)
+    return outputs
 
 
 def _outside_target(log: FlightLog, axis: Axis, first: float, last: float) -> tuple[Floats, Floats, str] | None:
@@ -266,7 +266,7 @@ def lift_asked(log: FlightLog, start: float, stop: float) -> tuple[Floats, Float
             f"{log.path.name}: the pilot's throttle hardly moved, nor did the target of the height; climb and sink by "
             "short movements of the throttle for a minute"
         )
-    _, t, values, name = next((each for each in known if each[0]), known[0])
+    _, t, values, name = next((source for source in known if source[0]), known[0])
     return t, values, name
 
 
@@ -338,12 +338,12 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
 def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
     """Return what lifted the craft, and what it is where it is not the throttle output."""
     throttle, motors = throttle_output(log.messages, log.vehicle), motor_patterns(log)
-    found = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
-    found += [(thrust.dropna(), "") for thrust in log.tables.columns("rates", ["out_thrust"])]
-    found += [] if motors is None else [(motors["out_thrust"].dropna(), "motor outputs to accelerometer")]
-    found = [each for each in found if len(each[0]) >= _FEWEST_OF_THROTTLE]
-    if not found:
+    sources = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
+    sources += [(thrust.dropna(), "") for thrust in log.tables.columns("rates", ["out_thrust"])]
+    sources += [] if motors is None else [(motors["out_thrust"].dropna(), "motor outputs to accelerometer")]
+    sources = [source for source in sources if len(source[0]) >= _FEWEST_OF_THROTTLE]
+    if not sources:
         raise FrequencyError(f"{log.path.name}: no {_FEWEST_OF_THROTTLE} rows of throttle (CTUN) or motor outputs")
     felt = step_of(imu)
-    steps = [max(step_of(each[0]), felt) for each in found]
-    return found[-1] if steps[-1] * FASTER <= steps[0] else found[0]
+    steps = [max(step_of(source[0]), felt) for source in sources]
+    return sources[-1] if steps[-1] * FASTER <= steps[0] else sources[0]

@@ -84,8 +84,8 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     # In single precision, as the fast loop is logged: all in double are the largest thing in memory.
     known = {str(column.name): column.to_numpy()[rows].astype(np.float32) for column in columns}
     log.tables.release(keep="imu")  # what the columns were made of is as large as they are
-    told = {name: values for name, values in known.items() if np.isfinite(values).any()}
-    return RateSignals(t[rows], told, "RATE" in log.messages)
+    logged = {name: values for name, values in known.items() if np.isfinite(values).any()}
+    return RateSignals(t[rows], logged, "RATE" in log.messages)
 
 
 #: Outputs by the names of the mixer's patterns.
@@ -257,8 +257,8 @@ GivenSignals = GivenLogs | LogSignals | Sequence[FlightLog | LogSignals | str | 
 def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSignals]:
     """Return the signals of each log, and of each power-up of one."""
     signals: list[LogSignals] = []
-    for each in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
-        signals += [each] if isinstance(each, LogSignals) else [LogSignals(log, within) for log in logs_of(each)]
+    for given in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
+        signals += [given] if isinstance(given, LogSignals) else [LogSignals(log, within) for log in logs_of(given)]
     return signals
 
 

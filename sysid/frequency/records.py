@@ -228,7 +228,7 @@ def below(t: Floats, values: Floats, at: Floats, step: float) -> Floats:
             if len(grid) < 2 * reach + MIN_SAMPLES:
                 continue
             taps = low_pass_taps(2 * reach + 1, 0.5 * own / step)
-            even = np.column_stack([np.convolve(each, taps, "valid") for each in cubic_spline(clock, even, grid).T])
+            even = np.column_stack([np.convolve(column, taps, "valid") for column in cubic_spline(clock, even, grid).T])
             clock = grid[reach : len(grid) - reach]
         inside = (at >= clock[0]) & (at <= clock[-1])
         if inside.any():

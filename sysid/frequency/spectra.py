@@ -254,11 +254,11 @@ class RecordWindows:
     def sums(self, output: ThinnedSignals) -> AnswerSums:
         """Sum the products with an output."""
         y = _transforms(output.at(self.halvings), self.starts, self.phase)
-        found = _products(self.columns, y, self.starts)[..., 0] / self.differenced[:, None]
+        answers = _products(self.columns, y, self.starts)[..., 0] / self.differenced[:, None]
         inputs = self.driving.xx.shape[1]
         return AnswerSums(
-            zy=found[:, self.instruments],
-            xy=found[:, :inputs],
+            zy=answers[:, self.instruments],
+            xy=answers[:, :inputs],
             yy=np.einsum("kcpf,kcpf->f", y, y, dtype=np.float64) / np.abs(self.differenced) ** 2,
         )
 
@@ -336,8 +336,8 @@ def _products(left: Singles, right: Singles, places: NDArray[np.intp], turns: Co
     """Sum products of transforms over windows, shape (F, q, r); between windows with `turns`, shape (M, F)."""
     count = left.shape[-1]
     parts = np.empty((0, 2, count)) if turns is None else np.stack([turns.real, turns.imag], axis=1)
-    found = products(left, right, places, parts)
-    return np.asarray(np.moveaxis(found[:, :, 0] + 1j * found[:, :, 1], 2, 0))
+    halves = products(left, right, places, parts)
+    return np.asarray(np.moveaxis(halves[:, :, 0] + 1j * halves[:, :, 1], 2, 0))
 
 
 def _transforms(signals: Logged, starts: NDArray[np.intp], phase: Logged) -> Singles:

@@ -56,14 +56,14 @@ class Structure:
         """
         size = np.abs(values[:-1])
         steps = 1e-6 * np.array(
-            [each if spec.positive else max(each, spec.scale) for each, spec in zip(size, self.specs, strict=False)]
+            [value if spec.positive else max(value, spec.scale) for value, spec in zip(size, self.specs, strict=False)]
         )
         moves = np.diag(np.append(steps, 0.0))[:-1]
         s = 2j * np.pi * hz
         slopes = np.zeros((len(hz), len(values)), np.complex128)
         beside = [(*self.polynomials(values + move), *self.polynomials(values - move)) for move in moves]
         for sign, part, now in zip((1.0, -1.0), (0, 1), self.polynomials(values), strict=True):
-            apart = np.array([each[part] - each[part + 2] for each in beside]).T / (2.0 * steps)
+            apart = np.array([shifted[part] - shifted[part + 2] for shifted in beside]).T / (2.0 * steps)
             powers = np.vander(s, len(now))
             slopes[:, :-1] += sign * (powers @ apart) / (powers @ now)[:, None]
         slopes[:, -1] = -s
@@ -100,7 +100,7 @@ def _structures(
     late = ParameterSpec("delay", "s", positive=False, scale=delay[0], absolute=delay[1])
     gain = ParameterSpec("gain", unit)
     return tuple(
-        Structure(name, (gain, *(_SPECS[each] for each in parameters.split()), late), polynomials)
+        Structure(name, (gain, *(_SPECS[parameter] for parameter in parameters.split()), late), polynomials)
         for name, parameters, polynomials in kinds
     )
 

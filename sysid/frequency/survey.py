@@ -112,7 +112,7 @@ def _differing(single: Sequence[tuple[str, FrequencyResponse]]) -> Iterator[Find
         mine = [(name, frf) for name, frf in single if frf.axis == axis]
         source = mine[0][1].source
         worst = (0.0, "", "")
-        for (first, one), (second, other) in combinations([each for each in mine if each[1].source == source], 2):
+        for (first, one), (second, other) in combinations([entry for entry in mine if entry[1].source == source], 2):
             apart = np.log(np.abs(one.response)) - np.log(np.abs(other.at(one.hz)))
             both = (
                 one.usable & np.isfinite(apart) & (np.interp(one.hz, other.hz, other.coherence, 0.0, 0.0) >= COHERENT)
@@ -143,9 +143,9 @@ def _tried(make: Callable[[], Found]) -> tuple[Found | None, str]:
         return None, str(error)
 
 
-def _couplings(logs: Sequence[LogSignals], found: Sequence[AxisSurvey], within: Within | None) -> Iterator[Coupling]:
+def _couplings(logs: Sequence[LogSignals], surveys: Sequence[AxisSurvey], within: Within | None) -> Iterator[Coupling]:
     """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
-    known = {each.axis: each.response for each in found if each.fit is not None and each.response is not None}
+    known = {entry.axis: entry.response for entry in surveys if entry.fit is not None and entry.response is not None}
     for axis, other in (("roll", "pitch"), ("pitch", "roll")):
         if axis in known and other in known:
             records = [record for log in logs for record in _records(log, AXES[axis], AXES[other], within)]
@@ -199,20 +199,20 @@ def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Withi
 
 
 def _axis(logs: Sequence[LogSignals], axis: str, within: Within | None) -> AxisSurvey:
-    found: FrequencyFit | None = None
+    model: FrequencyFit | None = None
     check: Verification | None = None
     check_reason = ""
     turns = bool(axis_of(axis).attitude)
     frf, reason = _tried(lambda: response(logs, axis, within))
     if frf is not None:
-        found, reason = _tried(partial(fit, frf))
-    if found is not None and found.parameters["gain"].value is not None:
-        check, check_reason = _tried(partial(hold_out, found, logs, within))
+        model, reason = _tried(partial(fit, frf))
+    if model is not None and model.parameters["gain"].value is not None:
+        check, check_reason = _tried(partial(hold_out, model, logs, within))
     attitude, attitude_reason = _tried(lambda: attitude_response(logs, axis, within=within)) if turns else (None, "")
     return AxisSurvey(
         axis=axis,
         response=frf,
-        fit=found,
+        fit=model,
         attitude=attitude,
         reason=reason,
         attitude_reason=attitude_reason,

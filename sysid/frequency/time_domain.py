@@ -69,7 +69,7 @@ class Verification:
         )
 
 
-def verify(found: FrequencyFit, data: GivenSignals, within: Within | None = None) -> Verification:
+def verify(model: FrequencyFit, data: GivenSignals, within: Within | None = None) -> Verification:
     """Judge a fit of one axis on other flying: all its time in the air, without chirps, above 0.15 Hz.
 
     Parameters
@@ -85,9 +85,9 @@ def verify(found: FrequencyFit, data: GivenSignals, within: Within | None = None
     FrequencyError
         Where the flights have no signals of the axis or too little is left of them, or the fit is of several axes.
     """
-    if len(found.axes) != 1:
+    if len(model.axes) != 1:
         raise FrequencyError("a verification takes a fit of one axis")
-    axis = AXES[found.axes[0]]
+    axis = AXES[model.axes[0]]
 
     def cut(source: LogSignals) -> AxisRecord:
         record = ordinary_record(source, axis, within)
@@ -96,40 +96,40 @@ def verify(found: FrequencyFit, data: GivenSignals, within: Within | None = None
         ordinary = outside_chirps(source.log, t)
         return replace(record, usable=record.usable & ordinary)
 
-    return verify_records(found, records_of_each(data, within, cut))
+    return verify_records(model, records_of_each(data, within, cut))
 
 
-def hold_out(found: FrequencyFit, logs: Sequence[LogSignals], within: Within | None = None) -> Verification:
+def hold_out(model: FrequencyFit, logs: Sequence[LogSignals], within: Within | None = None) -> Verification:
     """Judge a fit of one axis on flying that it was not made from, or one of the same kind where it was made from all.
 
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
     one, is judged by a fit to the others.
     """
-    axis = AXES[found.axes[0]]
-    if axis.attitude and found.responses[0].step > 1.0 / FOLDING:
+    axis = AXES[model.axes[0]]
+    if axis.attitude and model.responses[0].step > 1.0 / FOLDING:
         raise FrequencyError(
-            f"rows at {1.0 / found.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
+            f"rows at {1.0 / model.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
             "predicted; log it at 25 Hz or more"
         )
     if any(chirp.axis == axis.name for signals in logs for chirp in find_chirps(signals.log, within)):
-        return verify(found, logs, within)
+        return verify(model, logs, within)
     if len(logs) > 1:
-        return verify(refit(found, response(logs[:-1], axis.name, within, like=found)), logs[-1], within)
+        return verify(refit(model, response(logs[:-1], axis.name, within, like=model)), logs[-1], within)
     record = ordinary_record(logs[0], axis, within)
     cut = record.start + 0.6 * record.duration
-    first = refit(found, response(logs[0], axis.name, (record.start, cut), like=found))
+    first = refit(model, response(logs[0], axis.name, (record.start, cut), like=model))
     return verify(first, logs[0], (cut, record.start + record.duration))
 
 
-def verify_records(found: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:
+def verify_records(model: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:
     """Judge a fit of one axis on records that it was not made from."""
-    axis = AXES[found.axes[0]]
+    axis = AXES[model.axes[0]]
     errors, outputs, models, scores, ahead = [], [], [], [], []
     seconds = float(sum(np.count_nonzero(record.usable) * record.dt for record in records))
     if seconds < SHORTEST_FLIGHT:
         raise FrequencyError(f"{seconds:.0f} s of held-out flying are too few to judge the {axis.name} axis")
     for record in records:
-        left = record.remainders()(found.response)
+        left = record.remainders()(model.response)
         signals = np.column_stack([left.output, record.output, record.inputs[:, 0], record.instruments[:, 0]])
         # Each in one piece: they are multiplied sample by sample again and again.
         error, output, command, outside = np.ascontiguousarray(above(signals, 0.15 * record.dt)[record.usable].T)

@@ -108,7 +108,7 @@ class _Block:
 
     apart: float
     tolerated: float
-    told: str
+    sentence: str
 
 
 def contradiction(log: FlightLog) -> str | None:
@@ -126,7 +126,7 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
         return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
     for block in _blocks(log, settings):
         if block.apart > block.tolerated:
-            return f"{log.path.name}: {axis}: {block.told}: the parameters in the log are not what flew; {advice}"
+            return f"{log.path.name}: {axis}: {block.sentence}: the parameters in the log are not what flew; {advice}"
     return None
 
 
@@ -209,12 +209,12 @@ def _gyro_block(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterato
         return list(_compared(signals, "before", "behind", expected, hz, "gyro", settings.axis))
 
     for block in behind(settings.gyro.low_pass):
-        told = block.told
+        sentence = block.sentence
         if block.apart > block.tolerated:
             apart, corner = min((behind(corner)[0].apart, corner) for corner in _CORNERS)
             if apart < min(_APART["gyro"], 0.5 * block.apart):
-                told += f" (it answers as with INS_GYRO_FILTER {corner:.0f})"
-        yield replace(block, told=told)
+                sentence += f" (it answers as with INS_GYRO_FILTER {corner:.0f})"
+        yield replace(block, sentence=sentence)
 
 
 def _compared(
@@ -301,17 +301,17 @@ def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | 
     if added is None or not all(np.isfinite(column).sum() > FEWEST_ROWS for column in columns.values()):
         return None
     clock, values, _ = on_uniform_clock(t, [added(t), *columns.values()])
-    found = dict(zip(columns, values[:, 1:].T, strict=True))
-    return _Signals(values[:, 0], found, float(clock[1] - clock[0]))
+    signals = dict(zip(columns, values[:, 1:].T, strict=True))
+    return _Signals(values[:, 0], signals, float(clock[1] - clock[0]))
 
 
 def other_rate(log: FlightLog, claimed: float) -> str | None:
     """Return that the loop ran at another rate than SCHED_LOOP_RATE."""
     if "PM" in log.messages and "LR" in log.messages["PM"]:
-        told = log.messages["PM"]["LR"].to_numpy(np.float64)
-        told = told[np.isfinite(told) & (told > 0.0)]
-        if len(told) and abs(float(np.median(told)) / claimed - 1.0) > _RATE_APART:
-            return f"SCHED_LOOP_RATE is {claimed:g} Hz, but the scheduler ran at {np.median(told):.0f} Hz (PM.LR)"
+        rates = log.messages["PM"]["LR"].to_numpy(np.float64)
+        rates = rates[np.isfinite(rates) & (rates > 0.0)]
+        if len(rates) and abs(float(np.median(rates)) / claimed - 1.0) > _RATE_APART:
+            return f"SCHED_LOOP_RATE is {claimed:g} Hz, but the scheduler ran at {np.median(rates):.0f} Hz (PM.LR)"
     times = log.tables.times("rates")
     if times is not None and "RATE" in log.messages and len(times) > 16:
         rows = 1.0 / float(np.median(np.diff(times)))

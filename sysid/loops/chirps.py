@@ -140,7 +140,7 @@ def flown_energy(loop: RateLoop) -> Floats:
     return total
 
 
-def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tuple[Expected, ...]:
+def predicted_errors(loop: RateLoop, model: FrequencyFit, energy: Floats) -> tuple[Expected, ...]:
     """Predict what the fit to another experiment on a craft will leave undetermined.
 
     The errors of the flown response are those of its noise, its windows and its estimator; at each frequency they fall
@@ -149,7 +149,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     `energy`: of the experiment at the mixer, per Hz. As the fit names
     them; empty where the experiment determines nothing.
     """
-    frf, structure = loop.frf, found.structure[0]
+    frf, structure = loop.frf, model.structure[0]
     names = list(structure.names)
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = frf.sigma * np.sqrt(flown_energy(loop) / energy)
@@ -157,7 +157,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     if np.count_nonzero(good) < len(names) + 2:
         return ()
     hz, sigma, worth = frf.hz[good], sigma[good], frf.weight_of_points[good]
-    slope = structure.slopes(found.values, hz)
+    slope = structure.slopes(model.values, hz)
     weight = worth / (sigma**2 + FLOOR**2)
     information = (slope.conj().T * weight) @ slope
     stated = np.linalg.pinv(information.real, hermitian=True)
@@ -167,7 +167,7 @@ def predicted_errors(loop: RateLoop, found: FrequencyFit, energy: Floats) -> tup
     between = {"gain": gain_between_flights(loop.axis), "effective_delay": DELAY_BETWEEN_FLIGHTS}
     errors = []
     for name, row in rows.items():
-        size = abs(float(found.values[0])) if name == "gain" else 1.0
+        size = abs(float(model.values[0])) if name == "gain" else 1.0
         random, whole = (float(np.sqrt(max(row @ matrix @ row, 0.0))) / size for matrix in (scatter, stated))
         unit = RELATIVE if name == "gain" else structure.specs[names.index(name)].unit if name in names else "s"
         errors.append(Expected(name, float(np.hypot(whole, between.get(name, 0.0))), unit, random))
@@ -190,8 +190,8 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
     crossover = loop.with_settings(loop.flown).margins.crossover_hz.value
     if crossover is None:
         raise LoopError(f"{loop.axis}: the crossover is not known, so that no chirp can be designed around it")
-    found = fit(loop.frf)
-    mode = found.parameters.get("mode_frequency")
+    model = fit(loop.frf)
+    mode = model.parameters.get("mode_frequency")
     bends = 0.0 if mode is None or mode.value is None else mode.value / (2.0 * np.pi)
     highest = min(_BELOW_RATE / loop.frf.step, loop.hz[-1], max(_RIGID[0], _RIGID[1] * crossover, _PAST_MODE * bends))
     moved = motion_per_unit(loop)
@@ -206,7 +206,7 @@ def design_chirp(loop: RateLoop, limits: Limits) -> ChirpDesign:
         largest = float(np.min(np.array(allowed) / largest_motion))
         magnitude = float(f"{0.995 * largest:.2g}")
         magnitude = magnitude if magnitude <= largest else float(f"{0.9 * largest:.2g}")
-        errors = predicted_errors(loop, found, chirp_energy(loop.frf.hz, low, high, magnitude, _SECONDS, fade_in))
+        errors = predicted_errors(loop, model, chirp_energy(loop.frf.hz, low, high, magnitude, _SECONDS, fade_in))
         if not errors:
             continue
         lean, rate, mixer = magnitude * largest_motion

@@ -78,13 +78,13 @@ def _at_attitude(loop: RateLoop, broken: Complexes, size: float | None) -> Itera
     """Yield those of the attitude loop broken at the attitude, and of how the attitude follows its target."""
     scale = 1.0 if size is None else float(np.sqrt(_REFERENCE / size))
     scaled = ", unscaled" if size is None else f", times {scale:.2g} (Froude, Ivler and Geyer 2024)"
-    found = margins_of(loop.hz, broken)
+    margins = margins_of(loop.hz, broken)
     turn = 2.0 * np.pi
-    yield _criterion("phase margin of the attitude", _known(found.phase_deg, "deg"), 45.0, True, _MIL)
-    bandwidth = _known(turn * found.rejection_hz, "rad/s")
+    yield _criterion("phase margin of the attitude", _known(margins.phase_deg, "deg"), 45.0, True, _MIL)
+    bandwidth = _known(turn * margins.rejection_hz, "rad/s")
     least = scale * _REJECTION[loop.axis]
     yield _criterion("disturbance rejection bandwidth at the attitude", bandwidth, least, True, _HOLD + scaled)
-    yield _criterion("disturbance rejection peak at the attitude", _known(found.peak_db, "dB"), 5.0, False, _HOLD)
+    yield _criterion("disturbance rejection peak at the attitude", _known(margins.peak_db, "dB"), 5.0, False, _HOLD)
     closed = broken / (1.0 + broken)
     at_135, (at_180, twice) = lagging(loop.hz, closed, -0.75 * np.pi)[0], lagging(loop.hz, closed, -np.pi)
     yield _criterion(
@@ -112,18 +112,18 @@ def identified(loop: RateLoop) -> Iterator[Criterion]:
         value = Parameter(least, None, "1", "" if near.any() else "the crossover lies beyond what was measured")
         yield _criterion("coherence around the crossover", value, 0.6, True, _TISCHLER)
     try:
-        found = fit(loop.frf)
+        model = fit(loop.frf)
     except FrequencyError as error:
         yield _criterion("cost J", Parameter(None, None, "1", str(error)), 100.0, False, _TISCHLER)
         return
-    yield _criterion("cost J", Parameter(found.cost, None, "1"), 100.0, False, _TISCHLER)
-    gain = found.parameters["gain"]
+    yield _criterion("cost J", Parameter(model.cost, None, "1"), 100.0, False, _TISCHLER)
+    gain = model.parameters["gain"]
     if gain.value and gain.sigma:
         forward = Parameter(1.0 / gain.value, gain.sigma / gain.value**2, "s^2/rad")
         yield _criterion("D_FF that turns what is asked for (1 / gain)", forward)
-    stated = {name: one for name in found.names if (one := found.parameters[name]).value and one.sigma}
+    stated = {name: one for name in model.names if (one := model.parameters[name]).value and one.sigma}
     bounds = [100.0 * one.sigma / abs(one.value) for one in stated.values() if one.value and one.sigma]
-    blind = [100.0 * float(each) for name, each in zip(found.names, found.insensitivity, strict=True) if name in stated]
+    blind = [100.0 * float(part) for name, part in zip(model.names, model.insensitivity, strict=True) if name in stated]
     reason = "" if stated else "no parameter is determined"
     for name, values, limit in (("Cramer-Rao bound", bounds, 20.0), ("insensitivity", blind, 10.0)):
         worst = Parameter(max(values, default=None), None, "%", reason)

@@ -37,6 +37,6 @@ class Margins(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Return each margin that the band shows, and whether the loop is stable."""
-        found = {name: e for name in MARGINS if (e := getattr(self, name)).value is not None}
-        told = {name: uncertain(e.value, e.sigma, e.unit) for name, e in found.items()}
-        return {"loop": "stable" if self.stable else "UNSTABLE"} | told
+        determined = {name: e for name in MARGINS if (e := getattr(self, name)).value is not None}
+        margins = {name: uncertain(e.value, e.sigma, e.unit) for name, e in determined.items()}
+        return {"loop": "stable" if self.stable else "UNSTABLE"} | margins

@@ -240,7 +240,7 @@ def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSe
     )
 
 
-def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settings: LoopSettings) -> RateLoop:
+def ordinary_loop(name: str, frf: FrequencyResponse, model: FrequencyFit, settings: LoopSettings) -> RateLoop:
     """Close the loop around a craft's model that was fitted to ordinary flying.
 
     Parameters
@@ -269,7 +269,7 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
             f"{settings.axis}: the rate loop is logged at {1.0 / frf.step:.0f} Hz, which folds what is near its "
             "crossover; log it at 25 Hz or more, and fly a chirp of mode SYSTEMID"
         )
-    gain = found.parameters["gain"]
+    gain = model.parameters["gain"]
     if gain.value is None:
         raise LoopError(f"{settings.axis}: the craft's gain is not determined: {gain.reason}")
     if gain.value <= 0.0:
@@ -280,7 +280,7 @@ def ordinary_loop(name: str, frf: FrequencyResponse, found: FrequencyFit, settin
             f"{settings.axis}: this flight tells of the craft up to {top:.1f} Hz only; fly a minute of short, sharp "
             "stick inputs, or a chirp of mode SYSTEMID"
         )
-    plant = plant_of_model(found, frf, settings.gyro)
+    plant = plant_of_model(model, frf, settings.gyro)
     loop = RateLoop(name, frf, plant, settings, settings, None)
     _useful(loop, top)
     return loop
@@ -351,7 +351,7 @@ def _feedback(log: FlightLog, signals: RateSignals, axis: str, chirp: Chirp) -> 
     if added is None or pid is None or len(t) < 16 or not signals.with_chirp:
         return None
     sums = pid[[name for name in ("P", "I", "D", "FF", "DFF") if name in pid]].to_numpy(np.float64).sum(axis=1)
-    at, sums = (each[np.isfinite(sums)] for each in (pid.index.to_numpy(np.float64), sums))
+    at, sums = (column[np.isfinite(sums)] for column in (pid.index.to_numpy(np.float64), sums))
     nearest = np.clip(np.searchsorted(at, t - _SAME), 0, max(len(at) - 1, 0))
     same = np.abs(at[nearest] - t) < _SAME if len(at) else np.zeros(len(t), bool)
     if same.sum() < 16:

@@ -174,12 +174,12 @@ def followed(plant: Plant, frf: FrequencyResponse, gyro: GyroPath) -> Plant:
     if end >= FIRST_MODES:
         return plant
     try:
-        found = fit(replace(frf, response=frf.response / _beside(gyro, frf, frf.hz)))
+        model = fit(replace(frf, response=frf.response / _beside(gyro, frf, frf.hz)))
     except FrequencyError:
         return plant
     step = 1.0 / _DENSITY
     hz = np.exp(np.arange(np.log(end) + step, np.log(FARTHEST * end), step))
-    models = _drawn(found, frf, gyro, np.append(end, hz), end, _OF_CHIRPS)
+    models = _drawn(model, frf, gyro, np.append(end, hz), end, _OF_CHIRPS)
     beyond = models[:, 1:] / models[:, :1]
     # Of another flight's gain and delay the delay turns the phase on.
     other = np.log(plant.draws[:, -1:] / plant.own_draws[:, -1:])
@@ -197,12 +197,12 @@ def followed(plant: Plant, frf: FrequencyResponse, gyro: GyroPath) -> Plant:
     )
 
 
-def plant_of_model(found: FrequencyFit, frf: FrequencyResponse, gyro: GyroPath) -> Plant:
+def plant_of_model(model: FrequencyFit, frf: FrequencyResponse, gyro: GyroPath) -> Plant:
     """Return the model that fits ordinary flying."""
     coherent = frf.hz[frf.usable]
     top = float(coherent[-1])
     hz = np.exp(np.arange(np.log(coherent[0]), np.log(FARTHEST * top), 1.0 / _DENSITY))
-    draws = _drawn(found, frf, gyro, hz, top, _OF_STICKS)
+    draws = _drawn(model, frf, gyro, hz, top, _OF_STICKS)
     sigma = np.std(np.log(np.abs(draws)), axis=0)
     return Plant(hz, draws[0], sigma, np.interp(hz, frf.hz, frf.coherence, right=0.0), draws, draws, seen=top)
 
@@ -213,37 +213,37 @@ def _beside(gyro: GyroPath, frf: FrequencyResponse, hz: Floats) -> Complexes:
 
 
 def _drawn(
-    found: FrequencyFit, frf: FrequencyResponse, gyro: GyroPath, hz: Floats, top: float, growth: float
+    model: FrequencyFit, frf: FrequencyResponse, gyro: GyroPath, hz: Floats, top: float, growth: float
 ) -> Complexes:
     """Draw models that the data leave possible, of all structures by their probability, the best first, (DRAWS, n).
 
     From the frequency `top` [Hz] on their errors grow by so much per factor e.
     """
     generator = np.random.default_rng(SEED)
-    fits = (found, *(other for _, other in found.others))
-    shares = np.array([1.0, *(share for share, _ in found.others)])
+    fits = (model, *(other for _, other in model.others))
+    shares = np.array([1.0, *(share for share, _ in model.others)])
     picked = generator.choice(len(fits), DRAWS, p=shares / shares.sum())
     models = np.empty((DRAWS, len(hz)), np.complex128)
     for which in np.unique(picked):
         rows = picked == which
         models[rows] = _models(fits[which], hz, int(rows.sum()), generator)
     unknown = np.maximum(np.log(hz / top), 0.0) * growth
-    unseen = generator.standard_normal((DRAWS, 1)) + 1j * generator.standard_normal((DRAWS, 1))
-    models *= np.exp(unseen * unknown)
-    models[0] = found.response(hz)
+    departures = generator.standard_normal((DRAWS, 1)) + 1j * generator.standard_normal((DRAWS, 1))
+    models *= np.exp(departures * unknown)
+    models[0] = model.response(hz)
     return models * _beside(gyro, frf, hz)
 
 
-def _models(found: FrequencyFit, hz: Floats, count: int, generator: np.random.Generator) -> Complexes:
+def _models(model: FrequencyFit, hz: Floats, count: int, generator: np.random.Generator) -> Complexes:
     """Draw models of one structure from the errors of its parameters, shape (count, n)."""
-    deviation = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    deviation = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     # Positive parameters keep their sign.
-    values = generator.multivariate_normal(found.values, found.covariance, count, method="svd")
-    positive = np.array([spec.positive for spec in found.structure[0].specs])
-    least = np.where(positive, 0.05 * np.abs(found.values), -np.inf)
-    values = np.where(deviation > 0.0, np.maximum(values, least), found.values)
-    models = np.stack([found.at(one).response(hz) for one in values])
-    names = found.structure[0].names
+    values = generator.multivariate_normal(model.values, model.covariance, count, method="svd")
+    positive = np.array([spec.positive for spec in model.structure[0].specs])
+    least = np.where(positive, 0.05 * np.abs(model.values), -np.inf)
+    values = np.where(deviation > 0.0, np.maximum(values, least), model.values)
+    models = np.stack([model.at(one).response(hz) for one in values])
+    names = model.structure[0].names
     if "lag" not in names:
         # Below the coherent band's end a lag looks like a delay; how much of the delay is one is open.
         lag = np.maximum(values[:, [names.index("delay")]], 0.0) * generator.uniform(0.0, 1.0, (count, 1))

@@ -77,13 +77,13 @@ class Proof(Summarised):
     @property
     def thin(self) -> dict[str, str]:
         """Margins measured after the change that are less than a tune keeps, in words, by axis."""
-        measured, found = self.table["measured"], {}
+        measured, lacks = self.table["measured"], {}
         for axis in dict.fromkeys(str(axis) for axis, _ in self.table.index):
             known = [name for name in ("gain_db", "phase_deg") if (axis, name) in measured.index]
             lacking = Aim().lacking({name: float(measured[axis, name]) for name in known})
             if lacking:
-                found[axis] = " and ".join(lacking)
-        return found
+                lacks[axis] = " and ".join(lacking)
+        return lacks
 
     def summary(self) -> dict[str, str]:
         """Return the flights and the verdict."""
@@ -180,7 +180,7 @@ def _limits(predicted: RateLoop, second: RateLoop) -> list[str]:
     """Return what limits the comparison of an axis: a level loop gain, two ways to the later loop that disagree."""
     crossover = predicted.margins.crossover_hz
     level = f"{second.axis}: {crossover.reason}" if crossover.determined and crossover.reason else None
-    return [each for each in (level, two_ways_apart(second)) if each is not None]
+    return [limit for limit in (level, two_ways_apart(second)) if limit is not None]
 
 
 def _rows(axis: str, predicted: RateLoop, second: RateLoop, logs: Sequence[FlightLog], *, measured: bool) -> list[Row]:

@@ -238,7 +238,9 @@ def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
             [flown.I * min(max(p * i, least), most) for i in _I] if part is None else [part * typed(flown.P * p)]
         )
         searched = allowed("P", [flown.P * p]), allowed("I", integrals), derivatives, filters
-        candidates += [dict(zip("PID", each[:3], strict=True), FLTD=each[3]) for each in itertools.product(*searched)]
+        candidates += [
+            dict(zip("PID", gains[:3], strict=True), FLTD=gains[3]) for gains in itertools.product(*searched)
+        ]
     return candidates
 
 
@@ -272,7 +274,7 @@ def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str,
     hz = loop.hz[::_EVERY]
     through = (loop.with_settings(bare).gyro_change * loop.plant.response)[::_EVERY]
     true_plant = through / bare.gyro.response(hz)
-    feedbacks, (unseen, noise) = bare.feedbacks(candidates, hz), raised_unseen(loop, bare, candidates)
+    feedbacks, (raised, noise) = bare.feedbacks(candidates, hz), raised_unseen(loop, bare, candidates)
     rows = []
     gusts, ending = np.empty(len(candidates)), np.empty(len(candidates))
     for first in range(0, len(candidates), _AT_ONCE):
@@ -288,15 +290,15 @@ def _field(loop: RateLoop, bare: LoopSettings, candidates: Sequence[Mapping[str,
     with np.errstate(invalid="ignore"):
         gained = np.log(nominal.rejection_hz / (flown_rejection if np.isfinite(flown_rejection) else hz[0]))
         score = _BANDWIDTH_WEIGHT * np.minimum(gained, _WANTED_GAIN) - np.log(gusts / flown_gust)
-    as_flown = (ending <= amplified_at_end(loop, hz, flown_loop)) & (unseen <= may_raise(loop)[0])
+    as_flown = (ending <= amplified_at_end(loop, hz, flown_loop)) & (raised <= may_raise(loop)[0])
     ends_well = np.asarray((ending <= AMPLIFIED) | as_flown)
-    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), unseen, noise, ends_well)
+    return _Field(bare, tuple(candidates), nominal, np.asarray(gained), np.asarray(score), raised, noise, ends_well)
 
 
-def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
+def _best(loop: RateLoop, aim: Aim, field: _Field, raised: float) -> AxisTuning:
     """Return the candidate of the best score that keeps the aim at its worst, or why there is none."""
     nominal, score = field.nominal, field.score
-    good = _sound(field, aim, unseen)
+    good = _sound(field, aim, raised)
     order = np.flatnonzero(good)[np.argsort(-score[good], kind="stable")]
     actuators = ActuatorNoise(loop)
     # How far below its nominal margins a candidate's worst case lay: those with less in hand need no look.
@@ -330,11 +332,11 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, unseen: float) -> AxisTuning:
     )
 
 
-def _sound(field: _Field, aim: Aim, unseen: float) -> NDArray[np.bool_]:
+def _sound(field: _Field, aim: Aim, raised: float) -> NDArray[np.bool_]:
     """Return which candidates keep an aim by the best estimate, and raise what nobody saw by a factor at most."""
     nominal = field.nominal
     return np.asarray(
-        (field.unseen <= unseen)
+        (field.unseen <= raised)
         & (field.noise <= 1.01 * aim.noise)
         & field.ends_well
         & nominal.stable

@@ -155,7 +155,7 @@ def _read_px4(log: FlightLog, axis: str) -> LoopSettings:
         remarks.append(f"{axis}: MC_BAT_SCALE_EN raises the gains as the battery empties")
     notches = []
     for k in range(2):
-        centre, width = (parameters.get(f"IMU_GYRO_NF{k}_{each}", 0.0) for each in ("FRQ", "BW"))
+        centre, width = (parameters.get(f"IMU_GYRO_NF{k}_{suffix}", 0.0) for suffix in ("FRQ", "BW"))
         if centre > 0.0 and width > 0.0:
             alpha, beta = (f(math.pi * x / _PX4_GYRO_RATE) for f, x in ((math.tan, width), (math.cos, 2.0 * centre)))
             scale = 1.0 / (1.0 + alpha)
@@ -272,5 +272,5 @@ def _throttle(log: FlightLog, axis: str) -> float | None:
     if throttle is None or flight is None:
         return None
     spans = [(chirp.start, chirp.stop) for chirp in mixer_chirps(log, axis)] or [(flight.start, flight.stop)]
-    found = pd.concat([throttle.loc[start:stop] for start, stop in spans]).dropna()
-    return float(found.median()) if len(found) else None
+    values = pd.concat([throttle.loc[start:stop] for start, stop in spans]).dropna()
+    return float(values.median()) if len(values) else None

@@ -109,7 +109,7 @@ class Tuning(Summarised):
     def reasons(self) -> dict[str, str]:
         """Return of each proposed parameter what its axis keeps with all that are proposed."""
         kept = {AXES[axis.axis]: f"{axis.axis}: {axis.promise}" for axis in self.axes if axis.tuned is not None}
-        axes = {name: next((each for each in name.split("_") if each in kept), "") for name in self.proposed}
+        axes = {name: next((part for part in name.split("_") if part in kept), "") for name in self.proposed}
         return {name: kept.get(axis, "serves all axes") for name, axis in axes.items()}
 
     def _file(self, what: str, values: Mapping[str, float], reasons: Mapping[str, str], *more: str) -> str:
@@ -244,9 +244,9 @@ def _remarks(
             f"from ordinary flying, which shows the craft up to {loop.plant.seen:.0f} Hz: gains are raised by a factor "
             f"of {LARGEST_OF_STICKS:g} at most; fly a chirp of mode SYSTEMID to win more",
         )
-    for told in (_filters_opened(item), rejects_less(item, aim)):
-        if told is not None:
-            yield axis, told
+    for remark in (_filters_opened(item), rejects_less(item, aim)):
+        if remark is not None:
+            yield axis, remark
     if item.short:
         yield (
             axis,
@@ -276,10 +276,10 @@ def _filters_opened(item: AxisTuning) -> str | None:
     )
 
 
-def _said_once(told: Iterable[tuple[str, str]]) -> list[str]:
+def _said_once(remarks: Iterable[tuple[str, str]]) -> list[str]:
     """Return sentences on axes, each with the axes of which it holds."""
     alike: dict[str, list[str]] = {}
-    for axis, sentence in told:
+    for axis, sentence in remarks:
         alike.setdefault(sentence, []).append(axis)
     return [f"{', '.join(axes)}: {sentence}" for sentence, axes in alike.items()]
 
@@ -312,10 +312,10 @@ def _with_sheets(item: AxisTuning, size: float | None) -> AxisTuning:
 
 def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
     """Return logs without those whose flight is another's to the microsecond: the same evidence twice is not more."""
-    found: dict[tuple[float, float] | int, FlightLog] = {}
+    by_flight: dict[tuple[float, float] | int, FlightLog] = {}
     for k, log in enumerate(logs):
-        found.setdefault(k if log.flight is None else (log.flight.start, log.flight.stop), log)
-    return list(found.values())
+        by_flight.setdefault(k if log.flight is None else (log.flight.start, log.flight.stop), log)
+    return list(by_flight.values())
 
 
 def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> str | None:
@@ -401,15 +401,15 @@ def _proposed(axes: Sequence[AxisTuning]) -> dict[str, float]:
 
 def _before(logs: Sequence[FlightLog], flown: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
     """Return the way back: what flew; of an I that was taken away for the chirps what it was, else its usual part."""
-    found = {name: flown[name] for name in names}
+    values = {name: flown[name] for name in names}
     for axis, letters in AXES.items():
         name, P = f"ATC_RAT_{letters}_I", flown.get(f"ATC_RAT_{letters}_P", 0.0)
-        if name in found and found[name] < 0.1 * DEFAULT_I[axis] * P:
+        if name in values and values[name] < 0.1 * DEFAULT_I[axis] * P:
             known = [at.get(name, 0.0) for log in logs for at in (log.parameters_at(-np.inf), log.parameters)]
-            found[name] = max(
+            values[name] = max(
                 (value for value in known if value >= 0.1 * DEFAULT_I[axis] * P), default=DEFAULT_I[axis] * P
             )
-    return found
+    return values
 
 
 def _changed_later(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> dict[str, float]:

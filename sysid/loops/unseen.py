@@ -101,7 +101,7 @@ def bends_at_its_end(loop: RateLoop) -> str | None:
     drawn = np.concatenate([loop.plant.response[None, last], loop.plant.own_draws[1:, last]])
     craft = np.log(drawn / loop.flown.gyro.response(loop.hz[last]))
     slopes, turns = (np.polyfit(x, values.T, 1)[0] for values in (craft.real, np.unwrap(craft.imag)))
-    (slope, error), (turn, wrong) = ((float(each[0]), _SURE * float(np.std(each))) for each in (slopes, turns))
+    (slope, error), (turn, wrong) = ((float(draws[0]), _SURE * float(np.std(draws))) for draws in (slopes, turns))
     low, high = max(_SLOPE[0] - error, _STEEP[0]), min(_SLOPE[1] + error, _STEEP[1])
     if low <= slope <= high and turn <= min(wrong, _FORWARD):
         return None
@@ -160,13 +160,13 @@ def unseen_mode(loop: RateLoop) -> str | None:
     if end < FIRST_MODES and _TO * nyquist < min(_SEEN * end, highest):
         return f"{loop.axis}: no chirp went beyond {end:.0f} Hz, where frames bend, and RATE shows no more; {advice}"
     farthest = _SEEN * end if end >= FIRST_MODES else np.inf  # motors shake beyond, which is no mode of the frame
-    found = _standing_out(
+    mode = _standing_out(
         loop, min(1.1 * highest, farthest), min(_TO * nyquist, max(1.1 * highest, _FLOOR * end), farthest)
     )
-    if found is None:
+    if mode is None:
         return None
     return (
-        f"{loop.axis}: the gyro's noise stands out at {found:.0f} Hz, beyond the chirp's {end:.0f} Hz, as by a mode of "
+        f"{loop.axis}: the gyro's noise stands out at {mode:.0f} Hz, beyond the chirp's {end:.0f} Hz, as by a mode of "
         f"the frame through which the loop nearly rings, or by vibration (that a harmonic notch lowers); {advice}"
     )
 

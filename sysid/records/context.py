@@ -91,9 +91,9 @@ def shared_context(
     contexts: Iterable[pd.DataFrame | None], trajectory: Trajectory, tables: Tables, t: Floats
 ) -> pd.DataFrame:
     """Return that of the same flight's contexts which has the clock `t` (N,) [s]; else a new one."""
-    same = (each for each in contexts if each is not None and np.array_equal(each.index, t))
-    found = next(same, None)
-    return flight_context(trajectory, tables, t) if found is None else found
+    same = (context for context in contexts if context is not None and np.array_equal(context.index, t))
+    shared = next(same, None)
+    return flight_context(trajectory, tables, t) if shared is None else shared
 
 
 def resample_frame(frame: pd.DataFrame, t: Floats) -> Floats:

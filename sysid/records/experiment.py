@@ -77,7 +77,11 @@ class Experiment(Summarised):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Leave the log behind, which is an open file that no other process has, and the part before."""
-        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("log", "before")}
+        kept = {
+            attribute.name: getattr(self, attribute.name)
+            for attribute in fields(self)
+            if attribute.name not in ("log", "before")
+        }
         return partial(Experiment, **kept), ()
 
     def summary(self) -> Mapping[str, str]:
@@ -216,7 +220,7 @@ class Experiment(Summarised):
         MissingDataError
             Without these inputs, without a flight, or when the trajectory does not cover it.
         """
-        contexts = [each.context for each in beside]
+        contexts = [experiment.context for experiment in beside]
         make = cls.from_arrays
         return record_flight(make, log, trajectory, rate, inputs, outputs, frame, name, contexts, within)
 

@@ -131,7 +131,9 @@ def fit_rigid_body(
 
     return RigidBodyModel(
         name="rigid body, thrust and drag from PWM and attitude",
-        parameters={name: in_si(each, parameters, mass, over_thrust(name)) for name, each in parameters.items()},
+        parameters={
+            name: in_si(parameter, parameters, mass, over_thrust(name)) for name, parameter in parameters.items()
+        },
         estimated=estimated,
         covariance=covariance,
         condition=_condition(fine.information[:SHARED, :SHARED]),

@@ -82,7 +82,7 @@ class MeasuredMotion:
 
     def cut(self, start: int, stop: int) -> Self:
         """Return the samples from `start` to before `stop`."""
-        held = {each.name: getattr(self, each.name) for each in fields(self)}
+        held = {field.name: getattr(self, field.name) for field in fields(self)}
         by_sample = {name: values for name, values in held.items() if np.shape(values)[:1] == self.t.shape}
         return replace(self, **{name: values[start:stop] for name, values in by_sample.items()})
 

@@ -134,25 +134,25 @@ def _rotational(
     turning: RotationFit, records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, curved: TorqueCurve
 ) -> dict[str, _Stated]:
     """Name what turns the craft, with all that makes it err."""
-    air, found = shared_air(records), dict[str, _Stated]()
+    air, stated = shared_air(records), dict[str, _Stated]()
     for axis, fit in turning.axes.items():
         error = gain_error(axis, fit, turning.rate, turning.per_expo * curved.sigma)
         reason = rotation_doubt(axis, fit, turning.source) or _doubt(f"{axis}_gain", fit.gain, error)
-        found[f"{axis}_gain"] = _Stated(fit.gain, error, reason, air * abs(fit.gain))
-        found[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
+        stated[f"{axis}_gain"] = _Stated(fit.gain, error, reason, air * abs(fit.gain))
+        stated[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
     # Both are found together for roll and pitch; what is not coherent blurs them.
     swung = max(turning.axes[axis].coherent for axis in ("roll", "pitch"))
     reason = "" if swung >= COHERENT else "neither roll nor pitch has a determined gain"
-    found["torque_lag"] = _Stated(turning.lag, turning.lag_sigma, reason)
-    found["torque_delay"] = _Stated(turning.delay, turning.lag_sigma, reason)
+    stated["torque_lag"] = _Stated(turning.lag, turning.lag_sigma, reason)
+    stated["torque_delay"] = _Stated(turning.delay, turning.lag_sigma, reason)
     yaw = turning.axes["yaw"]
-    found["yaw_lead"] = _Stated(yaw.lead, yaw.lead_sigma, found["yaw_gain"].reason)
+    stated["yaw_lead"] = _Stated(yaw.lead, yaw.lead_sigma, stated["yaw_gain"].reason)
     constant = constant_motors(records)
     why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
     places = centre_of_gravity(records, vehicle, voltage, curved)
     for name, (value, spread) in zip(("cg_x", "cg_y"), places, strict=True):
-        found[name] = _Stated(value, spread, why if constant else "")
-    return found
+        stated[name] = _Stated(value, spread, why if constant else "")
+    return stated
 
 
 def _contradiction(fine: FilterErrorFit, vehicle: Vehicle) -> str:

@@ -96,16 +96,16 @@ def fit_wander(blocks: Increments, mean: Floats, sigma: Floats, wind: float) -> 
         return -likelihood + 0.5 * float(np.sum(((logarithms - known) / factors) ** 2))
 
     # A simplex may close on a ridge: it is opened again where it ended.
-    found = known
+    best = known
     for stride in (1.0, 0.5):
-        simplex = np.vstack([found, found + stride * np.eye(len(found))])
-        found = scipy.optimize.minimize(
+        simplex = np.vstack([best, best + stride * np.eye(len(best))])
+        best = scipy.optimize.minimize(
             cost,
-            found,
+            best,
             method="Nelder-Mead",
             options={"maxfev": 300, "xatol": 0.05, "fatol": 0.05, "initial_simplex": simplex},
         ).x
-    return Wander(*map(float, np.exp(found)))
+    return Wander(*map(float, np.exp(best)))
 
 
 #: Winds in which multirotors fly: standard deviation of each component, m/s.
@@ -156,9 +156,9 @@ def carry_states(
         return velocity_increments(early if beginning else flight, np.concatenate([shared, own]), law)
 
     doubt = np.zeros((SHARED, SHARED)) if doubt is None else doubt
-    told = follow(blocks_of, (ANY_FLIGHT, ANY_SIGMA) if known is None else known, doubt, like)
+    states = follow(blocks_of, (ANY_FLIGHT, ANY_SIGMA) if known is None else known, doubt, like)
     positive = [name.startswith(("drag", "climb")) for name in THETA]
-    return replace(told, craft=np.maximum(told.craft, np.where(positive, -shared, -np.inf)))
+    return replace(states, craft=np.maximum(states.craft, np.where(positive, -shared, -np.inf)))
 
 
 class BlocksOf(Protocol):
@@ -189,13 +189,13 @@ def follow(blocks_of: BlocksOf, known: tuple[Floats, Floats], doubt: Floats, lik
     )
 
 
-def smoothed_wind(told: Carried, seconds: float) -> tuple[Floats, Floats]:
+def smoothed_wind(states: Carried, seconds: float) -> tuple[Floats, Floats]:
     """Return the wind at each block's end by the whole flight, (K + 1, 2), and its covariances (Rauch et al. 1965).
 
     The craft's parameters must have been held.
     """
-    decay, driven = told.wander.step(seconds)
-    x, p = np.hstack([told.own - told.about, told.gust, told.departure[:, None]]), told.covariances.copy()
+    decay, driven = states.wander.step(seconds)
+    x, p = np.hstack([states.own - states.about, states.gust, states.departure[:, None]]), states.covariances.copy()
     for k in range(len(x) - 2, -1, -1):
         ahead = decay[:, None] * p[k] * decay + np.diag(driven)
         gain = np.linalg.solve(ahead, decay[:, None] * p[k]).T
@@ -203,7 +203,7 @@ def smoothed_wind(told: Carried, seconds: float) -> tuple[Floats, Floats]:
         p[k] += gain @ (p[k + 1] - ahead) @ gain.T
     to_wind = np.zeros((2, STATES))
     to_wind[:, len(OWN) : FIXED] = to_wind[:, FIXED : FIXED + 2] = np.eye(2)
-    return x @ to_wind.T + told.about[len(OWN) :], to_wind @ p @ to_wind.T
+    return x @ to_wind.T + states.about[len(OWN) :], to_wind @ p @ to_wind.T
 
 
 def _settled(blocks_of: BlocksOf, mean: Floats, sigma: Floats, doubt: Floats) -> tuple[Floats, Wander]:
@@ -315,15 +315,15 @@ def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
     # The kernel takes means between neighbours: here of a sample and itself.
     twice = np.repeat(edges, 2)
-    signals = MotionSignals(*(each[twice] for each in flight.signals(theta[LAG])))
+    signals = MotionSignals(*(signal[twice] for signal in flight.signals(theta[LAG])))
     signals.heights[:] = flight.ground - run[twice, 2]
     shapes, room = np.ones((len(twice), 1)), np.empty((len(twice) - 1, 3, len(theta)))
 
     def at(move: Floats) -> Floats:
-        found = np.empty((len(twice) - 1, 3))
+        pushes = np.empty((len(twice) - 1, 3))
         signals.states[:, 3:6] = run[twice, 3:] + move
-        accelerations(theta, signals, shapes, law, 1, found, room)
-        return found[::2]
+        accelerations(theta, signals, shapes, law, 1, pushes, room)
+        return pushes[::2]
 
     moved = [at(_STEP * unit) - at(-_STEP * unit) for unit in np.eye(3)]
     at(np.zeros(3))

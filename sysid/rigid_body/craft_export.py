@@ -93,7 +93,7 @@ class _Sheet:
 
     def put(self, label: str, value: float | list[float], note: str, known: bool = True) -> None:
         """Fill one label in."""
-        self.frame[label] = [_round(each) for each in value] if isinstance(value, list) else _round(value)
+        self.frame[label] = [_round(number) for number in value] if isinstance(value, list) else _round(value)
         self.notes[label] = note
         if not known:
             self.undetermined.append(label)
@@ -312,12 +312,12 @@ def _for_matlab(model: RigidBodyModel, linear: HoverModel | None) -> dict[str, o
     result: dict[str, object] = {
         "parameters": {
             re.sub(r"\W", "_", name): {
-                "value": np.nan if each.value is None else each.value,
-                "sigma": np.nan if each.sigma is None else each.sigma,
-                "used": each.used,
-                "unit": each.unit,
+                "value": np.nan if parameter.value is None else parameter.value,
+                "sigma": np.nan if parameter.sigma is None else parameter.sigma,
+                "used": parameter.used,
+                "unit": parameter.unit,
             }
-            for name, each in model.parameters.items()
+            for name, parameter in model.parameters.items()
         },
         "estimated": np.array(model.estimated, dtype=object),
         "covariance": model.covariance,

@@ -143,7 +143,7 @@ def fit_best_law(
         fits[other] = fit_filter_error(
             motions, first.values, prior, other, disturbances=first.disturbances, rival=rival, deadline=deadline
         )
-    law = min(fits, key=lambda each: fits[each].cost)
+    law = min(fits, key=lambda candidate: fits[candidate].cost)
     best = fits[law]
     chances = {other: _chance(best, fit) for other, fit in fits.items()}
     weights = {other: chance / sum(chances.values()) for other, chance in chances.items()}
@@ -190,7 +190,7 @@ def fit_filter_error(
     values, converged, last = np.clip(start, prior.low, prior.high), False, np.inf
     # What is left over at first values is of the parameters: usual disturbances lead to better ones.
     usual = Disturbance(*map(float, np.exp(_START)))
-    found = list(disturbances or [(usual, usual)] * len(motions))
+    likeliest = list(disturbances or [(usual, usual)] * len(motions))
 
     def spent(now: _Linearised, at: Floats) -> float:
         return now.cost + 0.5 * float(weight @ (at[free] - prior.mean[free]) ** 2)
@@ -198,8 +198,8 @@ def fit_filter_error(
     parts = _explained(motions, values, law)
     for number in range(_ROUNDS if disturbances is None else 1):
         if number > 0:
-            found = [_likeliest(left, dt, both) for (left, _, dt), both in zip(parts, found, strict=True)]
-        now, damping = _linearise(parts, len(values), found), 1e-9
+            likeliest = [_likeliest(left, dt, both) for (left, _, dt), both in zip(parts, likeliest, strict=True)]
+        now, damping = _linearise(parts, len(values), likeliest), 1e-9
         total = spent(now, values)
         for _ in range(_STEPS):
             hessian = now.hessian[np.ix_(free, free)] + np.diag(weight)
@@ -212,7 +212,7 @@ def fit_filter_error(
                 if step @ (uphill - 0.5 * hessian @ step) < _CONVERGED:
                     break
                 then_parts = _explained(motions, trial, law)
-                then = _linearise(then_parts, len(trial), found)
+                then = _linearise(then_parts, len(trial), likeliest)
                 cost = spent(then, trial)
                 if np.isfinite(cost) and cost <= total + 1e-9 * abs(total):
                     accepted, damping = True, max(0.1 * damping, 1e-9)
@@ -230,7 +230,7 @@ def fit_filter_error(
             converged = True
             break
         last = total
-    return _result(now, values, free, weight, tuple(found), converged)
+    return _result(now, values, free, weight, tuple(likeliest), converged)
 
 
 def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
@@ -290,7 +290,9 @@ def _likeliest(left: Floats, dt: float, before: Disturbances) -> Disturbances:
         )
         return Disturbance(*(float(value) for value in np.exp(np.clip(solved.x, _LOW, _HIGH))))
 
-    starts = [np.log([each.gust, each.tau, each.jolt, each.noise]) for each in before]
+    starts = [
+        np.log([disturbance.gust, disturbance.tau, disturbance.jolt, disturbance.noise]) for disturbance in before
+    ]
     horizontal, vertical = np.ascontiguousarray(left[:, :2]), np.ascontiguousarray(left[:, 2:])
     return search(horizontal, starts[0]), search(vertical, starts[1])
 

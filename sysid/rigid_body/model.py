@@ -153,23 +153,25 @@ class RigidBodyModel(Summarised):
         run = flight.run(theta, shapes, self.law, start)
         mean = np.array([*self._shared, trim.wind_exponent, trim.thrust_scale, trim.wind_n, trim.wind_e])
         looked = flight.cut(0, start + 1) if start > 0 else flight
-        told = carry_states(looked, self._shared, self.law, doubt=self._doubt)
-        errors = told.covariances[-1].copy()
+        states = carry_states(looked, self._shared, self.law, doubt=self._doubt)
+        errors = states.covariances[-1].copy()
         if start > 0:
             # The run goes on with its trim and without gusts: what the flight says against them is an error.
-            known = np.concatenate([told.own[-1] - mean[SHARED:], told.gust[-1], told.departure[-1:], told.craft[-1]])
+            known = np.concatenate(
+                [states.own[-1] - mean[SHARED:], states.gust[-1], states.departure[-1:], states.craft[-1]]
+            )
             errors += np.outer(known, known)
         else:
             # Another part of the flight was trimmed, which made up for the craft's errors as this one would.
             own, gusts, craft = slice(0, FIXED), slice(FIXED, STATES), slice(STATES, None)
             made_up = errors[own, craft] @ np.linalg.pinv(errors[craft, craft]) @ errors[craft, own]
-            begun = told.wander.start(_in_runs(trim))
+            begun = states.wander.start(_in_runs(trim))
             errors[gusts], errors[:, gusts] = 0.0, 0.0
             errors[own, own], errors[gusts, gusts] = begun[own, own] + made_up, begun[gusts, gusts]
         free = flight.cut(start, len(flight.t)) if start > 0 else flight
         sigma = np.full((len(flight.t), 3), np.nan)
         highest = max(float(np.max(looked.ground - looked.position[:, 2])), WIND_HEIGHT)
-        sigma[start:] = drift_sigma(free, run, mean, self.law, errors, told.wander, highest)
+        sigma[start:] = drift_sigma(free, run, mean, self.law, errors, states.wander, highest)
         return sigma
 
     def predict(
@@ -195,9 +197,9 @@ class RigidBodyModel(Summarised):
         shapes = np.column_stack([np.ones(steps + 1), np.exp(-since / GUST_SECONDS)])
         out = np.full((len(flight.t), 3), np.nan)
         out[restarts + steps] = flight.ahead(thetas, shapes, self.law, restarts, np.array([steps]))[:, 0, :3]
-        found = self._outputs(experiment, out)
-        found[: steps + 1] = (self.simulate(experiment) if simulated is None else simulated)[: steps + 1]
-        return found
+        predicted = self._outputs(experiment, out)
+        predicted[: steps + 1] = (self.simulate(experiment) if simulated is None else simulated)[: steps + 1]
+        return predicted
 
     def continued(self, before: Experiment, after: Experiment) -> RigidBodyModel:
         """Return the model with what the first part of a flight has told of its wind and thrust for the part after it.
@@ -254,8 +256,8 @@ class RigidBodyModel(Summarised):
     @staticmethod
     def unusual_flights(flights: Mapping[str, FlightTrim]) -> tuple[Finding, ...]:
         """Return findings about flights whose thrust scale is not what air temperature explains."""
-        found = (unusual_thrust(name, trim) for name, trim in flights.items())
-        return tuple(finding for finding in found if finding is not None)
+        findings = (unusual_thrust(name, trim) for name, trim in flights.items())
+        return tuple(finding for finding in findings if finding is not None)
 
     def drag(self, axis: str, speed: float) -> tuple[float, float]:
         """Drag [m/s^2] at a speed [m/s] along axis x, y or z in sea-level air at hover, with its sigma on any flight.
@@ -273,14 +275,22 @@ class RigidBodyModel(Summarised):
 
     def record(self) -> RigidBodyRecord:
         """Return what files hold of the model."""
-        held = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("vehicle", "carried")}
+        held = {
+            attribute.name: getattr(self, attribute.name)
+            for attribute in fields(self)
+            if attribute.name not in ("vehicle", "carried")
+        }
         return restored(plain({**held, "correlation": self.correlation, "wind_height": WIND_HEIGHT}), RigidBodyRecord)
 
     @classmethod
     def from_record(cls, record: RigidBodyRecord, vehicle: Vehicle) -> RigidBodyModel:
         """Make the model again for a craft with these motors; wind and thrust scale of flights are found anew."""
         assert record.covariance is not None  # left out in report.json only
-        held = {each.name: getattr(record, each.name) for each in fields(cls) if hasattr(record, each.name)}
+        held = {
+            attribute.name: getattr(record, attribute.name)
+            for attribute in fields(cls)
+            if hasattr(record, attribute.name)
+        }
         finite = {
             "covariance": np.array(record.covariance, np.float64).reshape(len(record.estimated), -1),
             "condition": np.inf if record.condition is None else record.condition,

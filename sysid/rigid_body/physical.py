@@ -225,18 +225,18 @@ def _table(numbers: _Numbers, air: float, mass: float | None, arm: float | None)
     order = [(name, method) for name in UNITS for method in (HEADLINE, *METHODS) if (name, method) in numbers]
     rows = []
     for name, method in order:
-        found, (factor, unit) = numbers[name, method], _si(name, mass, arm)
+        number, (factor, unit) = numbers[name, method], _si(name, mass, arm)
         rows.append(
             {
-                "value": found.value,
-                "sigma": found.sigma,
-                "transfer": air * found.value if name in IN_AIR else 0.0,
-                "curve": abs(found.curved * found.value),
+                "value": number.value,
+                "sigma": number.sigma,
+                "transfer": air * number.value if name in IN_AIR else 0.0,
+                "curve": abs(number.curved * number.value),
                 "unit": UNITS[name],
-                "si_value": found.value * factor,
-                "si_sigma": found.sigma * factor,
+                "si_value": number.value * factor,
+                "si_sigma": number.sigma * factor,
                 "si_unit": unit,
-                "note": found.note,
+                "note": number.note,
             }
         )
     return pd.DataFrame(rows, index=pd.MultiIndex.from_tuples(order, names=["parameter", "method"]))
@@ -293,8 +293,8 @@ def _of_refinement(model: Refinement2020Model) -> _Rows:
 def _of_rigid_body(model: RigidBodyModel) -> _Rows:
     names = ("thrust", "thrust_expo", "motor_lag", "yaw_gain")
     for parameter, name in zip(_GIVEN["rigid body"], names, strict=True):
-        found = model.parameters[name]
-        yield parameter, "rigid body", found.value, found.sigma, found.reason
+        estimate = model.parameters[name]
+        yield parameter, "rigid body", estimate.value, estimate.sigma, estimate.reason
     thrust = model.parameters["thrust"]
     for axis in ("roll", "pitch"):
         gain, over, sigma = model.parameters[f"{axis}_gain"], None, None
@@ -305,10 +305,10 @@ def _of_rigid_body(model: RigidBodyModel) -> _Rows:
     for law in ("linear", "quadratic"):
         pair = [model.parameters[f"drag_{law}_{axis}"] for axis in ("x", "y")]
         mean, sigma = None, None
-        if all(each.determined for each in pair):
+        if all(estimate.determined for estimate in pair):
             weights = np.zeros(len(model.estimated))
-            weights[[model.estimated.index(each.name) for each in pair]] = 0.5
-            mean = 0.5 * sum(each.used for each in pair)
+            weights[[model.estimated.index(estimate.name) for estimate in pair]] = 0.5
+            mean = 0.5 * sum(estimate.used for estimate in pair)
             sigma = float(np.sqrt(weights @ model.covariance @ weights))
         yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
@@ -338,10 +338,10 @@ def _at_hover(numbers: _Numbers, records: Sequence[Experiment], body: RigidBodyM
         "yaw torque over inertia": slope_over_full,
     }
     bent = _curve_sigma(vehicle, body)
-    for (parameter, method), found in numbers.items():
-        if parameter in parts and method != "rigid body" and np.isfinite([found.value, found.sigma]).all():
-            found.curved = bent * parts[parameter]
-            found.sigma = float(np.hypot(found.sigma, found.curved * found.value))
+    for (parameter, method), number in numbers.items():
+        if parameter in parts and method != "rigid body" and np.isfinite([number.value, number.sigma]).all():
+            number.curved = bent * parts[parameter]
+            number.sigma = float(np.hypot(number.sigma, number.curved * number.value))
 
 
 def _curve_sigma(vehicle: Vehicle, body: RigidBodyModel | None) -> float:
@@ -368,9 +368,9 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
 def _conclude(numbers: _Numbers, air: float) -> Finding | None:
     """Put the headline of every parameter in; return the finding where methods disagree."""
     stated: dict[str, list[Statement]] = {}
-    for (parameter, method), found in numbers.items():
-        if np.isfinite([found.value, found.sigma]).all() and found.sigma > 0.0:
-            statement = Statement(method, found.value, found.sigma, found.curved * found.value)
+    for (parameter, method), number in numbers.items():
+        if np.isfinite([number.value, number.sigma]).all() and number.sigma > 0.0:
+            statement = Statement(method, number.value, number.sigma, number.curved * number.value)
             stated.setdefault(parameter, []).append(statement)
     for parameter, statements in stated.items():
         best = consensus(statements)
@@ -420,37 +420,41 @@ def consensus(statements: Sequence[Statement]) -> Consensus | None:
 
     Where methods disagree, the standard error covers them: half of what lies between the farthest.
     """
-    ranked = sorted((each for each in statements if each.method in TRUSTED), key=lambda each: each.sigma)
+    ranked = sorted(
+        (statement for statement in statements if statement.method in TRUSTED), key=lambda statement: statement.sigma
+    )
     if not ranked:
         return None
-    against = [[other for other in ranked if _apart(each, other)] for each in ranked]
+    against = [[other for other in ranked if _apart(statement, other)] for statement in ranked]
     place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
     chosen, sigma = ranked[place], ranked[place].sigma
     if any(against):
-        values = [each.value for each in ranked]
+        values = [statement.value for statement in ranked]
         sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
-    return Consensus(chosen.value, sigma, chosen.method, tuple(each.method for each in against[place]))
+    return Consensus(chosen.value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
 
 
 def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:
     """Return a finding that names the parameters on which trusted methods disagree, with their values."""
-    told = []
-    for parameter, found in statements.items():
-        ranked = [each for each in found if each.method in TRUSTED]
+    disputed = []
+    for parameter, stated in statements.items():
+        ranked = [statement for statement in stated if statement.method in TRUSTED]
         if any(_apart(one, other) for one in ranked for other in ranked):
-            values = ", ".join(f"{each.method} {uncertain(each.value, each.own)}" for each in ranked)
-            told.append((parameter, values))
-    if not told:
+            values = ", ".join(
+                f"{statement.method} {uncertain(statement.value, statement.own)}" for statement in ranked
+            )
+            disputed.append((parameter, values))
+    if not disputed:
         return None
     return Finding(
         "methods-disagree",
         Severity.WARNING,
         "methods find different values from the same flights: "
-        + "; ".join(f"{parameter}: {values}" for parameter, values in told)
+        + "; ".join(f"{parameter}: {values}" for parameter, values in disputed)
         + "; their standard errors, without what they share, do not explain it",
         "trust none of them further than they differ; look at wind, motor outputs and battery of the flight, or weigh "
         "and measure on a bench",
-        {"parameters": ", ".join(parameter for parameter, _ in told)},
+        {"parameters": ", ".join(parameter for parameter, _ in disputed)},
     )
 
 

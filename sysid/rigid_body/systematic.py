@@ -105,7 +105,7 @@ def _swing(motions: Sequence[Motion], axis: int) -> float:
     """Acceleration over speed about their means along a body axis, 1/s: at which frequency the craft swings."""
     speeds = [np.einsum("ni,ni->n", m.rotation[:, :, axis], m.velocity) for m in motions]
     pushes = [np.gradient(speed, m.dt) for speed, m in zip(speeds, motions, strict=True)]
-    moved, pushed = (sum(float(np.var(each)) * len(each) for each in part) for part in (speeds, pushes))
+    moved, pushed = (sum(float(np.var(signal)) * len(signal) for signal in part) for part in (speeds, pushes))
     return float(np.sqrt(pushed / moved)) if moved > 0.0 else 0.0
 
 

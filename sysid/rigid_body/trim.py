@@ -44,8 +44,8 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
 
     `doubt` is the covariance of the craft's parameters, which a trim makes up for (`left_open`).
     """
-    told = carry_states(flight, shared, law)
-    trim = _trim(flight, shared, law, source, told, told.own[-1], doubt)
+    states = carry_states(flight, shared, law)
+    trim = _trim(flight, shared, law, source, states, states.own[-1], doubt)
     return replace(trim, looked_until=float(flight.t[-1]))
 
 
@@ -58,8 +58,8 @@ def whole_trim(
     free run has no scatter to tell errors from; what lies between the two is added. The mean of a wind that varies goes
     to the mean wind.
     """
-    told, knots = carry_states(flight, shared, law), wind_knots(flight.t, spacing)
-    values = match_path(flight, shared, told.own[-1], law, knots)
+    states, knots = carry_states(flight, shared, law), wind_knots(flight.t, spacing)
+    values = match_path(flight, shared, states.own[-1], law, knots)
     own, departures = values[:FIXED].copy(), values[FIXED:].reshape(-1, 2)
     if len(knots):
         # Each knot stands for the time about it.
@@ -68,7 +68,7 @@ def whole_trim(
         average = width @ departures / width.sum()
         own[_WIND:], departures = own[_WIND:] + average, departures - average
     variation = tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, departures, strict=True))
-    return replace(_trim(flight, shared, law, source, told, own, doubt, whole=True), variation=variation)
+    return replace(_trim(flight, shared, law, source, states, own, doubt, whole=True), variation=variation)
 
 
 def _trim(
@@ -76,7 +76,7 @@ def _trim(
     shared: Floats,
     law: int,
     source: str,
-    told: Carried,
+    states: Carried,
     own: Floats,
     doubt: Floats,
     *,
@@ -88,16 +88,16 @@ def _trim(
     the attitude's besides. The mean wind of a `whole` flight is that with which its forces balance, gusts included: a
     filter's is of a process, of which the flight is a sample.
     """
-    wide, at_best = carry_states(flight, shared, law, doubt=doubt, like=told), known_at_best(own[_WIND:]) ** 2
+    wide, at_best = carry_states(flight, shared, law, doubt=doubt, like=states), known_at_best(own[_WIND:]) ** 2
     errors = np.diag(wide.covariances[-1])[:FIXED] + (own - wide.own[-1]) ** 2 + at_best
-    in_runs = np.sqrt(np.diag(told.covariances[-1])[:FIXED] + at_best).tolist()
+    in_runs = np.sqrt(np.diag(states.covariances[-1])[:FIXED] + at_best).tolist()
     blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
     pushed = np.concatenate([blocks.by_craft, blocks.by_flight], axis=2)[:, :2].mean(axis=0)
     to_wind = np.linalg.pinv(pushed[:, SHARED + _WIND :], rcond=1e-9)
     if whole:
         others = scipy.linalg.block_diag(doubt, np.diag(errors[:_WIND]))
         slope = to_wind @ pushed[:, : SHARED + _WIND]
-        noise = told.wander.noise(blocks.seconds)[0] / len(blocks.missed) * to_wind @ to_wind.T
+        noise = states.wander.noise(blocks.seconds)[0] / len(blocks.missed) * to_wind @ to_wind.T
         errors[_WIND:] = np.diag(slope @ others @ slope.T + noise) + at_best[_WIND:]
     drag = float(np.sqrt(abs(np.linalg.det(pushed[:, SHARED + _WIND :])))) / blocks.seconds
     leant = wind_error(flight, own[_WIND:], drag)
@@ -145,8 +145,8 @@ def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: F
     def slope(_: Floats) -> Floats:
         return slopes
 
-    found = scipy.optimize.least_squares(weighted, first, slope, bounds=limits, x_scale=scales, ftol=1e-3)
-    return np.concatenate([start[:1], found.x])
+    solution = scipy.optimize.least_squares(weighted, first, slope, bounds=limits, x_scale=scales, ftol=1e-3)
+    return np.concatenate([start[:1], solution.x])
 
 
 def known_at_best(wind: Floats) -> Floats:

@@ -227,8 +227,8 @@ def fit_kim2017(
         None if mass is None or inertia is None or arm is None else (arm * mass / inertia[0], arm * mass / inertia[1])
     )
     data = [FlightData.of(record, law, voltage, vehicle.thrust_expo, time_constant) for record in records]
-    rotation = all(each.fast for each in data)
-    windows = [window for each in data for window in cut_windows(each, geometry, inertia)]
+    rotation = all(flight.fast for flight in data)
+    windows = [window for flight in data for window in cut_windows(flight, geometry, inertia)]
     motors = records[0].input_names
     together = output_error(windows, np.ones((1, len(motors))), known)
     apart = output_error(windows, np.eye(len(motors)), known, together)
@@ -273,7 +273,7 @@ def fit_kim2017(
         lever_sigma=(lever_sigma[0], lever_sigma[1]),
         torque_per_inertia=None if torque is None else torque.value,
         torque_sigma=None if torque is None else _torque_sigma(torque, law),
-        yaw=() if torque is None else tuple(float(each) for each in torque.patterns @ motor_patterns(geometry)),
+        yaw=() if torque is None else tuple(float(factor) for factor in torque.patterns @ motor_patterns(geometry)),
         mass=mass,
         inertia=inertia,
         reference_voltage=voltage,

@@ -187,7 +187,7 @@ def output_error(
         np.asarray(np.linalg.qr(np.column_stack([gain, output]), mode="r"))
         for gain, output in zip(all_gains, all_outputs, strict=True)
     ]
-    gains, outputs = [each[:, :-1] for each in triangles], [each[:, -1] for each in triangles]
+    gains, outputs = [triangle[:, :-1] for triangle in triangles], [triangle[:, -1] for triangle in triangles]
     if start is None:
         lifted = gains[0] @ np.ones(q)
         if not np.any(lifted):
@@ -199,13 +199,13 @@ def output_error(
     samples = np.sqrt(len(all_outputs[0]))
     for _ in range(12):
         rows, left = _sensitivities(gains, outputs, values, lever, free)
-        weights = np.array([samples / max(float(np.linalg.norm(each)), 1e-9) for each in left])
-        scaled, size = _scaled(np.vstack([weight * each for weight, each in zip(weights, rows, strict=True)]))
-        aim = np.concatenate([weight * each for weight, each in zip(weights, left, strict=True)])
+        weights = np.array([samples / max(float(np.linalg.norm(missed)), 1e-9) for missed in left])
+        scaled, size = _scaled(np.vstack([weight * slopes for weight, slopes in zip(weights, rows, strict=True)]))
+        aim = np.concatenate([weight * missed for weight, missed in zip(weights, left, strict=True)])
         step = np.linalg.lstsq(scaled, aim, rcond=1e-8)[0] / size
         values, lever = values + step[:q], lever + (step[q:] if free else 0.0)
     rows, _ = _sensitivities(gains, outputs, values, lever, free)
-    whole = np.vstack([weight * each for weight, each in zip(weights, rows, strict=True)])
+    whole = np.vstack([weight * slopes for weight, slopes in zip(weights, rows, strict=True)])
     rows, residual = _sensitivities(all_gains, all_outputs, values, lever, free)
     covariance, condition = _covariance(whole, rows, residual, weights, [len(w.yaw) for w in windows])
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -270,11 +270,11 @@ def _covariance(
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
     cuts = np.cumsum(lengths)[:-1]
     middle = np.zeros_like(inverse)
-    for w, each, missed in zip(weights, rows, left, strict=True):
+    for w, slopes, missed in zip(weights, rows, left, strict=True):
         pieces = np.split(missed, cuts)
         lags = max(min(len(pieces[0]) // 4, round(len(pieces[0]) * CORRELATED / WINDOW)), 1)
         colour = autocovariance(pieces, lags)
-        middle += w**4 * coloured_information(np.split(each / size, cuts), colour)
+        middle += w**4 * coloured_information(np.split(slopes / size, cuts), colour)
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size)), condition
 
 

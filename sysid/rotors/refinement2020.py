@@ -72,7 +72,7 @@ class Refinement2020Model(Summarised):
         """Return the few facts by which a reader knows this result."""
         return {
             "name": self.name,
-            **{name: uncertain(found.value, found.sigma) for name, found in self.stacked.items()},
+            **{name: uncertain(estimate.value, estimate.sigma) for name, estimate in self.stacked.items()},
             "training": listed(self.training),
         }
 
@@ -113,12 +113,12 @@ def fit_refinement2020(
     if law is None:
         law = law_of(records, vehicle)
     signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
-    rotation = all(each.fast for each in signals)
+    rotation = all(flight.fast for flight in signals)
 
     def motion_at(lag: float) -> list[Motion]:
         return [
-            Motion.of(record, geometry, lagged(each.signals, lag, record.dt), each.rates)
-            for record, each in zip(records, signals, strict=True)
+            Motion.of(record, geometry, lagged(flight.signals, lag, record.dt), flight.rates)
+            for record, flight in zip(records, signals, strict=True)
         ]
 
     if time_constant is None:
@@ -152,4 +152,7 @@ def _believed(instants: Mapping[str, InstantMean], explained: Sequence[float]) -
     turning = unexplained(min(roll, pitch), f"angular acceleration in {'roll' if roll < pitch else 'pitch'}")
     yawing = unexplained(yaw, "angular acceleration in yaw")
     doubts = {"Jx": turning, "Jz": turning, "b": turning, "b/Jz": yawing}
-    return {name: each if each.mean is None else each.doubted(doubts.get(name, "")) for name, each in instants.items()}
+    return {
+        name: instant if instant.mean is None else instant.doubted(doubts.get(name, ""))
+        for name, instant in instants.items()
+    }

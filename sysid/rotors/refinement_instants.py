@@ -174,8 +174,8 @@ def _solve_each(matrices: Floats, aims: Floats) -> tuple[Floats, NDArray[np.bool
 def _clock(motion: Sequence[Motion]) -> Floats:
     """Return a time for each instant, s, with records far apart."""
     pause, start, parts = 2.0 * CORRELATED, 0.0, []
-    for each in motion:
-        parts.append(start + each.dt * np.arange(len(each.lift)))
+    for flight in motion:
+        parts.append(start + flight.dt * np.arange(len(flight.lift)))
         start = float(parts[-1][-1]) + pause
     return np.concatenate(parts)
 
@@ -292,7 +292,7 @@ def best_lag(motion: Sequence[Motion]) -> float:
     aims = [np.concatenate([m.acceleration[:, axis] for m in motion]) for axis in range(2)]
 
     def left(lag: float) -> float:
-        late = np.concatenate([lagged(each, lag, m.dt) for each, m in zip(moments, motion, strict=True)])
+        late = np.concatenate([lagged(moment, lag, m.dt) for moment, m in zip(moments, motion, strict=True)])
         total = 0.0
         for rows, aim in zip(late.T, aims, strict=True):
             power = float(rows @ rows)

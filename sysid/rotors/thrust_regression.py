@@ -257,7 +257,9 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
 
 def outputs_of(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]:
     """Name motors whose output stands still or at a limit, and how many are not logged."""
-    findings = [each for each in examine(records).findings if each.id in ("constant-input", "motors-at-limits")]
+    findings = [
+        finding for finding in examine(records).findings if finding.id in ("constant-input", "motors-at-limits")
+    ]
     if unlogged := unlogged_motors(records[0], vehicle):
         findings.append(
             Finding(

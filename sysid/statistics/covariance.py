@@ -146,17 +146,17 @@ def lagged_information(signals: Sequence[Floats], lags: int, covariance: Floats)
     for u in signals:
         n = len(u) - lags
         # By the sample at which a column starts, from 0 (the longest lag) to lags - 1 (one sample).
-        found = np.zeros((lags, lags))
+        products = np.zeros((lags, lags))
         filtered = _colouring(covariance, n)(u[-n - 1 : -1, None])[:, 0]
-        found[-1] = found[:, -1] = [u[start : start + n] @ filtered for start in range(lags)]
+        products[-1] = products[:, -1] = [u[start : start + n] @ filtered for start in range(lags)]
         kernel = covariance[:n]
         entering, leaving = u[: lags - 1], u[n : n + lags - 1]
         after = np.array([kernel @ u[start : start + len(kernel)] for start in range(lags - 1)])
         before = np.array([kernel @ u[n + start - len(kernel) + 1 : n + start + 1][::-1] for start in range(lags - 1)])
         change = _both(entering, after, kernel[0]) - _both(leaving, before, kernel[0])
         for start in range(lags - 2, -1, -1):
-            found[start, :-1] = found[start + 1, 1:] + change[start]
-        result += found[::-1, ::-1]
+            products[start, :-1] = products[start + 1, 1:] + change[start]
+        result += products[::-1, ::-1]
     return 0.5 * (result + result.T)
 
 

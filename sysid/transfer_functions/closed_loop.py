@@ -80,7 +80,7 @@ class ClosedLoopModel(FunctionsModel):
     def from_record(cls, record: ClosedLoopRecord) -> ClosedLoopModel:
         """Make the model again from its record, all but the findings."""
         own = {n: TransferFunction.from_record(record.transfer_functions[n][n]) for n in record.output_names}
-        held = held_alike(record, [each.name for each in fields(cls)])
+        held = held_alike(record, [field.name for field in fields(cls)])
         return cls(**held | {"transfer_functions": _diagonal(own), "findings": ()})
 
 

@@ -289,12 +289,12 @@ def _fit_output(
     )
     rng = np.random.default_rng([task.seed, column])
     plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, excitation.independent)
-    found = search(common, plan, rng, deadline, stage)
-    report = _report(found, y, scale, task, time.monotonic() - begun)
-    functions, undetermined = _transfer_functions(found, excitation, active, scale, records[0].input_names)
+    solution = search(common, plan, rng, deadline, stage)
+    report = _report(solution, y, scale, task, time.monotonic() - begun)
+    functions, undetermined = _transfer_functions(solution, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
     # The energy of initial responses that the fit assumed, which a free run assumes again.
-    initial_energy = max(report.rmse, 1e-9) ** 2 / found.problem.initial
+    initial_energy = max(report.rmse, 1e-9) ** 2 / solution.problem.initial
     shared = task.structure == "common"
     residuals = [
         (record.y[:, column] - run_freely(functions, record, column, task.hold, shared, report.rmse, initial_energy))[
@@ -306,7 +306,7 @@ def _fit_output(
         functions=functions,
         disturbance=fit_disturbance(residuals, records[0].dt),
         initial_energy=initial_energy,
-        initial_states=tuple(scale * part.local for part in found.descent.point.parts),
+        initial_states=tuple(scale * part.local for part in solution.descent.point.parts),
         report=report,
     )
 
@@ -330,8 +330,8 @@ def _without_inputs(
     )
 
 
-def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
-    problem, point = found.problem, found.descent.point
+def _report(solution: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
+    problem, point = solution.problem, solution.descent.point
     information = reduced_information(problem, point)[0]
     squares = scale**2 * sum(float(residual @ residual) for residual in point.residuals)
     variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
@@ -343,10 +343,10 @@ def _report(found: Found, y: Sequence[Floats], scale: float, task: _Task, second
     return FitReport(
         rmse=float(np.sqrt(squares / problem.samples)),
         fit_percent=100.0 * (1.0 - float(np.sqrt(squares)) / variation) if variation > 0.0 else 0.0,
-        iterations=found.steps,
+        iterations=solution.steps,
         starts=task.starts,
         seed=task.seed,
-        converged=found.descent.converged,
+        converged=solution.descent.converged,
         seconds=seconds,
         condition=float(eigenvalues[-1]) / smallest,
         ridge=problem.ridge,
@@ -362,10 +362,10 @@ def _parameters(task: _Task) -> int:
 
 
 def _transfer_functions(
-    found: Found, excitation: Excitation, active: Sequence[int], scale: float, names: Sequence[str]
+    solution: Found, excitation: Excitation, active: Sequence[int], scale: float, names: Sequence[str]
 ) -> tuple[dict[str, TransferFunction], int]:
     """Turn the normalised solution into transfer functions in seconds and physical units, with covariance."""
-    problem, point = found.problem, found.descent.point
+    problem, point = solution.problem, solution.descent.point
     nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
     covariance = parameter_covariance(problem, point)
     a, slope = denominators(point.theta, problem.lag_orders)

@@ -92,8 +92,8 @@ def search(
         steps += first.iterations
         # Regularisation cannot win more than the whole of what the parameters' errors cost.
         if effective_parameters(free, first.point) < COSTLY * common.samples:
-            found = Found(free, first, steps)
-            return found if few is common else _on_all(found, common, deadline)
+            solution = Found(free, first, steps)
+            return solution if few is common else _on_all(solution, common, deadline)
     seen = replace(division.seen, delays=_delays(best.point))
     if own:
         seen = _with_own(seen, plan)
@@ -120,11 +120,11 @@ def _with_all(problem: Problem, common: Problem) -> Problem:
     return replace(problem, inputs=common.inputs, outputs=common.outputs)
 
 
-def _on_all(found: Found, common: Problem, deadline: float) -> Found:
+def _on_all(solution: Found, common: Problem, deadline: float) -> Found:
     """Go on with all records from what was found with some of them."""
-    problem, point = _with_all(found.problem, common), found.descent.point
+    problem, point = _with_all(solution.problem, common), solution.descent.point
     descent = descend(problem, point.theta, MOST_STEPS, deadline, point.delays)
-    return Found(problem, descent, found.steps + descent.iterations)
+    return Found(problem, descent, solution.steps + descent.iterations)
 
 
 def portion(problem: Problem, samples: int) -> Problem:
@@ -265,7 +265,7 @@ def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Float
     delays = delays.copy()
     if len(delays) == 1:
         return delays
-    tried = [float(each[0]) for each in _tried_delays(problem)]
+    tried = [float(choices[0]) for choices in _tried_delays(problem)]
     for lane in range(len(delays)):
         costs = []
         for delay in tried:

@@ -138,10 +138,10 @@ def reduced_information(
     What `sysid.transfer_functions.reduction.linearise` gives, summed over the records.
     """
     jacobians = sensitivities(problem, point) if jacobians is None else jacobians
-    each = [
+    by_record = [
         linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
     ]
-    information, gradient, outer, following = (sum_of(parts) for parts in zip(*each, strict=True))
+    information, gradient, outer, following = (sum_of(parts) for parts in zip(*by_record, strict=True))
     return information, gradient, outer, following
 
 
@@ -227,8 +227,8 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     now = np.diagonal(system.gramians[lanes, :count, :count], axis1=1, axis2=2).T
     weight = (np.diag(point.penalty).reshape(used.shape) * used).sum(axis=0) / (now * used).sum(axis=0)
     groups = problem.groups
-    each = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
-    slopes: Floats = each @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
+    changes = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
+    slopes: Floats = changes @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
     price = np.einsum("gkl,igkl->ig", outer, free)
     slopes += problem.initial * np.array(problem.lag_orders) / system.unit * price
     return 0.5 * slopes.ravel()

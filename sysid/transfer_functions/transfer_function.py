@@ -65,17 +65,17 @@ def roots_of(polynomial: Floats, covariance: Floats | None) -> tuple[Root, ...]:
         covariance = np.zeros((len(polynomial), len(polynomial)))
     free = len(covariance)
     derivative = np.polyder(polynomial)
-    found = []
+    with_errors = []
     for root in sorted(roots, key=lambda r: (abs(r), r.imag)):
         apart = np.abs(roots - root)
         # One multiple root, whose place is not differentiable.
         if np.count_nonzero(apart <= 1e-6 * max(abs(root), 1e-12)) > 1:
-            found.append(Root(complex(root), np.full((2, 2), np.inf)))
+            with_errors.append(Root(complex(root), np.full((2, 2), np.inf)))
             continue
         slope = -(root ** np.arange(free - 1, -1, -1)) / np.polyval(derivative, root)
         parts = np.vstack([slope.real, slope.imag])
-        found.append(Root(complex(root), np.asarray(parts @ covariance @ parts.T)))
-    return tuple(found)
+        with_errors.append(Root(complex(root), np.asarray(parts @ covariance @ parts.T)))
+    return tuple(with_errors)
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,7 +111,7 @@ class TransferFunction(Summarised):
     @property
     def state_space(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Matrices A, B, C and D of its controller canonical form, behind the delay."""
-        a, b, c, d = (np.asarray(each, dtype=np.float64) for each in scipy.signal.tf2ss(self.num, self.den))
+        a, b, c, d = (np.asarray(matrix, dtype=np.float64) for matrix in scipy.signal.tf2ss(self.num, self.den))
         return a, b, c, d
 
     @property
@@ -244,8 +244,8 @@ def run_freely(
         normal[first:, first:] += max(rmse, 1e-9) ** 2 / initial_energy * system.initial_precision()
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         rhs = known.T @ (record.y[:, column] - forced)[:early]
-        found = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
-        initial = found if k == 0 else np.insert(found, k, 0.0)
+        fitted = scale * np.linalg.lstsq(normal * scale * scale[:, None], scale * rhs, rcond=1e-12)[0]
+        initial = fitted if k == 0 else np.insert(fitted, k, 0.0)
     return np.asarray(forced + shapes @ initial)
 
 
@@ -377,10 +377,10 @@ class TransferFunctionModel(FunctionsModel):
     def from_record(cls, record: TransferFunctionsRecord) -> TransferFunctionModel:
         """Make the model again from its record, all but the initial states of the training records and the findings."""
         functions = {
-            output: {name: TransferFunction.from_record(each) for name, each in row.items()}
+            output: {name: TransferFunction.from_record(function) for name, function in row.items()}
             for output, row in record.transfer_functions.items()
         }
-        held = held_alike(record, [each.name for each in fields(cls)])
+        held = held_alike(record, [attribute.name for attribute in fields(cls)])
         return cls(**held | {"transfer_functions": functions, "initial_states": {}, "findings": ()})
 
 

@@ -85,14 +85,14 @@ def divide(problem: Problem) -> Division:
     """Hold back every third record, or the last part of each when there are fewer than three."""
     count = len(problem.outputs)
     seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]
-    unseen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
+    held_out: list[tuple[int, slice]] = [(r, slice(None)) for r in range(2, count, 3)]
     if count < 3:
         cuts = [round(0.7 * len(y)) for y in problem.outputs]
         if min(len(y) - at for y, at in zip(problem.outputs, cuts, strict=True)) * problem.dt < 4.0 * INITIAL_SECONDS:
             return Division(problem, None)
         seen = [(r, slice(0, at)) for r, at in enumerate(cuts)]
-        unseen = [(r, slice(at, None)) for r, at in enumerate(cuts)]
-    parts = [(problem.inputs[r][rows], problem.outputs[r][rows]) for r, rows in unseen]
+        held_out = [(r, slice(at, None)) for r, at in enumerate(cuts)]
+    parts = [(problem.inputs[r][rows], problem.outputs[r][rows]) for r, rows in held_out]
     return Division(
         replace(
             problem,

@@ -101,7 +101,7 @@ class Validation(Summarised):
             "model": self.model,
             "held-out flights": str(self.table.loc[~self.table["trained"], "flight"].nunique()),
             "free-run RMSE": ", ".join(f"{output} {value:.3g}" for output, value in self.average.items()),
-            **dict(each.sentence.split(": ", 1) for each in self.uses.every),
+            **dict(use.sentence.split(": ", 1) for use in self.uses.every),
         }
 
     def report(self) -> ValidationReport:
@@ -155,19 +155,19 @@ def validate(
     predictions: dict[str, Floats] = {}
     errors: dict[str, Floats] = {}
     start = {record.name: _scored_from(model, record) for record in records}
-    found: list[Finding] = []
+    findings: list[Finding] = []
     drift: dict[str, Floats] = {}
     inside: dict[str, Floats] = {}
     for record in records:
         # The wind of a flight is found once, not for every horizon.
-        told = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
-        if isinstance(told, RigidBodyModel) and record.name not in model.training:
-            found += told.unusual_flights({record.name: told.flights[record.name]})
-        simulated = told.simulate(record)
+        trimmed = model.with_early_trim(record) if isinstance(model, RigidBodyModel) else model
+        if isinstance(trimmed, RigidBodyModel) and record.name not in model.training:
+            findings += trimmed.unusual_flights({record.name: trimmed.flights[record.name]})
+        simulated = trimmed.simulate(record)
         predictions[record.name] = simulated
         first = start[record.name]
-        if isinstance(told, RigidBodyModel) and record.name not in model.training:
-            drift[record.name] = float(normal_ppf(0.5 + 0.5 * BAND)) * told.drift(record)
+        if isinstance(trimmed, RigidBodyModel) and record.name not in model.training:
+            drift[record.name] = float(normal_ppf(0.5 + 0.5 * BAND)) * trimmed.drift(record)
         if first > len(record.t) - MIN_SAMPLES:
             continue
         if record.name in drift:
@@ -178,12 +178,12 @@ def validate(
         for horizon in horizons:
             steps = horizon_steps(horizon, record.dt)
             if steps * record.dt < 0.5 * record.duration:
-                predicted, every = _ahead(told, record, horizon, steps, simulated)
+                predicted, every = _ahead(trimmed, record, horizon, steps, simulated)
                 ahead += _horizon_rows(record, predicted, steps, trained, first + steps, every)
                 if steps == 1:
                     errors[record.name] = record.y - predicted
         if horizons and record.name not in errors:
-            errors[record.name] = record.y - _ahead(told, record, record.dt, 1, simulated)[0]
+            errors[record.name] = record.y - _ahead(trimmed, record, record.dt, 1, simulated)[0]
     if not rows:
         longest, looked = max(record.duration for record in records), max(start.values()) * records[0].dt
         raise ExperimentError(
@@ -192,21 +192,21 @@ def validate(
         )
     columns = ["flight", "output", "trained", "horizon", "rmse", "rmse_constant_position", "rmse_constant_velocity"]
     table, curve = pd.DataFrame(rows), pd.DataFrame(ahead, columns=columns)
-    unseen = bool((~table["trained"]).any())
-    judges = [r for r in records if r.name in errors and not (unseen and r.name in model.training)]
-    scored = table[~table["trained"]] if unseen else table
+    held_out = bool((~table["trained"]).any())
+    examined = [r for r in records if r.name in errors and not (held_out and r.name in model.training)]
+    scored = table[~table["trained"]] if held_out else table
     average = {str(output): float(group["rmse"].mean()) for output, group in scored.groupby("output", sort=False)}
     return Validation(
         model=str(getattr(model, "name", type(model).__name__)),
         table=table,
         horizons=curve,
-        residuals=_examine(judges, errors, start),
+        residuals=_examine(examined, errors, start),
         average=average,
         uses=uses_of(model, table, curve, outside),
-        unseen=unseen,
+        unseen=held_out,
         predictions=predictions,
         own_trim=isinstance(model, TransferFunctionModel | ArxModel),
-        findings=tuple(found),
+        findings=tuple(findings),
         drift=drift,
         inside=inside,
     )

@@ -62,7 +62,7 @@ def scan_orders(
         When there is too little data to hold any back, or to fit any order.
     """
     records = require_alike(experiments)
-    seen, unseen = _divide(records)
+    seen, held_out = _divide(records)
     report = progress or (lambda stage, fraction: None)
     deadline = time.monotonic() + time_limit
     rows: list[OrderRow] = []
@@ -84,7 +84,7 @@ def scan_orders(
                 raise
             skipped[label] = str(error)
             continue
-        rows += _judge(model, seen, unseen)
+        rows += _judge(model, seen, held_out)
     report("scanned", 1.0)
     if not rows:
         raise ExperimentError(f"no order could be fitted: {next(iter(skipped.values()))}")
@@ -102,7 +102,7 @@ def scan_orders(
         rows=tuple(rows),
         recommended=recommended,
         reason=reason,
-        held_out=tuple(record.name for record in unseen),
+        held_out=tuple(record.name for record in held_out),
         findings=tuple(findings),
     )
 
@@ -159,11 +159,11 @@ def _divide(records: Sequence[Experiment]) -> tuple[list[Experiment], list[Exper
             f"{shortest:.0f} s of one"
         )
     parts = [record.split(SEEN) for record in records]
-    return [seen for seen, _ in parts], [unseen for _, unseen in parts]
+    return [seen for seen, _ in parts], [held_out for _, held_out in parts]
 
 
-def _judge(model: TransferFunctionModel, seen: Sequence[Experiment], unseen: Sequence[Experiment]) -> list[OrderRow]:
-    table = validate(model, unseen, horizons=()).table
+def _judge(model: TransferFunctionModel, seen: Sequence[Experiment], held_out: Sequence[Experiment]) -> list[OrderRow]:
+    table = validate(model, held_out, horizons=()).table
     samples = sum(len(record.t) for record in seen)
     rows = []
     for output in model.output_names:

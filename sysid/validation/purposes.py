@@ -66,7 +66,7 @@ def _prediction(table: pd.DataFrame, seconds: float) -> PredictionUse:
     good = horizons["good"].to_numpy()
     first = int(np.argmax(good))
     end = first + int(np.argmin([*good[first:], False]))
-    run = tuple(float(each) for each in horizons.index[first:end])
+    run = tuple(float(horizon) for horizon in horizons.index[first:end])
     if not run:
         return PredictionUse.up_to((), {})
     last = means[means["horizon"] == run[-1]]
@@ -101,7 +101,7 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
         return FreeRunUse(trust=Trust.UNKNOWN, reason=f"The model could not be judged: {why}")
     chosen = _within(scored, outside)
     outputs = [str(output) for output in scored["output"].unique()]
-    averaged = chosen.groupby("output", sort=False)[[each for each in _ERRORS if each in chosen]].mean()
+    averaged = chosen.groupby("output", sort=False)[[column for column in _ERRORS if column in chosen]].mean()
     means = {str(output): {str(k): float(v) for k, v in row.items()} for output, row in averaged.iterrows()}
     ratios = {output: _ratio(means[output]) for output in outputs}
     fit = chosen.groupby("output", sort=False)["fit_percent"].mean()
@@ -114,7 +114,7 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
         if fit[output] >= CLOSE_PERCENT and _beats(means[output]) and not (output in own and not own[output] > 0.0)
     )
     fits = {str(flight): rows["fit_percent"].to_list() for flight, rows in scored.groupby("flight", sort=False)}
-    followed = {flight for flight, each in fits.items() if all(percent >= CLOSE_PERCENT for percent in each)}
+    followed = {flight for flight, percents in fits.items() if all(percent >= CLOSE_PERCENT for percent in percents)}
     within, beyond = fits.keys() - outside, fits.keys() & outside
     good = [percent for flight in followed & within for percent in fits[flight]]
     complete = set(follows) == set(outputs)
@@ -162,7 +162,7 @@ def _ratio(errors: Mapping[str, float]) -> float | None:
 
 def _beats(errors: Mapping[str, float]) -> bool:
     baselines = [errors[name] for name in _ERRORS[2:4] if name in errors]
-    return all(errors["rmse"] < (1.0 - MARGIN) * each for each in baselines if np.isfinite(each))
+    return all(errors["rmse"] < (1.0 - MARGIN) * baseline for baseline in baselines if np.isfinite(baseline))
 
 
 def _as_good_as_target(errors: Mapping[str, float]) -> bool:
@@ -179,10 +179,10 @@ def _determined(model: object | None) -> Iterator[bool]:
     """Return of each parameter or coefficient of a model whether it is determined."""
     parameters: Any = getattr(model, "parameters", None)
     if isinstance(parameters, Mapping):
-        yield from (bool(each.determined) for each in parameters.values())
+        yield from (bool(parameter.determined) for parameter in parameters.values())
         return
     functions: Any = getattr(model, "transfer_functions", None)
     for row in functions.values() if isinstance(functions, Mapping) else ():
         for function in row.values():
             if function.determined is not None and any(function.num):
-                yield from (bool(each) for each in function.determined)
+                yield from (bool(flag) for flag in function.determined)

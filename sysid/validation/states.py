@@ -67,15 +67,15 @@ class StateValidation(Summarised):
     @property
     def table(self) -> pd.DataFrame:
         """The errors as rows."""
-        return pd.DataFrame([asdict(each) for each in self.errors])
+        return pd.DataFrame([asdict(error) for error in self.errors])
 
     def summary(self) -> dict[str, str]:
         """Return how far ahead each state is predicted."""
-        return {each.state: each.sentence.removeprefix(f"{each.state}: ") for each in self.verdicts}
+        return {verdict.state: verdict.sentence.removeprefix(f"{verdict.state}: ") for verdict in self.verdicts}
 
     def _repr_html_(self) -> str:
         """Return the table and the verdicts for a notebook."""
-        return Table.from_frame(self.table).html() + "".join(f"<p>{each.sentence}</p>" for each in self.verdicts)
+        return Table.from_frame(self.table).html() + "".join(f"<p>{verdict.sentence}</p>" for verdict in self.verdicts)
 
 
 def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Experiment]) -> StateValidation:
@@ -96,7 +96,7 @@ def validate_states(model: SixDofModel, experiments: Experiment | Sequence[Exper
     MissingDataError
         When a record has other inputs than the model, or motion is missing.
     """
-    errors = [each for record in require_alike(experiments) for each in _errors_by_horizon(model, record)]
+    errors = [error for record in require_alike(experiments) for error in _errors_by_horizon(model, record)]
     verdicts = tuple(_verdict(state, unit, errors) for state, unit in STATES.items())
     return StateValidation(errors=tuple(errors), verdicts=verdicts)
 
@@ -142,7 +142,7 @@ def _rms(errors: np.ndarray) -> list[float]:
 
 def _verdict(state: str, unit: str, errors: Sequence[StateErrors]) -> StateVerdict:
     """Find the longest horizon at which the model beats the simplest means."""
-    rows = [each for each in errors if each.state == state]
+    rows = [error for error in errors if error.state == state]
     if not rows:
         return StateVerdict(state=state, unit=unit, useful=False, horizon=None, model=None, simple=None)
     judged = []
@@ -193,9 +193,9 @@ def missed_motion(model: SixDofModel, experiments: Experiment | Sequence[Experim
         Missed(
             name=name,
             unit=unit,
-            rms=float(np.sqrt(np.mean(np.concatenate([each[:, at] for each in missed]) ** 2))),
-            whole=float(np.std(np.concatenate([each[:, at] for each in whole]))),
-            test=examine_residuals(name, [each[:, at] for each in missed], inputs, model.kinds.names),
+            rms=float(np.sqrt(np.mean(np.concatenate([flight[:, at] for flight in missed]) ** 2))),
+            whole=float(np.std(np.concatenate([flight[:, at] for flight in whole]))),
+            test=examine_residuals(name, [flight[:, at] for flight in missed], inputs, model.kinds.names),
         )
         for at, (name, unit) in enumerate(channels)
     )

@@ -71,7 +71,7 @@ class PredictionUse:
             return cls(judged=True, sentence=f"prediction: {no}")
         first, last = horizons[0], horizons[-1]
         span = f"up to {last:g} s" if first <= 0.1 else f"{last:g} s" if first == last else f"{first:g} to {last:g} s"
-        metres = ", ".join(f"{each:#.3g}".rstrip(".") for each in errors.values())
+        metres = ", ".join(f"{error:#.3g}".rstrip(".") for error in errors.values())
         sentence = f"prediction: {span} ahead (there {metres} m in {joined(list(errors))})"
         return cls(horizons_s=horizons, horizon_s=last, rmse_m=errors, judged=True, sentence=sentence)
 
@@ -150,8 +150,8 @@ class FreeRunUse:
     def sentence(self) -> str:
         """The answer as a clause."""
         words = {Trust.YES: "yes", Trust.LIMITED: "with care", Trust.NO: "no", Trust.UNKNOWN: "not judged"}
-        told = self.rests_on
-        return f"free simulation: {words[self.trust]}" + (f" ({told})" if told else "")
+        basis = self.rests_on
+        return f"free simulation: {words[self.trust]}" + (f" ({basis})" if basis else "")
 
     @property
     def verdict(self) -> Verdict:
@@ -198,11 +198,11 @@ class ParameterUse:
         """Return the answer for parameters of which each is determined or not."""
         if not known:
             return cls(trust=Trust.UNKNOWN)
-        found = sum(known)
-        trust = Trust.NO if not found else Trust.YES if all(known) and confirmed else Trust.LIMITED
-        doubt = ", but no prediction confirms them" if found and not confirmed else ""
-        sentence = f"parameters: {found} of {len(known)} determined{doubt}"
-        return cls(trust=trust, determined=found, total=len(known), confirmed=confirmed, sentence=sentence)
+        determined = sum(known)
+        trust = Trust.NO if not determined else Trust.YES if all(known) and confirmed else Trust.LIMITED
+        doubt = ", but no prediction confirms them" if determined and not confirmed else ""
+        sentence = f"parameters: {determined} of {len(known)} determined{doubt}"
+        return cls(trust=trust, determined=determined, total=len(known), confirmed=confirmed, sentence=sentence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,19 +221,19 @@ class Uses:
     @property
     def sentence(self) -> str:
         """The three answers in one sentence."""
-        text = "; ".join(each.sentence for each in self.every)
+        text = "; ".join(use.sentence for use in self.every)
         return f"{text[0].upper()}{text[1:]}."
 
 
 def overall(uses: Mapping[str, Uses]) -> Verdict:
     """Sum up several models of one motion: what the best can be trusted with, and what holds for the others."""
-    verdict = _summed({title: each.free_run.verdict for title, each in uses.items()})
-    ahead = {title: each.prediction for title, each in uses.items() if each.prediction.horizon_s is not None}
+    verdict = _summed({title: use.free_run.verdict for title, use in uses.items()})
+    ahead = {title: use.prediction for title, use in uses.items() if use.prediction.horizon_s is not None}
     if not ahead:
         return verdict
     best = max(ahead, key=lambda title: ahead[title].horizon_s or 0.0)
-    told = ahead[best].sentence.removeprefix("prediction: ")
-    return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {told}.")
+    reach = ahead[best].sentence.removeprefix("prediction: ")
+    return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {reach}.")
 
 
 def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
@@ -241,7 +241,7 @@ def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
         return Verdict(Trust.UNKNOWN, NO_MODEL + ".")
     if len(verdicts) == 1:
         return next(iter(verdicts.values()))
-    by_trust = {trust: [title for title, each in verdicts.items() if each.trust is trust] for trust in Trust}
+    by_trust = {trust: [title for title, verdict in verdicts.items() if verdict.trust is trust] for trust in Trust}
     phrases = {
         Trust.YES: "Trust {} for flights like these",
         Trust.LIMITED: "take {} with care",

@@ -57,7 +57,7 @@ def estimate_trim(model: SixDofModel, still: Experiment) -> Floats:
     blocks = _increments(model, record, ANY_FLIGHT, np.zeros(2))
     level = upright_axes(record, blocks.edges[:-1])
     missed, thrust = (
-        np.einsum("nji,nj->ni", level, each) / blocks.seconds for each in (blocks.missed, blocks.by_flight[:, :, 1])
+        np.einsum("nji,nj->ni", level, change) / blocks.seconds for change in (blocks.missed, blocks.by_flight[:, :, 1])
     )
     size = round(5.0 / blocks.seconds)  # manoeuvres, during which the model errs this way and that, are shorter
     _require(record, len(missed) >= size)
@@ -99,18 +99,18 @@ def estimate_wind(model: SixDofModel, experiment: Experiment, trim: Floats | Non
     def blocks_of(own: Floats, *, beginning: bool) -> Increments:
         return _increments(model, early if beginning else record, own, lean)
 
-    told = follow(blocks_of, (ANY_FLIGHT, _SIGMA), np.zeros((0, 0)))
-    blocks = blocks_of(told.about, beginning=False)
-    wind, covariances = smoothed_wind(told, blocks.seconds)
+    states = follow(blocks_of, (ANY_FLIGHT, _SIGMA), np.zeros((0, 0)))
+    blocks = blocks_of(states.about, beginning=False)
+    wind, covariances = smoothed_wind(states, blocks.seconds)
     to_wind = np.linalg.pinv(blocks.by_flight[:, :2, len(OWN) :].mean(axis=0) / blocks.seconds)
     # What all of a record may miss, m/s^2: by a law of drag that does not hold at every speed, and without a trim by a
     # level that is off by 0.3 deg. In a tunnel, flown by two controllers, known winds of 0 to 12 m/s were 0.2 m/s
     # off with a trim, 0.25 without; 0.1 m/s^2 are 0.24 m/s there.
     missed = 0.1 if trim is not None else float(np.hypot(0.1, 0.05))
     feigned = np.diag(to_wind @ to_wind.T) * missed**2
-    noise = np.diag(to_wind @ to_wind.T) * told.wander.horizontal_noise / (record.t[-1] - record.t[0])
+    noise = np.diag(to_wind @ to_wind.T) * states.wander.horizontal_noise / (record.t[-1] - record.t[0])
     return WindTrack(
-        t=record.t[told.edges],
+        t=record.t[states.edges],
         wind=wind,
         sigma=np.sqrt(covariances.diagonal(axis1=1, axis2=2) + feigned),
         mean=wind.mean(axis=0),
@@ -140,11 +140,11 @@ def _increments(model: SixDofModel, record: BodyRecord, own: Floats, lean: Float
         run = ahead(model.theta, driven, wind, push, record.states, starts, marks, dt, substeps(dt), True)
         return np.asarray(run[:, 0, 3:6] - record.states[starts, 3:6])
 
-    found, by_flight = change(own), np.zeros((len(starts), 3, len(own)))
+    expected, by_flight = change(own), np.zeros((len(starts), 3, len(own)))
     for k in range(1, len(own)):
         step = 0.05 * _SIGMA[k]
-        by_flight[:, :, k] = (change(own + step * np.eye(len(own))[k]) - found) / step
-    missed = np.diff(record.states[edges, 3:6], axis=0) - found
+        by_flight[:, :, k] = (change(own + step * np.eye(len(own))[k]) - expected) / step
+    missed = np.diff(record.states[edges, 3:6], axis=0) - expected
     return Increments(
         edges=edges, seconds=size * dt, missed=missed, by_craft=np.zeros((len(starts), 3, 0)), by_flight=by_flight
     )

@@ -159,7 +159,7 @@ def drives(record: BodyRecord, kinds: InputKinds, shape: InputShape) -> Floats:
         shares = shape.of_each("share", kinds.thrusting_names, 1.0)
         strengths = moved**2 * whole * (shares - shares.mean() + 1.0) * held[:, None]
         # Rotors that thrust less from the same commands turn as much slower.
-        moved, *ends = (each * np.sqrt(charge)[:, None] for each in (moved, *ends))
+        moved, *ends = (signals * np.sqrt(charge)[:, None] for signals in (moved, *ends))
         spin = np.array([float(motor.spin) for motor in kinds.geometry])
         out[:, 0] = strengths.sum(axis=1)
         out[:, 1] = strengths @ np.array([-np.sin(motor.angle) for motor in kinds.geometry])

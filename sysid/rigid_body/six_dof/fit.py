@@ -151,7 +151,7 @@ def fit_six_dof(
         raise ExperimentError(
             f"{total} samples are too few to fit runs of {horizons[-1]:g} s; give longer records or shorter horizons"
         )
-    known = {each: np.asarray(wind, dtype=np.float64) for each, wind in (winds or {}).items()}
+    known = {name: np.asarray(wind, dtype=np.float64) for name, wind in (winds or {}).items()}
     unknowns = _unknowns(kinds, bodies, indoors, known, given)
     shape = _shape(kinds, bodies, records)
 
@@ -185,13 +185,15 @@ def fit_six_dof(
         starts = [np.arange(0, max(len(body.t) - int(marks[-1]), 0), every) for body in bodies]
         block = max(round(4.0 / dt / every), 1)  # errors of four seconds count as independent of others
         errors_of = partial(errors_from, starts)
-        found = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
-        start = found.values
-    found = _centred(found, unknowns)
-    theta, moved, wind = unpack(found.values)
-    parameters = refuse_impossible(_parameters(unknowns, found, theta, moved, kinds, sigma, mass, dt))
-    scales = spreads(errors_of(found.values))
-    spread = dict(zip((each.name for each in unknowns), np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
+        solution = minimise(start, errors_of, mean, sigma, (low, high), steps, block, iterations)
+        start = solution.values
+    solution = _centred(solution, unknowns)
+    theta, moved, wind = unpack(solution.values)
+    parameters = refuse_impossible(_parameters(unknowns, solution, theta, moved, kinds, sigma, mass, dt))
+    scales = spreads(errors_of(solution.values))
+    spread = dict(
+        zip((unknown.name for unknown in unknowns), np.sqrt(np.diag(solution.covariance)).tolist(), strict=True)
+    )
     findings = wrong_turns(parameters, spread)
     return SixDofModel(
         name="rigid body, six degrees of freedom",
@@ -200,14 +202,14 @@ def fit_six_dof(
         shape=moved,
         kinds=kinds,
         estimated=tuple(unknown.name for unknown in unknowns),
-        covariance=found.covariance,
+        covariance=solution.covariance,
         winds=wind,
         scales={float(mark * dt): scale for mark, scale in zip(marks, scales, strict=True)},
         training=tuple(record.name for record in records),
         findings=findings,
         mass=mass,
         attitude_given=given,
-        wind_sigma=_wind_sigma(unknowns, found),
+        wind_sigma=_wind_sigma(unknowns, solution),
     )
 
 
@@ -229,10 +231,10 @@ def _unknowns(
         ]
     if given:
         # Translation sees the sum of the rotors only.
-        out += [_Unknown(each) for each in (("delay",) if speeds else ("delay", "lag"))]
+        out += [_Unknown(family) for family in (("delay",) if speeds else ("delay", "lag"))]
     else:
         moving = ["delay"] + ["lag"] * (not speeds) + ["share"] * (len(kinds.motors) > 1)
-        out += [_Unknown(f"{each}_{name}", family=each) for each in moving for name in kinds.thrusting_names]
+        out += [_Unknown(f"{family}_{name}", family=family) for family in moving for name in kinds.thrusting_names]
     if kinds.further:
         out.append(_Unknown("lag_further", family="lag"))
     if kinds.quantity is BodyQuantity.PWM and kinds.motors:
@@ -294,7 +296,7 @@ def _unpack(
 
 def _parameters(
     unknowns: Sequence[_Unknown],
-    found: ShootingFit,
+    solution: ShootingFit,
     theta: Floats,
     shape: InputShape,
     kinds: InputKinds,
@@ -304,16 +306,16 @@ def _parameters(
 ) -> dict[str, BodyParameter]:
     """Name every parameter, with its standard error, and whether it is determined."""
     out: dict[str, BodyParameter] = {}
-    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    spread = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     for k, unknown in enumerate(unknowns):
         if unknown.record:
             continue
-        family, name, value = unknown.shared, unknown.name, float(found.values[k])
+        family, name, value = unknown.shared, unknown.name, float(solution.values[k])
         # The equations err by a fortieth of a sample in delays and lags.
         floor = 0.025 * dt if family.unit == "s" else family.part * abs(value)
         error = float(np.hypot(spread[k], floor))
         limit, reason = max(0.2 * abs(value), family.limit), ""
-        if np.isfinite(sigma[k]) and error > 0.0 and found.information[k, k] * sigma[k] ** 2 < 4.0:
+        if np.isfinite(sigma[k]) and error > 0.0 and solution.information[k, k] * sigma[k] ** 2 < 4.0:
             reason = "the records hardly move it"
         elif not error < limit:
             asked = (
@@ -334,16 +336,16 @@ def _parameters(
     return out
 
 
-def _centred(found: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
+def _centred(solution: ShootingFit, unknowns: Sequence[_Unknown]) -> ShootingFit:
     """Make the shares of the motors, and the charges of the records, 1 in the mean: only what they differ by enters."""
     for family in ("share", "charge"):
         alike = np.array([unknown.family == family for unknown in unknowns])
         if alike.any():
-            values = found.values.copy()
+            values = solution.values.copy()
             values[alike] += 1.0 - values[alike].mean()
             centre = np.eye(len(unknowns)) - np.outer(alike, alike) / alike.sum()
-            found = replace(found, values=values, covariance=centre @ found.covariance @ centre.T)
-    return found
+            solution = replace(solution, values=values, covariance=centre @ solution.covariance @ centre.T)
+    return solution
 
 
 def timing_of(name: str, value: float, error: float, kinds: InputKinds, dt: float) -> tuple[str, float, str]:
@@ -375,8 +377,8 @@ def _in_si(parameter: BodyParameter, shape: InputShape, kinds: InputKinds, mass:
     return replace(parameter, si_value=factor * parameter.value, si_sigma=factor * parameter.sigma, si_unit=unit)
 
 
-def _wind_sigma(unknowns: Sequence[_Unknown], found: ShootingFit) -> dict[str, Floats]:
-    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+def _wind_sigma(unknowns: Sequence[_Unknown], solution: ShootingFit) -> dict[str, Floats]:
+    spread = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     out: dict[str, Floats] = {}
     for k, unknown in enumerate(unknowns):
         if unknown.family == "wind":
@@ -395,7 +397,9 @@ def refuse_impossible(parameters: Mapping[str, BodyParameter]) -> dict[str, Body
     effects = [(f"drag_rotor_{axis}", f"drag_quadratic_{axis}") for axis in "xyz"]
     for names in (*effects, *((f"{axis}_damping",) for axis in ("roll", "pitch", "yaw"))):
         there = {name: out[name] for name in names if name in out}
-        wrong = [name for name, each in there.items() if (each.value or 0.0) < -_BEYOND * (each.sigma or 0.0)]
+        wrong = [
+            name for name, parameter in there.items() if (parameter.value or 0.0) < -_BEYOND * (parameter.sigma or 0.0)
+        ]
         for name in there:
             if not wrong:
                 continue

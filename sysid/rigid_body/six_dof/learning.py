@@ -50,8 +50,8 @@ def choose_observer(model: SixDofModel, experiments: Experiment | Sequence[Exper
         watching, total = stranger.with_observer(observer), np.zeros(3)
         for record in records:
             starts = np.linspace(steps // 2, len(record.t) - steps - 1, min(300, steps)).astype(np.int64)
-            found = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
-            left = found - record.states[starts + steps, :3]
+            predicted = watching.ahead(record, starts, np.array([steps]))[:, 0, :3]
+            left = predicted - record.states[starts + steps, :3]
             parts = (left[:, :2], left[:, 2:], left)
             total += [float(np.mean(np.linalg.norm(part, axis=1))) for part in parts]
         return total

@@ -135,7 +135,7 @@ class SixDofModel(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Return inputs, what is determined, and usual errors at the longest horizon."""
-        determined = [name for name, each in self.parameters.items() if each.determined]
+        determined = [name for name, parameter in self.parameters.items() if parameter.determined]
         horizon, error = max(self.scales.items())
         return {
             "model": self.name,
@@ -252,8 +252,8 @@ class SixDofModel(Summarised):
 
     def as_for_a_stranger(self) -> SixDofModel:
         """Return the model as it predicts records that it was not fitted to: it knows neither battery nor wind."""
-        told = {name: wind for name, wind in self.winds.items() if name not in self.wind_sigma}
-        return replace(self, shape=replace(self.shape, charges={}), winds=told)
+        given = {name: wind for name, wind in self.winds.items() if name not in self.wind_sigma}
+        return replace(self, shape=replace(self.shape, charges={}), winds=given)
 
     def with_rest(self, first: Experiment, rest: Experiment) -> SixDofModel:
         """Return the model with wind and battery of what follows a record that was fitted, as they were in it."""
@@ -264,7 +264,7 @@ class SixDofModel(Summarised):
 
     def with_wind(self, winds: Mapping[str, Floats]) -> SixDofModel:
         """Return the model with the wind of more records, north and east, m/s."""
-        sigma = {name: each for name, each in self.wind_sigma.items() if name not in winds}
+        sigma = {name: spread for name, spread in self.wind_sigma.items() if name not in winds}
         return replace(self, winds={**self.winds, **winds}, wind_sigma=sigma)
 
     def _wind(self, record: BodyRecord) -> Floats:
@@ -282,7 +282,7 @@ class SixDofModel(Summarised):
             covariance=tuple(tuple(row) for row in self.covariance.tolist()),
             winds={name: tuple(wind.tolist()) for name, wind in self.winds.items()},
             charges=self.shape.charges,
-            errors=tuple(UsualErrors(horizon, *each.tolist()) for horizon, each in self.scales.items()),
+            errors=tuple(UsualErrors(horizon, *errors.tolist()) for horizon, errors in self.scales.items()),
             mass=self.mass,
             correction=None if self.correction is None else self.correction.record(),
             training=self.training,

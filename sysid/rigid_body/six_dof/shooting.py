@@ -64,7 +64,7 @@ def rotation_vectors(rotation: Floats) -> Floats:
 
 def spreads(errors: Sequence[Floats]) -> Floats:
     """Typical norm of the errors of each of the four states at each horizon, (M, 4)."""
-    norms = np.concatenate([_norms(each) for each in errors])
+    norms = np.concatenate([_norms(error) for error in errors])
     return np.asarray(np.maximum(np.median(norms, axis=0), 1e-9))
 
 
@@ -91,7 +91,7 @@ def minimise(
     scales, damping, cost = spreads(errors), 0.0, np.inf
     for _ in range(iterations):
         scales = spreads(errors)
-        weights = [_weights(each, scales) for each in errors]
+        weights = [_weights(error, scales) for error in errors]
         gradient, information, _, _ = _normal(values, errors, weights, errors_of, steps, limits, 0, scales)
         precision = 1.0 / prior_sigma**2
         cost = _cost(errors, weights) + float(np.sum(precision * (values - prior_mean) ** 2))
@@ -112,7 +112,7 @@ def minimise(
         if cost - trial_cost < 1e-4 * cost:
             break
     scales = spreads(errors)
-    weights = [_weights(each, scales) for each in errors]
+    weights = [_weights(error, scales) for error in errors]
     _, information, scatter, curvature = _normal(values, errors, weights, errors_of, steps, limits, block, scales)
     inverse = np.linalg.inv(curvature + np.diag(1.0 / prior_sigma**2 + 1e-12))
     return ShootingFit(
@@ -120,7 +120,7 @@ def minimise(
         covariance=inverse @ scatter @ inverse,
         information=information,
         scales=scales,
-        cost=_cost(errors, weights) / max(sum(each.size for each in errors), 1),
+        cost=_cost(errors, weights) / max(sum(error.size for error in errors), 1),
     )
 
 
@@ -157,23 +157,23 @@ def _normal(
         step = steps[k] if values[k] + steps[k] <= limits[1][k] else -steps[k]
         moved = values.copy()
         moved[k] += step
-        for at, each in enumerate(errors_of(moved)):
-            slopes[at].append(((each - errors[at]) / step).astype(np.float32))
+        for at, error in enumerate(errors_of(moved)):
+            slopes[at].append(((error - errors[at]) / step).astype(np.float32))
     gradient, information = np.zeros(count), np.zeros((count, count))
     scatter, curvature = np.zeros((count, count)), np.zeros((count, count))
-    for at, each in enumerate(errors):
+    for at, error in enumerate(errors):
         matrix = np.stack(slopes[at]).reshape(count, -1).astype(np.float64)
         weighted = matrix * weights[at].ravel()
         information += weighted @ matrix.T
-        gradient += weighted @ each.ravel()
+        gradient += weighted @ error.ravel()
         if block:
-            score = (weighted * each.ravel()).reshape(count, len(each), -1).sum(axis=2)
-            edges = np.arange(0, len(each), block)
+            score = (weighted * error.ravel()).reshape(count, len(error), -1).sum(axis=2)
+            edges = np.arange(0, len(error), block)
             sums = np.add.reduceat(score, edges, axis=1)
             scatter += sums @ sums.T
-            norms = _norms(each)
+            norms = _norms(error)
             falling = (norms > _FLOOR * scales).astype(np.float64)[..., None]
-            along = each.reshape(*norms.shape, 3) / np.maximum(norms, 1e-12)[..., None] * falling
+            along = error.reshape(*norms.shape, 3) / np.maximum(norms, 1e-12)[..., None] * falling
             cross = (weighted * along.ravel()).reshape(count, -1, 3).sum(axis=2)
             curvature -= cross @ (matrix * along.ravel()).reshape(count, -1, 3).sum(axis=2).T
     return gradient, information, scatter, curvature + information

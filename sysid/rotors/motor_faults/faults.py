@@ -237,14 +237,14 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
         return []
     left, t, chance = Remainder.of(moments, lag=True), moments.t, 0.0
     ahead = round(_RECOVERS / moments.step)
-    found: list[MotorFault] = []
+    faults: list[MotorFault] = []
     for length in _LENGTHS:
         size = max(round(length / moments.step), 3)
         if len(t) < 10 * size:
             continue
         first = np.arange(len(t) - size + 1)
         sums = [np.convolve(residual, np.ones(size), "valid") for residual in left.residuals]
-        fits = left.fits([spread(each) ** 2 / size for each in sums], first, first + size)
+        fits = left.fits([spread(total) ** 2 / size for total in sums], first, first + size)
         whole = (t[size - 1 :] - t[: len(first)] < 1.5 * size * moments.step)[:, None]
         less = fits.alone(1.0) & whole & (fits.gain >= SURE**2) & (fits.loss >= _PULSE) & (fits.loss <= 1.3)
         # The motor gives its thrust again soon after the window.
@@ -258,7 +258,7 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
         for row, column in zip(*np.nonzero(pulses), strict=True):
             loss, score = float(min(fits.loss[row, column], 1.0)), float(np.sqrt(fits.gain[row, column]))
             rise = moments.pwm[row : row + size, column].mean() - np.median(moments.pwm[:, column])
-            found.append(
+            faults.append(
                 MotorFault(
                     motor=vehicle.motors[column].number,
                     kind="pulse",
@@ -272,13 +272,13 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
                 )
             )
     apart: list[MotorFault] = []
-    for one in sorted(found, key=lambda each: -each.score):
+    for one in sorted(faults, key=lambda fault: -fault.score):
         if one.score >= _ABOVE * chance and all(one.t > of.end + _JOIN or one.end < of.t - _JOIN for of in apart):
             apart.append(one)
     # Once is chance, twice a pattern, unless it is plain.
     counts = Counter(one.motor for one in apart)
     plain = [one.loss >= _PLAIN and one.score >= _SURER for one in apart]
-    named = [one for one, each in zip(apart, plain, strict=True) if each or counts[one.motor] > 1]
+    named = [one for one, sure in zip(apart, plain, strict=True) if sure or counts[one.motor] > 1]
     return sorted(named, key=lambda one: one.t)
 
 
@@ -311,7 +311,7 @@ def _suddenly(fault: MotorFault, tables: Tables, vehicle: Vehicle, step: float) 
     """Return when the craft began to turn towards a motor that failed at once, as the gyro's times tell it, s."""
     assert tables.imu is not None
     rates = tables.imu.loc[fault.t - step : fault.t + step, ["gyro_x", "gyro_y"]].dropna()
-    motor = next(each for each in vehicle.motors if each.number == fault.motor)
+    motor = next(motor for motor in vehicle.motors if motor.number == fault.motor)
     t, towards = rates.index.to_numpy(np.float64), -(rates.to_numpy(np.float64) @ (motor.roll, motor.pitch))
     if len(t) < 4:
         return fault.t

@@ -61,7 +61,7 @@ class Moments:
             pwm=self.pwm[rows],
             limited=self.limited[rows],
             factors=self.factors,
-            columns=[each[rows] for each in self.columns],
+            columns=[column[rows] for column in self.columns],
         )
 
     @property
@@ -166,8 +166,8 @@ class Remainder:
         """Fit what else makes moments; with `lag` the motors' own lag too, which hides what lasts."""
         bases, residuals = [], []
         for asked, columns in zip(moments.asked, moments.columns, strict=True):
-            each = np.column_stack([columns, np.gradient(asked, moments.t)]) if lag else columns
-            basis = np.linalg.qr(each / np.maximum(np.linalg.norm(each, axis=0), 1e-12))[0]
+            regressors = np.column_stack([columns, np.gradient(asked, moments.t)]) if lag else columns
+            basis = np.linalg.qr(regressors / np.maximum(np.linalg.norm(regressors, axis=0), 1e-12))[0]
             bases.append(np.asarray(basis))
             residuals.append(np.asarray(asked - basis @ (basis.T @ asked)))
         return cls(moments, bases, residuals)

@@ -38,7 +38,7 @@ class _View:
 
     best: np.ndarray  #: Motor of the mixer that each output follows best.
     own: Floats  #: What is left of each output's movement in the logged order ...
-    found: Floats  #: ... and in the best one.
+    least: Floats  #: ... and in the best one.
     explained: float
 
 
@@ -56,12 +56,12 @@ def check_outputs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -
         raise MissingDataError("what was asked of the motors holds numbers that no controller gives: damage")
     view = max(views, key=lambda one: one.explained)
     wrong = view.best != np.arange(len(names))
-    ratio = float(view.own.sum() / max(float(view.found.sum()), 1e-300))
+    ratio = float(view.own.sum() / max(float(view.least.sum()), 1e-300))
     if (
         wrong.any()
         and ratio > _BETTER
         and view.explained > _EXPLAINED
-        and np.all(view.own[wrong] > _BETTER * view.found[wrong])
+        and np.all(view.own[wrong] > _BETTER * view.least[wrong])
     ):
         return (_order_finding([(names[k], names[view.best[k]]) for k in np.flatnonzero(wrong)], ratio),)
     return ()
@@ -100,16 +100,16 @@ def _views(motors: pd.DataFrame, asked: pd.DataFrame, vehicle: Vehicle) -> list[
     good &= pd.Series(inside).groupby(half).transform("all").to_numpy()
     views = []
     for rows in (inside, good) if good.sum() * step >= _FEWEST * BLOCK_SECONDS else (inside,):
-        told, due = thrust[rows], outputs[rows]
+        given, due = thrust[rows], outputs[rows]
         if rows is good:
             of = half[rows].to_numpy()
-            told, due = (pd.DataFrame(part).groupby(of).mean().to_numpy() for part in (told, due))
-        view = _view(told / told.mean(axis=1, keepdims=True), due, told.mean(axis=1, keepdims=True), factors)
+            given, due = (pd.DataFrame(part).groupby(of).mean().to_numpy() for part in (given, due))
+        view = _view(given / given.mean(axis=1, keepdims=True), due, given.mean(axis=1, keepdims=True), factors)
         views += [] if view is None else [view]
     return views
 
 
-def _view(told: Floats, outputs: Floats, mean: Floats, factors: Floats) -> _View | None:
+def _view(given: Floats, outputs: Floats, mean: Floats, factors: Floats) -> _View | None:
     """Fit the best order; None where numbers are so large that their squares are none."""
     with np.errstate(over="ignore", invalid="ignore"):
         if outputs.shape[1] > 3:
@@ -117,8 +117,8 @@ def _view(told: Floats, outputs: Floats, mean: Floats, factors: Floats) -> _View
             due = expectation(outputs, factors)
             due = due / due.mean(axis=1, keepdims=True)
         else:
-            due = _scaled(told, outputs / mean, factors)
-        moved, asked = told - told.mean(axis=0), due - due.mean(axis=0)
+            due = _scaled(given, outputs / mean, factors)
+        moved, asked = given - given.mean(axis=0), due - due.mean(axis=0)
         costs = np.sum((moved[:, :, None] - asked[:, None, :]) ** 2, axis=0)
     if not np.isfinite(costs).all():
         return None
@@ -126,17 +126,17 @@ def _view(told: Floats, outputs: Floats, mean: Floats, factors: Floats) -> _View
     # Where every row likes its own column best there is nothing to solve, nor an optimiser to import.
     alike = np.array_equal(costs.argmin(axis=1), own)
     best = own if alike else np.asarray(scipy.optimize.linear_sum_assignment(costs)[1])
-    found = costs[own, best]
-    return _View(best, np.diag(costs), found, float(1.0 - found.sum() / max(float(np.sum(moved**2)), 1e-300)))
+    least = costs[own, best]
+    return _View(best, np.diag(costs), least, float(1.0 - least.sum() / max(float(np.sum(moved**2)), 1e-300)))
 
 
-def _scaled(told: Floats, driving: Floats, factors: Floats) -> Floats:
+def _scaled(given: Floats, driving: Floats, factors: Floats) -> Floats:
     """Return what the mixer asks for where the gain of each axis is unknown, (n, motors).
 
     Which motor is which does not matter to the size of an axis's pattern over all motors, so that its gain is that size
     in the outputs over that in the mixer.
     """
-    pattern = np.linalg.lstsq(driving - driving.mean(axis=0), told - told.mean(axis=0), rcond=None)[0]
+    pattern = np.linalg.lstsq(driving - driving.mean(axis=0), given - given.mean(axis=0), rcond=None)[0]
     size = np.linalg.norm(factors - factors.mean(axis=0), axis=0)
     gain = np.linalg.norm(pattern, axis=1) / np.maximum(size, INDEPENDENT) * (size > INDEPENDENT)
     return np.asarray(1.0 + (driving * gain) @ factors.T)

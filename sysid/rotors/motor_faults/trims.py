@@ -70,15 +70,15 @@ def steady_trims(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
 
 def weak_from_start(flight: SteadyTrims, others: Sequence[SteadyTrims]) -> tuple[Finding, ...]:
     """Name the motor whose weakness explains what the controller steadily asks for in this flight and in others."""
-    alike = [each for each in others if each.motors == flight.motors]
-    found = _weak(np.array(flight.trims), np.array(flight.variance), flight)
-    if found is None or not alike:
+    alike = [other for other in others if other.motors == flight.motors]
+    weak = _weak(np.array(flight.trims), np.array(flight.variance), flight)
+    if weak is None or not alike:
         return ()
     whole, rest = _mean([flight, *alike]), _mean(alike)
     change = np.array(flight.trims) - rest[0], np.array(flight.variance) + rest[1]
-    if found[0] not in [each[0] for each in (_weak(*whole, flight), _weak(*change, flight)) if each is not None]:
+    if weak[0] not in [named[0] for named in (_weak(*whole, flight), _weak(*change, flight)) if named is not None]:
         return ()
-    motor, loss, sigma = found
+    motor, loss, sigma = weak
     return (
         Finding(
             "uneven-motor",
@@ -100,14 +100,14 @@ def changed_motor(flight: SteadyTrims, others: Sequence[SteadyTrims]) -> tuple[s
     """
     mean, variance = _mean(others, AGAIN)
     change, sampled = np.array(flight.trims) - mean, np.array(flight.variance) + variance
-    rows, found = dict(zip(flight.motors, np.array(flight.rows), strict=True)), []
+    rows, candidates = dict(zip(flight.motors, np.array(flight.rows), strict=True)), []
     for sign in (1.0, -1.0):
         weak = _weak(sign * change, sampled, flight, AGAIN, _FITS_CHANGE)
         if weak is not None:
             motor, loss, sigma = weak
             left = float(np.linalg.norm(sign * change - loss * rows[motor]))
-            found.append((left, (motor, sign * loss, sigma)))
-    return min(found)[1] if found else None
+            candidates.append((left, (motor, sign * loss, sigma)))
+    return min(candidates)[1] if candidates else None
 
 
 def _weak(
@@ -127,8 +127,8 @@ def _weak(
 
 def _mean(flights: Sequence[SteadyTrims], unlike: float = ALIKE) -> tuple[Floats, Floats]:
     """Return the mean trims of flights, (3,), and their variance, (3,), by what they scatter if that is more."""
-    trims = np.array([each.trims for each in flights])
-    weights = 1.0 / (np.array([each.variance for each in flights]) + unlike**2)
+    trims = np.array([flight.trims for flight in flights])
+    weights = 1.0 / (np.array([flight.variance for flight in flights]) + unlike**2)
     total = weights.sum(axis=0)
     mean = (weights * trims).sum(axis=0) / total
     scatter = (weights * (trims - mean) ** 2).sum(axis=0) / max(len(flights) - 1, 1)
