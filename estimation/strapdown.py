@@ -371,8 +371,8 @@ class _Plan:
     ) -> tuple[Filtered, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
         """Filter the pieces one after the other; the second result is what each begins with.
 
-        With `found` the estimates of the filter itself are placed there, and what lies beyond the gate is refused at
-        once: nobody looks back.
+        With `estimates` the estimates of the filter itself are placed there, and what lies beyond the gate is refused
+        at once: nobody looks back.
         """
         P, memory = self.aligned.P, new_memory(x)
         innovation, inverse_variance, log_likelihood = [], [], 0.0

@@ -84,7 +84,7 @@ def _trim(
 ) -> FlightTrim:
     """Name exponent, thrust scale and wind of a flight, (4,), with errors by a filter to which the craft is open.
 
-    Errors for runs are those of what a filter found with the craft's parameters held (`told`); that of the wind holds
+    Errors for runs are those of what a filter found with the craft's parameters held (`states`); that of the wind holds
     the attitude's besides. The mean wind of a `whole` flight is that with which its forces balance, gusts included: a
     filter's is of a process, of which the flight is a sample.
     """
