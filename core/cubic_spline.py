@@ -26,7 +26,7 @@ def cubic_spline(t: Floats, values: Floats, at: Floats) -> Floats:
     """
     if len(t) >= 4:
         # Arrays that may not be written are other types, for which all would be compiled again.
-        return interpolated(*(np.require(each, np.float64, ["C", "W"]) for each in (t, values, at)))
+        return interpolated(*(np.require(array, np.float64, ["C", "W"]) for array in (t, values, at)))
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)[:, None]
     step, x = np.diff(t)[:, None], at[:, None] - t[k]
     slope = np.diff(values, axis=0) / step

@@ -56,8 +56,8 @@ def exports(package: str, source: str) -> tuple[Callable[[str], object], Callabl
         home, original = homes[name]
         module = import_module(home)
         of_module = home != package and hasattr(module, original)
-        found = getattr(module, original) if of_module else import_module(f"{home}.{original}")
-        setattr(import_module(package), name, found)
-        return found
+        exported = getattr(module, original) if of_module else import_module(f"{home}.{original}")
+        setattr(import_module(package), name, exported)
+        return exported
 
     return find, lambda: sorted(homes)

@@ -102,7 +102,9 @@ def _with_nan(value: Any, kind: Any) -> Any:
     arguments = typing.get_args(kind)
     if isinstance(value, dict) and not arguments and isinstance(kind, type):
         hints, written = typing.get_type_hints(kind), getattr(kind, "__struct_encode_fields__", ())
-        hints |= {name: hints[each] for each, name in zip(getattr(kind, "__struct_fields__", ()), written, strict=True)}
+        hints |= {
+            name: hints[field] for field, name in zip(getattr(kind, "__struct_fields__", ()), written, strict=True)
+        }
         return {name: _with_nan(item, hints.get(name)) for name, item in value.items()}
     if isinstance(value, dict) and typing.get_origin(kind) is Mapping:
         return {key: _with_nan(item, arguments[1]) for key, item in value.items()}

@@ -82,7 +82,7 @@ class Table:
         A line without numbers has no cells, unless its row brings some.
         """
         numbered = [values for _, values in lines if values]
-        cells = zip(*(column(each, *digits) for each in zip(*numbered, strict=True)), strict=True)
+        cells = zip(*(column(numbers, *digits) for numbers in zip(*numbered, strict=True)), strict=True)
         rows = [replace(row, cells=(*row.cells, *next(cells))) if values else row for row, values in lines]
         return cls(label, heads, rows, caption, groups)
 
@@ -117,7 +117,7 @@ class Table:
     def html(self) -> str:
         """Write the table for a notebook."""
         left = " style='text-align:left'"
-        head = "".join(f"<th>{escape(each)}</th>" for each in (self.label, *self.heads))
+        head = "".join(f"<th>{escape(title)}</th>" for title in (self.label, *self.heads))
         rows = (
             f"<tr><th{left}>{escape(str(row.label))}</th>"
             + "".join(

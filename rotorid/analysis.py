@@ -83,15 +83,15 @@ def analyze(
                 reports.write(result, out)
             return result
     exclude = None if out is None or is_url(out) else Path(out)
-    found = find([str(path) for path in several], exclude=exclude)
-    if not found.sources:
-        reasons = [f"{each.file}: {each.reason}" for each in (*found.failures, *found.passed_over)]
+    files = find([str(path) for path in several], exclude=exclude)
+    if not files.sources:
+        reasons = [f"{failure.file}: {failure.reason}" for failure in (*files.failures, *files.passed_over)]
         raise ConfigError(f"there is no log to analyse{'; ' if reasons else ''}{listed(reasons, 3)}")
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if jobs > 1:
-        workers = processes(jobs, [source.size for source in found.sources], PRELOAD)
+        workers = processes(jobs, [source.size for source in files.sources], PRELOAD)
     with workers as executor:
-        fleet = pipeline.analyze_fleet(found, config, executor, progress, store=out, publish=reports.publish, redo=redo)
+        fleet = pipeline.analyze_fleet(files, config, executor, progress, store=out, publish=reports.publish, redo=redo)
         reports.write_fleet(fleet)
     return fleet
 
@@ -110,5 +110,5 @@ def compare(before: str | Path, after: str | Path) -> pd.DataFrame:
         A row for each craft and parameter that both have: before, after, their difference, and whether that is more
         than flights differ anyway (``significant``).
     """
-    found = compare_reports(read_report(before), read_report(after), (str(before), str(after)))
-    return pd.DataFrame([{"craft": pair.a.name} | plain(row) for pair in found.pairs for row in pair.parameters])
+    comparison = compare_reports(read_report(before), read_report(after), (str(before), str(after)))
+    return pd.DataFrame([{"craft": pair.a.name} | plain(row) for pair in comparison.pairs for row in pair.parameters])

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 def bode(*responses: FrequencyResponse | FrequencyFit | TransferFunction) -> go.Figure:
     """Draw gain, phase and coherence over frequency; measured ones in dark, models in colour."""
-    found = [each for each in responses if isinstance(each, FrequencyResponse)]
-    models = [each for each in responses if not isinstance(each, FrequencyResponse)]
-    span = np.concatenate([each.hz for each in found]) if found else np.array([0.1, 20.0])
+    estimates = [response for response in responses if isinstance(response, FrequencyResponse)]
+    models = [response for response in responses if not isinstance(response, FrequencyResponse)]
+    span = np.concatenate([response.hz for response in estimates]) if estimates else np.array([0.1, 20.0])
     grid = np.geomspace(span.min(), span.max(), 200)
-    colors = iter(("@ink", *COLORS) if len(found) == 1 else COLORS * 3)
+    colors = iter(("@ink", *COLORS) if len(estimates) == 1 else COLORS * 3)
     curves = [
-        measured(each, f"measured {each.axis}" + (f" {number}" if len(found) > 1 else ""), next(colors))
-        for number, each in enumerate(found, start=1)
+        measured(response, f"measured {response.axis}" + (f" {number}" if len(estimates) > 1 else ""), next(colors))
+        for number, response in enumerate(estimates, start=1)
     ]
     for number, model in enumerate(models, start=1):
         name = f"model {number}" if number > 1 else "model"

@@ -33,17 +33,17 @@ class Comparison(Summarised):
     def table(self) -> pd.DataFrame:
         """RMSE of the free run by model and output, averaged over the held-out flights, beside the best baseline."""
         rows = []
-        for each in self.validations:
-            held_out = each.table[~each.table["trained"]] if each.unseen else each.table
-            for output, rmse in each.average.items():
+        for validation in self.validations:
+            held_out = validation.table[~validation.table["trained"]] if validation.unseen else validation.table
+            for output, rmse in validation.average.items():
                 baselines = held_out[held_out["output"] == output][_BASELINES].mean()
                 rows.append(
                     {
-                        "model": each.model,
+                        "model": validation.model,
                         "output": output,
                         "rmse": rmse,
                         "best_baseline": float(baselines.min()),
-                        "trusted": output in each.uses.free_run.follows,
+                        "trusted": output in validation.uses.free_run.follows,
                     }
                 )
         return WholeTable(pd.DataFrame(rows).set_index(["model", "output"]))
@@ -51,9 +51,13 @@ class Comparison(Summarised):
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
         return {
-            each.model: ", ".join(f"{output} {rmse:.3g}" for output, rmse in each.average.items())
-            + (" (RMSE on held-out flight)" if each.unseen else " (RMSE on the training flight: nothing is held out)")
-            for each in self.validations
+            validation.model: ", ".join(f"{output} {rmse:.3g}" for output, rmse in validation.average.items())
+            + (
+                " (RMSE on held-out flight)"
+                if validation.unseen
+                else " (RMSE on the training flight: nothing is held out)"
+            )
+            for validation in self.validations
         }
 
     def _repr_html_(self) -> str:

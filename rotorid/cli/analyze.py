@@ -124,20 +124,20 @@ def analyze(
         _tables(paths, columns, out, config, as_json)
         return
     _refuse_tables(paths)
-    found = find(_existing(paths), exclude=None if is_url(out) else Path(out))
-    _require_files(found, paths)
+    files = find(_existing(paths), exclude=None if is_url(out) else Path(out))
+    _require_files(files, paths)
     chosen = config.training or config.validation
     if chosen:
         from pipeline.fleet.analysis import check_choices
 
-        check_choices(found, config)
+        check_choices(files, config)
     prepare(out)
-    single = len(found.sources) == 1 and found.sources[0].named and scheduler is None
+    single = len(files.sources) == 1 and files.sources[0].named and scheduler is None
     begun = 0.0
     if single and not chosen:
-        _one_flight(found.sources[0], Path(out), config, as_json, plots, flight)
+        _one_flight(files.sources[0], Path(out), config, as_json, plots, flight)
         begun = _SEVERAL_FOUND
-    sizes = [source.size for source in found.sources if source.named or source.called_a_log]
+    sizes = [source.size for source in files.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if scheduler is not None:
         workers = _cluster(scheduler, jobs, paths, out)
@@ -147,7 +147,7 @@ def analyze(
 
         workers = processes(jobs, sizes, PRELOAD)
     try:
-        _several_logs(found, out, config, workers, redo, as_json, plots, begun)
+        _several_logs(files, out, config, workers, redo, as_json, plots, begun)
     except KeyboardInterrupt:
         fail("interrupted; what is done is kept, and the same command goes on from there", INTERRUPTED)
 
@@ -163,7 +163,7 @@ def _tables(paths: Sequence[str], columns: Path, out: str, config: AnalysisConfi
 
     files: list[Path] = []
     for path in map(Path, _existing(paths)):
-        files += sorted(each for each in path.iterdir() if is_table(each)) if path.is_dir() else [path]
+        files += sorted(file for file in path.iterdir() if is_table(file)) if path.is_dir() else [path]
     if not files:
         raise ConfigError(f"no tables (CSV, Parquet, .mat) in {', '.join(paths)}")
     prepare(out)
@@ -213,11 +213,11 @@ def _existing(paths: Sequence[str]) -> Sequence[str]:
     return paths
 
 
-def _require_files(found: "FoundFiles", paths: Sequence[str]) -> None:
-    if not found.sources and not found.failures:
+def _require_files(files: "FoundFiles", paths: Sequence[str]) -> None:
+    if not files.sources and not files.failures:
         from pipeline.config import ConfigError
 
-        closed = (f"{each.source}: {each.reason}" for each in found.passed_over)
+        closed = (f"{failure.source}: {failure.reason}" for failure in files.passed_over)
         raise ConfigError(f"no files in {', '.join(paths)} ({'; '.join(closed)})")
 
 
@@ -329,7 +329,7 @@ def _cluster(scheduler: str, jobs: int | None, paths: Sequence[str], out: str) -
 
 
 def _several_logs(
-    found: "FoundFiles",
+    files: "FoundFiles",
     out: str,
     config: AnalysisConfig,
     workers: "AbstractContextManager[Executor | None]",
@@ -349,8 +349,10 @@ def _several_logs(
     publish = reports.publish if plots is None else partial(reports.publish, plots=plots.value)
     with shown() as progress, workers as executor:
         rest = part_of(progress, begun, 1.0)
-        told = None if as_json else partial(_announce_flight, out)
-        fleet = pipeline.analyze_fleet(found, config, executor, rest, store=out, publish=publish, redo=redo, told=told)
+        announce = None if as_json else partial(_announce_flight, out)
+        fleet = pipeline.analyze_fleet(
+            files, config, executor, rest, store=out, publish=publish, redo=redo, told=announce
+        )
         try:
             if not fleet.reported:
                 progress("writing the report", 0.99)
@@ -364,7 +366,7 @@ def _several_logs(
     numbers = parse_report(fleet.store.read("report.json"))
     _show(numbers, f"{out.rstrip('/')}/report.html", as_json)
     if not as_json and fleet.reused:
-        console().print(f"{fleet.reused} of {len(found.sources)} files were unchanged and not read again.", style="dim")
+        console().print(f"{fleet.reused} of {len(files.sources)} files were unchanged and not read again.", style="dim")
     _end(numbers, fleet.failures)
 
 
@@ -407,6 +409,6 @@ def _list_failures(failures: "Sequence[LogFailure]") -> None:
 
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     errors.print(f"\n{len(failures)} log{'s' if len(failures) > 1 else ''} gave nothing:", style="red")
-    for each in failures:
-        line = each.reason if each.reason.startswith(each.file) else f"{each.file}: {each.reason}"
+    for failure in failures:
+        line = failure.reason if failure.reason.startswith(failure.file) else f"{failure.file}: {failure.reason}"
         errors.print(f"  {printable(line)}", markup=False, soft_wrap=True)

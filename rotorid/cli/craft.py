@@ -78,15 +78,15 @@ def craft(
         if bench and mass is not None:
             priors = sysid.analyse_bench(sysid.read_bench(bench)).priors(mass, records[0].vehicle)
         body = sysid.fit_rigid_body(records, mass=mass, priors=priors)
-        found = sysid.physical_parameters(records, mass, arm=arm, rigid_body=body)
+        parameters = sysid.physical_parameters(records, mass, arm=arm, rigid_body=body)
     files, findings = sysid.write_craft(body, out, mass, arm=arm, disc_area=disc_area)
-    found.table.to_csv(out / "parameters.csv")
-    page = parameters_page(found, records[0].vehicle, [path.name for path in logs], mass, findings)
+    parameters.table.to_csv(out / "parameters.csv")
+    page = parameters_page(parameters, records[0].vehicle, [path.name for path in logs], mass, findings)
     (out / "craft.html").write_text(page, encoding="utf-8")
     if as_json:
-        typer.echo(found.table.reset_index().to_json(orient="records", indent=1))
+        typer.echo(parameters.table.reset_index().to_json(orient="records", indent=1))
         return
-    table, notes = _overview(found.table)
+    table, notes = _overview(parameters.table)
     console().print(table.terminal("Physical parameters, every method on the same flights"))
     for number, note in enumerate(notes, start=1):
         typer.echo(f"({number}) {note}")
@@ -96,14 +96,14 @@ def craft(
         typer.echo(file)
 
 
-def _overview(found: pd.DataFrame) -> tuple[Table, list[str]]:
+def _overview(parameters: pd.DataFrame) -> tuple[Table, list[str]]:
     """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
     from core.quantity import uncertain
     from core.table import Row, Table
 
     rows: list[Row] = []
     notes: list[str] = []
-    for parameter, methods in found.reset_index().groupby("parameter", sort=False):
+    for parameter, methods in parameters.reset_index().groupby("parameter", sort=False):
         rows.append(Row(str(parameter), kind="part"))
         for row in methods.to_dict("records"):
             known = math.isfinite(row["si_value"])
@@ -159,13 +159,13 @@ def bench(
         raise typer.BadParameter("0 N is no weight of a craft: mass times 9.81", param_hint="--weight")
     out = out or folder_of(tables[0])
     prepare(out)
-    found = analyse_bench(read_bench(tables), density)
-    numbers = found.report(weight, voltage, motors)
+    measured = analyse_bench(read_bench(tables), density)
+    numbers = measured.report(weight, voltage, motors)
     text = strict_json(numbers)
-    page = bench_page(found, weight, voltage, motors)
+    page = bench_page(measured, weight, voltage, motors)
     (out / "bench.html").write_text(page, encoding="utf-8")
     (out / "bench.json").write_text(text, encoding="utf-8")
-    found.coefficient_table().to_csv(out / "coefficients.csv")
+    measured.coefficient_table().to_csv(out / "coefficients.csv")
     if as_json:
         typer.echo(text, nl=False)
     else:
@@ -184,10 +184,10 @@ def _summary(numbers: BenchReport) -> str:
     for row in numbers.coefficients:
         volts = "" if row.voltage is None else f" at {row.voltage:.4g} V"
         parts = [
-            f"{symbol} = {uncertain(each.value, max(each.sigma or 0.0, 1e-3 * each.value), each.unit)}"
-            if each.value is not None
-            else f"{symbol} not determined ({each.reason})"
-            for symbol, each in (("k", row.thrust), ("b", row.torque))
+            f"{symbol} = {uncertain(estimate.value, max(estimate.sigma or 0.0, 1e-3 * estimate.value), estimate.unit)}"
+            if estimate.value is not None
+            else f"{symbol} not determined ({estimate.reason})"
+            for symbol, estimate in (("k", row.thrust), ("b", row.torque))
         ]
         lines.append(f"{row.motor}{volts}: {', '.join(parts)}")
     for hover in numbers.trim:

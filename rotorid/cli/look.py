@@ -38,15 +38,15 @@ def inspect(
         from pipeline.flight.account import tell_each
 
         asked = logparse.read_log(file, power_up(boot)) if flight is None else open_log(log)
-        found = look_into(asked)
+        inspected = look_into(asked)
         several = flight is None and boot is None and (len(asked.flights) > 1 or len(asked.boots) > 1)
-        told = [account for _, account in tell_each(logparse.read_flights(file) if several else [asked])]
+        accounts = [account for _, account in tell_each(logparse.read_flights(file) if several else [asked])]
     if as_json:
-        typer.echo(to_text(replace(found, happened=tuple(each.headline for each in told))), nl=False)
+        typer.echo(to_text(replace(inspected, happened=tuple(account.headline for account in accounts))), nl=False)
         return
     from reports.terminal import inspection
 
-    console().print(inspection.overview(found, told))
+    console().print(inspection.overview(inspected, accounts))
 
 
 def plot(
@@ -74,14 +74,14 @@ def plot(
 
     stretch(start, end)
     flight_log = logparse.read_log(log, power_up(boot))
-    found = [evaluate(flight_log, name) for name in signals]
-    for signal in found:
+    evaluated = [evaluate(flight_log, name) for name in signals]
+    for signal in evaluated:
         first, last = float(signal.t[0]), float(signal.t[-1])
         if (start is not None and start > last) or (end is not None and end < first):
             raise typer.BadParameter(f"{signal.name} covers {first:.1f} to {last:.1f} s; --start or --end lies outside")
     page = out or folder_of(log) / "plot.html"
     page.parent.mkdir(parents=True, exist_ok=True)
-    write_signal_plot(flight_log, found, page, start, end)
+    write_signal_plot(flight_log, evaluated, page, start, end)
     typer.echo(page)
     if open_page:
         show_page(page)
@@ -199,18 +199,18 @@ def _autopilot(logs: list[Path], folder: Path) -> None:
 
     prepare(folder)
     try:
-        found = autopilot_values([open_log(log) for log in logs])
+        proposal = autopilot_values([open_log(log) for log in logs])
     except LoopError as error:
         typer.echo(f"nothing is proposed: {error}")
         raise typer.Exit(NOT_POSSIBLE) from error
-    files = found.write(folder)
-    console().print(found.table().terminal("Parameters for the autopilot"))
-    for remark in found.remarks:
+    files = proposal.write(folder)
+    console().print(proposal.table().terminal("Parameters for the autopilot"))
+    for remark in proposal.remarks:
         typer.echo(remark)
     for file in files:
         typer.echo(file)
     if not files:
-        right = any(each.right for each in found.values)
+        right = any(value.right for value in proposal.values)
         typer.echo("Nothing is to be changed." if right else "nothing is proposed")
         raise typer.Exit(OK if right else NOT_POSSIBLE)
     typer.echo("Load one file at a time, fly, and run this again: what proves right is then shown as right.")

@@ -35,8 +35,8 @@ class Guarded:
         return getattr(self._stream, name)
 
 
-def _shown(found: re.Match[str]) -> str:
-    return found[0] if len(found[0]) > 1 else f"\\x{ord(found[0]):02x}"
+def _shown(match: re.Match[str]) -> str:
+    return match[0] if len(match[0]) > 1 else f"\\x{ord(match[0]):02x}"
 
 
 def guard_terminal() -> None:

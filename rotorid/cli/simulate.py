@@ -90,11 +90,11 @@ def simulate(
         prepare(out)
         faults: list[str] = []
         with shown() as progress:
-            for number, each in enumerate(cases):
-                progress(each.name, number / len(cases))
-                outcome = each.run(changes)
+            for number, simulated in enumerate(cases):
+                progress(simulated.name, number / len(cases))
+                outcome = simulated.run(changes)
                 _write(outcome, out, whole=len(cases) == 1)
-                faults += [f"{each.name}: {outcome.fault}"] if outcome.fault else []
+                faults += [f"{simulated.name}: {outcome.fault}"] if outcome.fault else []
     except simulation.ParameterError as error:
         raise ConfigError(str(error)) from error
     if faults:
@@ -131,10 +131,10 @@ def _list_cases() -> None:
 
     import simulation
 
-    for each in simulation.CASES.values():
-        typer.echo(f"{each.name:24}{each.summary}")
-        names = [field.name for field in dataclasses.fields(each.settings)]
-        values = (f"{name}={_shown(getattr(each.settings, name))}" for name in names)
+    for case in simulation.CASES.values():
+        typer.echo(f"{case.name:24}{case.summary}")
+        names = [field.name for field in dataclasses.fields(case.settings)]
+        values = (f"{name}={_shown(getattr(case.settings, name))}" for name in names)
         typer.echo(f"{'':24}settings: {' '.join(values)}")
     typer.echo("")
     for name, members in simulation.GROUPS.items():
@@ -162,10 +162,10 @@ def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path,
     prepare(out)
     with shown() as progress:
         result = replay(models, inputs, wanted, progress, InputTrim(trim) if trim else None)
-    for each in result.results:
-        if each.report.missing:
-            typer.echo(f"{each.title}: {each.report.missing}", err=True)
-        elif each.validation is not None:
-            typer.echo(f"{each.title}: {each.report.uses.sentence}")
+    for model in result.results:
+        if model.report.missing:
+            typer.echo(f"{model.title}: {model.report.missing}", err=True)
+        elif model.validation is not None:
+            typer.echo(f"{model.title}: {model.report.uses.sentence}")
     for file in write_replay(result, out):
         typer.echo(file)

@@ -44,20 +44,20 @@ def frequency(
         progress("reading", 0.0)
         flights = [log for path in logs for log in open_power_ups(path)]
         progress("estimating", 0.3)
-        found = survey(flights, wanted)
-    (out / "frequency.html").write_text(frequency_page(found), encoding="utf-8")
-    write(found, out)
+        surveyed = survey(flights, wanted)
+    (out / "frequency.html").write_text(frequency_page(surveyed), encoding="utf-8")
+    write(surveyed, out)
     if as_json:
-        typer.echo(survey_json(found), nl=False)
+        typer.echo(survey_json(surveyed), nl=False)
     else:
-        console().print(terminal_table(found))
-        for each in found.axes:
-            for sentence in sentences(each):
+        console().print(terminal_table(surveyed))
+        for axis_survey in surveyed.axes:
+            for sentence in sentences(axis_survey):
                 typer.echo(sentence)
-        for finding in found.findings:
+        for finding in surveyed.findings:
             typer.echo(f"{finding.severity}: {finding.reason} {finding.advice}")
         typer.echo(out / "frequency.html")
-    if not found.determined:
+    if not surveyed.determined:
         raise typer.Exit(NOT_POSSIBLE)
 
 

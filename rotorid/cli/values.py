@@ -38,7 +38,7 @@ class AsGiven(RuntimeParam):
             return value
         if float in kinds and type(value) is str and not checked and _NUMBER.fullmatch(value):
             return float(value)
-        if list[str] in kinds and isinstance(value, list | tuple) and all(type(each) is str for each in value):
+        if list[str] in kinds and isinstance(value, list | tuple) and all(type(text) is str for text in value):
             return list(value)
         if Path in kinds and type(value) is str and not checked and not any(getattr(info, name) for name in _MORE):
             path = Path(value)
@@ -50,10 +50,10 @@ class AsGiven(RuntimeParam):
 
 def in_words(error: Exception) -> str:
     """Return what is wrong with a value that does not fit its option; empty where the library's own words will do."""
-    found: Any = getattr(error.__cause__, "errors", None)
-    if found is None:
+    errors: Any = getattr(error.__cause__, "errors", None)
+    if errors is None:
         return ""
-    detail = found()[0]
+    detail = errors()[0]
     value, limits = str(detail.get("input", "")), detail.get("ctx", {})
     match detail["type"]:
         case "float_parsing" | "float_type" | "int_parsing" | "int_type" | "int_from_float":
@@ -79,9 +79,9 @@ Quantity = float | list[float] | None
 
 def not_negative(value: Quantity) -> Quantity:
     """Check an option or argument, or each of several; for ``callback=``."""
-    for each in value if isinstance(value, list) else [] if value is None else [value]:
-        if not math.isfinite(each):
-            raise typer.BadParameter(f"{each} is not a number that can be measured")
-        if each < 0.0:
-            raise typer.BadParameter(f"{each:g} is below 0")
+    for number in value if isinstance(value, list) else [] if value is None else [value]:
+        if not math.isfinite(number):
+            raise typer.BadParameter(f"{number} is not a number that can be measured")
+        if number < 0.0:
+            raise typer.BadParameter(f"{number:g} is below 0")
     return value
