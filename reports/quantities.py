@@ -67,12 +67,12 @@ def parameters_of(report: FlightReport) -> list[Quantity]:
             rows.append(_quantity(report, f"{axis.axis} rate response", None, None, "", "frequency", axis.reason))
             continue
         rows += [
-            _estimate(report, f"{axis.axis} {name}", each, f"{axis.rate.method} fit of {axis.rate.structure}")
-            for name, each in axis.rate.parameters.items()
+            _estimate(report, f"{axis.axis} {name}", parameter, f"{axis.rate.method} fit of {axis.rate.structure}")
+            for name, parameter in axis.rate.parameters.items()
         ]
     rows += [
-        _estimate(report, f"{each.axis} to {each.other} coupling", each.ratio, "frequency")
-        for each in (() if turning is None else turning.couplings)
+        _estimate(report, f"{coupling.axis} to {coupling.other} coupling", coupling.ratio, "frequency")
+        for coupling in (() if turning is None else turning.couplings)
     ]
     return rows
 
@@ -112,16 +112,16 @@ def _margins(report: FlightReport, axis: str, how: str, margins: Margins) -> Ite
 
 def predictions_of(report: FlightReport) -> list[Quantity]:
     """List how far ahead each model predicts, and how well there, judged on time that it was not fitted to."""
-    found = []
+    quantities = []
     for model in report.models:
         use = model.uses.prediction
         reason = model.missing or use.sentence
-        found.append(_quantity(report, f"{model.title}: horizon", use.horizon_s, None, "s", "held-out", reason))
-        found += [
+        quantities.append(_quantity(report, f"{model.title}: horizon", use.horizon_s, None, "s", "held-out", reason))
+        quantities += [
             _quantity(report, f"{model.title}: error in {output} there", error, None, "m", "held-out RMS", reason)
             for output, error in use.rmse_m.items()
         ]
-    return found or [_quantity(report, "horizon", None, None, "s", "held-out", "no model was fitted")]
+    return quantities or [_quantity(report, "horizon", None, None, "s", "held-out", "no model was fitted")]
 
 
 def answers_of(report: FlightReport) -> list[Quantity]:
@@ -138,16 +138,16 @@ def health_of(report: FlightReport) -> list[HealthEvent]:
     happenings = () if report.account is None else report.account.happenings
     return [
         HealthEvent(
-            id=each.id,
-            severity=str(each.severity),
-            t_s=each.t if timed else None,
-            end_s=each.end if timed else None,
-            reason=each.reason,
-            advice=each.advice,
+            id=finding.id,
+            severity=str(finding.severity),
+            t_s=finding.t if timed else None,
+            end_s=finding.end if timed else None,
+            reason=finding.reason,
+            advice=finding.advice,
             provenance=_provenance(report, "account of the flight" if timed else "findings"),
         )
-        for found, timed in ((happenings, True), (report.findings, False))
-        for each in found
+        for findings, timed in ((happenings, True), (report.findings, False))
+        for finding in findings
     ]
 
 
@@ -159,16 +159,22 @@ def craft_parameters(review: CraftReview) -> list[Quantity]:
         reason = f"{_UNKNOWN}: two flights with parameters are needed"
         return [Quantity(name="parameters", value=None, sigma=None, unit="", provenance=nothing, reason=reason)]
     rows = []
-    for each in drift.parameters:
+    for parameter in drift.parameters:
         place = Provenance(
             log="",
-            flights=tuple(point.flight for point in each.flights),
+            flights=tuple(point.flight for point in parameter.flights),
             start_s=None,
             stop_s=None,
-            method=f"{each.method}, random-effects mean over flights; {each.sentence}",
+            method=f"{parameter.method}, random-effects mean over flights; {parameter.sentence}",
         )
         rows.append(
-            Quantity(name=each.parameter, value=each.mean, sigma=each.mean_sigma, unit=each.unit, provenance=place)
+            Quantity(
+                name=parameter.parameter,
+                value=parameter.mean,
+                sigma=parameter.mean_sigma,
+                unit=parameter.unit,
+                provenance=place,
+            )
         )
     return rows
 

@@ -62,7 +62,7 @@ def _gather(kind: Any, classes: dict[str, type]) -> None:
 
 def _comments(kind: type) -> dict[str, str]:
     """Return what is said of the fields of a class: ``#:`` above a field, or behind it."""
-    found: dict[str, str] = {}
+    comments: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         above: list[str] = []
         source = inspect.getsource(base).splitlines() if base.__module__.partition(".")[0] in _OWN else []
@@ -72,9 +72,9 @@ def _comments(kind: type) -> dict[str, str]:
                 continue
             field = re.match(r"(\w+): [^#]*(?:#: (.*))?$", line)
             if field and (text := field[2] or " ".join(above)):
-                found[field[1]] = text
+                comments[field[1]] = text
             above = []
-    return found
+    return comments
 
 
 #: Packages of our own.

@@ -233,7 +233,7 @@ def layout_of(**parts: Any) -> Drawn:
     for name, axis in parts.items():
         if name.startswith("yaxis") and "title" in axis:  # beside the numbers, however long they are
             base[name] = axis | {"title": {"standoff": 6} | axis["title"]}
-    return {name: quiet | each if name.startswith(("xaxis", "yaxis")) else each for name, each in base.items()}
+    return {name: quiet | part if name.startswith(("xaxis", "yaxis")) else part for name, part in base.items()}
 
 
 def time_axis(span: Span | None, title: str = "time on the log’s clock (s)") -> Drawn:
@@ -342,7 +342,7 @@ def marks(
     if sigma is not None:
         trace["error_y"] = {"array": digits(sigma, 5), "color": color, "thickness": 1.2, "width": 0}
     if text:
-        trace["text"] = [plotly_text(each) for each in text]
+        trace["text"] = [plotly_text(label) for label in text]
     return trace | ({"hovertemplate": hover} if hover else {})
 
 
@@ -354,7 +354,7 @@ def area(
     x: ArrayLike, low: ArrayLike, high: ArrayLike, name: str, color: str, opacity: float = 0.2, **style: Any
 ) -> Trace:
     """Shade what lies between two curves over x, shape (n,)."""
-    around, edge = (np.asarray(each, dtype=float) for each in (x, high))
+    around, edge = (np.asarray(array, dtype=float) for array in (x, high))
     outline = curve(
         np.concatenate([around, around[::-1]]), np.concatenate([edge, np.asarray(low)[::-1]]), name, color, 0.0
     )

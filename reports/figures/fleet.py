@@ -55,8 +55,8 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
     if dated:
         # The log's clock is 0 at `start_utc`; several flights share it.
         places = [
-            f"{datetime.fromisoformat(str(each.log.start_utc)) + timedelta(seconds=flight.start_s):%Y-%m-%d %H:%M:%S}"
-            for each, flight in flown
+            f"{datetime.fromisoformat(str(report.log.start_utc)) + timedelta(seconds=flight.start_s):%Y-%m-%d %H:%M:%S}"
+            for report, flight in flown
         ]
     axis = (
         {"title": {"text": "start (UTC)"}, "type": "date"}

@@ -168,7 +168,7 @@ def altitude(result: FlightResult) -> Figure | None:
     flight, signals = present(result.flight), present(result.signals)
     span = margin(flight)
     lines = [] if signals is None else [signal for panel in signals.height for signal in panel.signals]
-    colors = {each.name: _HEIGHTS.get(each.name, "@quiet") for each in lines} | {"estimated": "@ink"}
+    colors = {signal.name: _HEIGHTS.get(signal.name, "@quiet") for signal in lines} | {"estimated": "@ink"}
     sensor = lines[:1]
     if (estimated := _estimated_height(result)) is not None:
         above = _within(estimated, span)
@@ -208,13 +208,13 @@ def motors(result: FlightResult) -> Figure | None:
     signals = present(result.signals)
     known = {} if signals is None else signals.motor_limits
     limits = {name: value for name, value in known.items() if low - pad < value < high + pad}
-    panels = [Panel(title="", unit="", signals=(each,), limits=limits) for each in lines]
+    panels = [Panel(title="", unit="", signals=(signal,), limits=limits) for signal in lines]
     axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
     plot = over_time(panels, time_axis(span), axis=axis, width=1.0, decimals=0)
     bands, labels = mode_bands(result)
     plot.shapes = [*bands, *plot.shapes]
-    for number, each in enumerate(lines):
-        place = {"x": 0, "xref": "paper", "xanchor": "right", "xshift": -40, "y": 0.5, "text": plotly_text(each.name)}
+    for number, signal in enumerate(lines):
+        place = {"x": 0, "xref": "paper", "xanchor": "right", "xshift": -40, "y": 0.5, "text": plotly_text(signal.name)}
         place |= {"yref": f"y{suffix(number)} domain", "showarrow": False, "font": {"size": 13}}
         labels.append(place)
     plot.notes = labels
@@ -331,13 +331,15 @@ def _with_ends(figure: Figure) -> Figure:
     """Name start and end in the map, which takes less room than a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
     # A flight that ends near where it began must not write one over the other: the northern one has its name above.
-    ends = sorted((each for each in figure.data if each["name"] in ("start", "end")), key=lambda each: each["y"][0])
-    places = {each["name"]: place for each, place in zip(ends, ("bottom right", "top right"), strict=False)}
+    ends = sorted(
+        (trace for trace in figure.data if trace["name"] in ("start", "end")), key=lambda trace: trace["y"][0]
+    )
+    places = {trace["name"]: place for trace, place in zip(ends, ("bottom right", "top right"), strict=False)}
     named = {"mode": "markers+text", "cliponaxis": False}
     data = [
-        each | named | {"textposition": places[name], "text": [name]} if name in places else each
-        for each in figure.data
-        for name in (each["name"],)
+        trace | named | {"textposition": places[name], "text": [name]} if name in places else trace
+        for trace in figure.data
+        for name in (trace["name"],)
     ]
     return replace(figure, height=330, caption=_key(figure), data=data, layout=layout)
 
@@ -397,7 +399,7 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
     taken: list[tuple[float, float]] = []
     account = present(result.account)
     story = () if account is None else account.story
-    for event, t in sorted(notable(result), key=lambda each: each[0] not in story):
+    for event, t in sorted(notable(result), key=lambda noted: noted[0] not in story):
         text = event.id.replace("-", " ")
         # Width of a letter above a plot, as a part of the plot's width.
         width = 0.012 * len(text) * around.duration

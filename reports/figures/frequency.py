@@ -83,34 +83,36 @@ def of_model(function: TransferFunction, hz: Floats, name: str, color: str, *, h
 def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, shaded: Sequence[Span] = ()) -> Figure:
     """Draw gain, phase and, where one is known, coherence; `shaded` frequencies [Hz] do not count."""
     coherent: list[str | Drawn] = []
-    if any(each.coherence is not None for each in curves):
+    if any(response.coherence is not None for response in curves):
         coherent = [{"title": {"text": "coherence"}, "range": [0.0, 1.0]}]
     axis = {"type": "log", "title": {"text": "frequency (Hz)"}}
     panels: list[str | Drawn] = [f"gain ({unit.replace('^2', '²')})", "phase (deg)", *coherent]
     plot = Plot(*panels, x=axis, shares=(48.0, 32.0, 20.0) if coherent else (54.0, 46.0), gap=0.1)
     first = None
-    for each in curves:
+    for response in curves:
         # What is a whole turn away is the same.
-        about = float(np.nanmedian(each.phase_deg)) if np.isfinite(each.phase_deg).any() else 0.0
+        about = float(np.nanmedian(response.phase_deg)) if np.isfinite(response.phase_deg).any() else 0.0
         turns = np.ceil((about - 90.0) / 360.0) if first is None else np.round((about - first) / 360.0)
-        phase = each.phase_deg - 360.0 * turns
+        phase = response.phase_deg - 360.0 * turns
         first = about - 360.0 * turns if first is None else first
-        style: Drawn = {"visible": "legendonly"} if each.hidden else {}
-        gain_band, phase_band = (None, None) if each.sigma is None else each.sigma
+        style: Drawn = {"visible": "legendonly"} if response.hidden else {}
+        gain_band, phase_band = (None, None) if response.sigma is None else response.sigma
         for panel, values, sigma, factor, hover in (
-            (0, each.gain_db, gain_band, 20.0 / np.log(10.0), "%{x:.3g} Hz: %{y:.3g} dB"),
+            (0, response.gain_db, gain_band, 20.0 / np.log(10.0), "%{x:.3g} Hz: %{y:.3g} dB"),
             (1, phase, phase_band, np.degrees(1.0), "%{x:.3g} Hz: %{y:.0f}°"),
         ):
             for part in _runs(np.isfinite(sigma)) if sigma is not None and np.any(sigma) else ():
                 assert sigma is not None
                 # A 95 % band, at most three times the gain wide.
                 reach = factor * np.minimum(1.96 * sigma[part], 3.0)
-                shade = area(each.hz[part], values[part] - reach, values[part] + reach, each.name, each.color)
-                plot.add(shade, panel, group=each.group, **style)
-            line = curve(each.hz, values, each.name, each.color, 2.0, each.dash, hover)
-            plot.add(line, panel, group=each.group, legend=panel == 0, **style)
-        if each.coherence is not None:
-            plot.add(curve(each.hz, each.coherence, each.name, each.color), 2, legend=False)
+                shade = area(
+                    response.hz[part], values[part] - reach, values[part] + reach, response.name, response.color
+                )
+                plot.add(shade, panel, group=response.group, **style)
+            line = curve(response.hz, values, response.name, response.color, 2.0, response.dash, hover)
+            plot.add(line, panel, group=response.group, legend=panel == 0, **style)
+        if response.coherence is not None:
+            plot.add(curve(response.hz, response.coherence, response.name, response.color), 2, legend=False)
     plot.shapes += [band(span, "@grid", 0.35) for span in shaded]
     return plot.figure(name, caption, 520 if coherent else 440, margin={"l": 70, "t": 64})
 
@@ -146,23 +148,23 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
 def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list[Figure]:
     """Lay the responses of several flights over each other, a figure for each axis that two or more tell."""
     figures = []
-    for axis in dict.fromkeys(each.axis for each in curves):
-        mine = [each for each in curves if each.axis == axis and each.hz]
+    for axis in dict.fromkeys(response.axis for response in curves):
+        mine = [response for response in curves if response.axis == axis and response.hz]
         # What stands for the controller's outputs has another scale.
-        source = Counter(each.source for each in mine).most_common(1)[0][0] if mine else ""
-        mine = [each for each in mine if each.source == source]
+        source = Counter(response.source for response in mine).most_common(1)[0][0] if mine else ""
+        mine = [response for response in mine if response.source == source]
         if len(mine) < 2:
             continue
         drawn = [
             Curve(
-                name=each.flight,
+                name=response.flight,
                 color=_OVER[k % len(_OVER)],
                 dash=DASHES[k // len(_OVER) % len(DASHES)],
-                hz=np.array(each.hz),
-                gain_db=np.array(each.gain_db),
-                phase_deg=np.array(each.phase_deg),
+                hz=np.array(response.hz),
+                gain_db=np.array(response.gain_db),
+                phase_deg=np.array(response.phase_deg),
             )
-            for k, each in enumerate(mine)
+            for k, response in enumerate(mine)
         ]
         caption = (
             f"{axis.capitalize()}: answers to the command by flight, where it is coherent. Curves that lie apart "
@@ -174,8 +176,8 @@ def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list
 
 def pole_figure(fits: Sequence[tuple[str, FrequencyFit]]) -> Figure | None:
     """Draw the poles of fits to frequency responses; None without any."""
-    found = {label: (poles(fit.transfer_function()), ()) for label, fit in fits}
-    return root_map(found, "poles") if found else None
+    by_fit = {label: (poles(fit.transfer_function()), ()) for label, fit in fits}
+    return root_map(by_fit, "poles") if by_fit else None
 
 
 def pole_map(functions: Mapping[str, TransferFunction], name: str) -> Figure:
@@ -185,13 +187,13 @@ def pole_map(functions: Mapping[str, TransferFunction], name: str) -> Figure:
     )
 
 
-def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: str) -> Figure:
+def root_map(by_source: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: str) -> Figure:
     """Draw poles and zeros by what they are of, with 95 % ellipses of those that are determined.
 
     Distances from the origin are logarithmic where the known roots span decades; directions, and with them damping, are
     kept.
     """
-    known = [root.value for kinds in found.values() for roots in kinds for root in roots if root.determined]
+    known = [root.value for kinds in by_source.values() for roots in kinds for root in roots if root.determined]
     sizes = [abs(root) for root in known if abs(root) > 0.0]
     # Ratio of the fastest to the slowest known root from which a linear scale squeezes the slow ones together.
     unit = min(sizes) if sizes and max(sizes) > 20.0 * min(sizes) else None
@@ -214,7 +216,7 @@ def root_map(found: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], name: s
     imaginary = axis | {"title": {"text": "imaginary part (rad/s)"}, "scaleanchor": "x", "scaleratio": 1}
     plain = {} if unit is None else {"showticklabels": False, "showgrid": False}
     plot = Plot(imaginary | plain, x=real | plain)
-    for number, (source, kinds) in enumerate(found.items()):
+    for number, (source, kinds) in enumerate(by_source.items()):
         color, first = COLORS[number % len(COLORS)], True
         for kind, roots, symbol in zip(("pole", "zero"), kinds, ("x-thin-open", "circle-open"), strict=True):
             for sure in (True, False):

@@ -105,7 +105,7 @@ def model_board(models: Sequence[ModelResult], hidden: Collection[str]) -> Board
             choices.append((f"{result.key}-{output}", f"{result.report.short} → {output}"))
             figures += [replace(figure, place=figure.id.partition("-")[0]) for figure in drawn]
     captions = {figure.place: (figure.caption, figure.height) for figure in reversed(figures)}
-    return Board(tuple(choices), tuple(figures), {each: captions[each] for each in ("bode", "roots") if captions})
+    return Board(tuple(choices), tuple(figures), {place: captions[place] for place in ("bode", "roots") if captions})
 
 
 def response_figures(result: ModelResult) -> dict[str, list[Figure]]:

@@ -48,8 +48,8 @@ def write_fleet(fleet: FleetResult) -> None:
     store = fleet.store
     flights = [f"{FLIGHTS}/{entry.folder}" for entry in fleet.flights]
     crafts = [f"{CRAFTS}/{entry.folder}" for entry in fleet.groups]
-    found = _told_apart([_craft(store, folder) for folder in crafts])
-    reports = tuple(report for report, _ in found)
+    shown_crafts = _told_apart([_craft(store, folder) for folder in crafts])
+    reports = tuple(report for report, _ in shown_crafts)
     rows = [row for craft in reports for row in craft.rmse]
     short: list[FlightReport] = []
     findings: dict[str, tuple[Finding, ...]] = {}
@@ -87,7 +87,7 @@ def write_fleet(fleet: FleetResult) -> None:
     if flights:
         store.write(SHARED_SCRIPT, html.plotly_script())
     script_file = SHARED_SCRIPT if flights else ""
-    for place, craft in enumerate(found, start=1):
+    for place, craft in enumerate(shown_crafts, start=1):
         page = page_or_excuse(partial(craft_models_page, craft, numbers, place, script_file), craft_file(place))
         store.write(craft_file(place), page.encode())
     store.write(
@@ -98,16 +98,16 @@ def write_fleet(fleet: FleetResult) -> None:
 
 
 def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
-    return tuple(LeftOut(file=printable(each.file), reason=printable(each.reason)) for each in failures)
+    return tuple(LeftOut(file=printable(failure.file), reason=printable(failure.reason)) for failure in failures)
 
 
 def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:
     """Gather the findings of all flights by kind, each with its gravest part, worst and most frequent first."""
-    found: dict[str, CommonFinding] = {}
+    common: dict[str, CommonFinding] = {}
     every = [(finding, flight) for flight, findings in flights.items() for finding in findings]
-    for finding, flight in sorted(every, key=lambda each: WORST_FIRST.index(each[0].severity)):
+    for finding, flight in sorted(every, key=lambda pair: WORST_FIRST.index(pair[0].severity)):
         gravest = next(apart([finding]))
-        entry = found.setdefault(
+        entry = common.setdefault(
             finding.id,
             CommonFinding(
                 id=finding.id,
@@ -118,8 +118,10 @@ def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFi
                 flights=(),
             ),
         )
-        found[finding.id] = replace(entry, flights=tuple(dict.fromkeys((*entry.flights, flight))))
-    return tuple(sorted(found.values(), key=lambda each: (WORST_FIRST.index(each.severity), -len(each.flights))))
+        common[finding.id] = replace(entry, flights=tuple(dict.fromkeys((*entry.flights, flight))))
+    return tuple(
+        sorted(common.values(), key=lambda finding: (WORST_FIRST.index(finding.severity), -len(finding.flights)))
+    )
 
 
 def _craft(store: Store, folder: str) -> Shown:
@@ -135,8 +137,8 @@ def _told_apart(crafts: Sequence[Shown]) -> list[Shown]:
     apart = []
     for craft, drawn in crafts:
         seen[craft.name] += 1
-        told = craft.name if count[craft.name] == 1 else f"{craft.name}, craft {seen[craft.name]}"
-        apart.append((replace(craft, name=told), drawn))
+        name = craft.name if count[craft.name] == 1 else f"{craft.name}, craft {seen[craft.name]}"
+        apart.append((replace(craft, name=name), drawn))
     return apart
 
 
@@ -201,14 +203,14 @@ def fleet_markdown(numbers: FleetReport) -> str:
     failures = numbers.failures
     if failures:
         lines += ["**Logs that gave nothing**", ""]
-        lines += [f"- `{each.file.replace('`', '')}`: {escaped(each.reason)}" for each in failures[:_MOST]]
+        lines += [f"- `{failure.file.replace('`', '')}`: {escaped(failure.reason)}" for failure in failures[:_MOST]]
         lines += [*_more(failures, "logs"), ""]
     lines.append(f"<sub>rotorid {numbers.rotorid}; all numbers are in report.json, plots in report.html.</sub>")
     return "\n".join(lines) + "\n"
 
 
 def _answer(numbers: FleetReport) -> Iterator[str]:
-    yield from (f"{escaped(f'{each.purpose}: {each.said}')}  " for each in fleet_answer(numbers))
+    yield from (f"{escaped(f'{line.purpose}: {line.said}')}  " for line in fleet_answer(numbers))
     yield ""
 
 
@@ -229,13 +231,13 @@ def _craft_in_short(craft: CraftReport, titled: bool) -> Iterator[str]:
     uses = [model for model in craft.models if model.model is not None]
     if uses:
         yield from (*(f"- {escaped(model.title)}. {escaped(model.uses.sentence)}" for model in uses), "")
-    found = [row for row in craft.parameters or [] if row.value is not None]
-    if found:
+    determined = [row for row in craft.parameters or [] if row.value is not None]
+    if determined:
         yield from ("<details><summary>Parameters</summary>", "")
-        rows = [Row(row.parameter, [row.method, uncertain(row.value, row.sigma), row.unit]) for row in found]
+        rows = [Row(row.parameter, [row.method, uncertain(row.value, row.sigma), row.unit]) for row in determined]
         yield from (Table("parameter", ["method", "value", "unit"], rows).markdown(), "", "</details>", "")
     yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft.drift))
-    yield from (f"- Next time: {escaped(log_words.sentence(each.do))}" for each in craft.advice[:_MOST])
+    yield from (f"- Next time: {escaped(log_words.sentence(advice.do))}" for advice in craft.advice[:_MOST])
     yield ""
 
 
@@ -243,12 +245,12 @@ def _flights(numbers: FleetReport) -> Iterator[str]:
     heads = {"Airborne": "airborne", "Height (m)": "height (m)", "What happened": "what happened"}
     heads["Predicts ahead"] = "predicts"
     shown = ((flight.name, fleet_views.flight_cells(flight)) for flight in numbers.flights[: 4 * _MOST])
-    rows = [Row(name, [cells[each] for each in heads]) for name, cells in shown]
+    rows = [Row(name, [cells[head] for head in heads]) for name, cells in shown]
     yield Table("flight", list(heads.values()), rows).markdown()
 
 
-def _more(found: Sequence[object], what: str) -> list[str]:
-    return [f"- and {len(found) - _MOST} more {what}"] if len(found) > _MOST else []
+def _more(entries: Sequence[object], what: str) -> list[str]:
+    return [f"- and {len(entries) - _MOST} more {what}"] if len(entries) > _MOST else []
 
 
 def _predicts(result: ModelReport) -> str:

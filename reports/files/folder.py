@@ -163,7 +163,7 @@ def _write_exports(owner: str, models: Sequence[ModelResult], folder: Path) -> N
 
     In ``models.mat`` they are variables by their kind: ``motors``, ``mixer``, ``reference``.
     """
-    matrices = {each.key: each.model for each in models if isinstance(each.model, TransferMatrix)}
+    matrices = {model.key: model.model for model in models if isinstance(model.model, TransferMatrix)}
     tables = [coefficients(model).assign(owner=as_cell(owner), model=key) for key, model in matrices.items()]
     table = pd.concat(tables)[_COEFFICIENTS] if tables else pd.DataFrame(columns=_COEFFICIENTS)
     table.to_csv(folder / "coefficients.csv", index=False, float_format="%.9g")

@@ -29,13 +29,13 @@ class NoBrowserError(RotoridError):
 
 def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFormat) -> tuple[Path, ...]:
     """Write each figure as ``plots/NAME.png`` or ``.svg``, in the order of the page."""
-    browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
+    browser = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
     if browser is None:
         raise NoBrowserError(
             "plots as files are drawn by Chromium, Chrome or Edge, and none is installed (Debian: apt-get install "
             "chromium); report.html shows the same plots in any browser"
         )
-    drawn = [each.light() for each in figures]
+    drawn = [figure.light() for figure in figures]
     # Two pixels of a PNG for each of a page's column of 900.
     scale = 2 if image_format == "png" else 1
     page = filled("plot_images.html", figures=script_json(drawn), format=image_format, width=900, scale=scale)

@@ -60,7 +60,7 @@ def _table(result: ModelResult, measured: bool) -> pd.DataFrame:
 def _page(replay: Replay) -> str:
     ran = [result for result in replay.results if result.predictions]
     record = ran[0].predictions[0].experiment
-    models = cleaned([each.report for each in replay.results], list[ModelReport])
+    models = cleaned([result.report for result in replay.results], list[ModelReport])
     missing = [(log_words.sentence(model.title)[:-1], model.missing) for model in models if model.missing]
     titles = ", ".join(result.title for result in ran)
     return html.render(
@@ -69,7 +69,7 @@ def _page(replay: Replay) -> str:
         name=replay.name,
         facts=f"models of {replay.owner} ({printable(str(replay.models))}), inputs of {printable(replay.inputs.name)}",
         verdict=verdict_of(models) if replay.measured else None,
-        verdicts=[each for each in models if each.model is not None] if replay.measured else [],
+        verdicts=[model for model in models if model.model is not None] if replay.measured else [],
         sentences=[f"{record.duration:.0f} s of inputs, run through: {titles}.", *replay.notes],
         missing=missing,
         rmse=views.flight_rmse(models, views.STORED),

@@ -84,12 +84,12 @@ def _events(result: FlightResult, points: list[_Point]) -> list[tuple[str, str, 
     if account is None:
         return []
     times = np.array([point.t for point in points])
-    found = []
+    events = []
     for event in account.notable:
         if event.t is not None and times[0] - 1.0 <= event.t <= times[-1] + 5.0:
             nearest = points[int(np.argmin(np.abs(times - event.t)))]
-            found.append((event.id.replace("-", " "), f"{event.t:.1f} s: {event.reason}", nearest))
-    return found
+            events.append((event.id.replace("-", " "), f"{event.t:.1f} s: {event.reason}", nearest))
+    return events
 
 
 def _geojson(name: str, points: list[_Point], events: list[tuple[str, str, _Point]]) -> str:

@@ -111,15 +111,15 @@ def _trims(
 
 def _curve(bench: Bench, voltage: float | None) -> str:
     try:
-        found = bench.command_curve(voltage=voltage)
+        command_curve = bench.command_curve(voltage=voltage)
     except BenchError as error:
         return f"The autopilot’s thrust curve is not determined: {error}."
-    at = "" if math.isnan(found.voltage) else f" at {found.voltage:.1f} V"
-    full = uncertain(found.full_thrust.value, found.full_thrust.sigma, "N")
+    at = "" if math.isnan(command_curve.voltage) else f" at {command_curve.voltage:.1f} V"
+    full = uncertain(command_curve.full_thrust.value, command_curve.full_thrust.sigma, "N")
     return (
         "With ArduPilot’s default PWM range (MOT_PWM 1000 to 2000 µs, MOT_SPIN_MIN 0.15, MOT_SPIN_MAX 0.95) full "
         f"command gives {full} per motor{at} in sea-level air, "
-        f"and MOT_THST_EXPO {uncertain(found.expo.value, found.expo.sigma)} makes thrust linear."
+        f"and MOT_THST_EXPO {uncertain(command_curve.expo.value, command_curve.expo.sigma)} makes thrust linear."
     )
 
 
@@ -161,9 +161,9 @@ def _over_voltage(bench: Bench) -> Figure | None:
         return None
     plot = Plot("k (10⁻⁶ N s²)", x="battery voltage (V)")
     for motor in bench.motors:
-        found = [bench.coefficients(motor, volts).thrust.value for volts in bench.voltages]
-        values = [1e6 * value for value in found if value is not None]
-        if len(values) == len(found):
+        thrusts = [bench.coefficients(motor, volts).thrust.value for volts in bench.voltages]
+        values = [1e6 * value for value in thrusts if value is not None]
+        if len(values) == len(thrusts):
             color, dash = _style(bench, motor)
             plot.add(curve(bench.voltages, values, motor, color, dash=dash), mode="lines+markers")
     return plot.figure("voltage", "How the thrust coefficient follows the battery.", 300) if plot.data else None

@@ -88,8 +88,8 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[CraftReport]) -> str:
     """Render the page on all flights; `crafts` are in the order of the report."""
     pages = fleet_views.links(numbers.flights)
     answer = fleet_answer(numbers)
-    told = insight(numbers)
-    first = _insight_figure(told) or flights_over_time(numbers.flights)
+    leading = insight(numbers)
+    first = _insight_figure(leading) or flights_over_time(numbers.flights)
     firsts = [] if first is None else [first]
     courses = [drift_figures(craft.drift, f"{place}-")[0] for place, craft in enumerate(crafts, start=1)]
     drawn = zip(crafts, courses, strict=True)
@@ -122,15 +122,15 @@ def fleet_page(numbers: FleetReport, crafts: Sequence[CraftReport]) -> str:
     )
 
 
-def _insight_figure(told: Insight | None) -> Figure | None:
+def _insight_figure(leading: Insight | None) -> Figure | None:
     """Draw what the first line is about, flight by flight."""
-    if told is None or told.craft.drift is None:
+    if leading is None or leading.craft.drift is None:
         return None
-    drift = told.craft.drift
-    if told.history is None:
+    drift = leading.craft.drift
+    if leading.history is None:
         figure = motors_over_flights(drift, "first-motors", [])
     else:
-        figure = parameters_over_flights([told.history], drift, "first-course", [])
+        figure = parameters_over_flights([leading.history], drift, "first-course", [])
     return None if figure is None else replace(figure, caption="Flight by flight.", height=FIRST_HEIGHT)
 
 
@@ -154,8 +154,8 @@ def _shown(report: CraftReport, short: str, place: int, courses: Sequence[Figure
 def _found_and_said(drift: Drift | None) -> tuple[tuple[Finding, ...], list[str]]:
     """Return what was found over flights, and what there is to say besides."""
     findings = () if drift is None else drift.findings
-    told = {log_words.sentence(finding.reason) for finding in findings}
-    return findings, [sentence for sentence in drift_sentences(drift) if sentence not in told]
+    reasons = {log_words.sentence(finding.reason) for finding in findings}
+    return findings, [sentence for sentence in drift_sentences(drift) if sentence not in reasons]
 
 
 def _choice(
@@ -218,4 +218,4 @@ def _changed(review: CraftReview) -> list[str]:
     since = f"since {review.boundary.text} ({review.boundary.at:%Y-%m-%d})"
     if not changed:
         return [f"{since}, none of the {len(review.since)} parameters known on both sides is seen to differ"]
-    return [f"{since}, {each}" for each in changed]
+    return [f"{since}, {change}" for change in changed]

@@ -16,33 +16,33 @@ from sysid.frequency.response import FrequencyResponse
 from sysid.frequency.survey import AxisSurvey, FrequencySurvey
 
 
-def frequency_page(found: FrequencySurvey) -> str:
+def frequency_page(survey: FrequencySurvey) -> str:
     """Render the page."""
-    axes = [turning_of(axis) for axis in found.axes]
+    axes = [turning_of(axis) for axis in survey.axes]
     figures = rotation_figures(axes)
-    curves = [curve_of(fitted_response(frf, None), name) for name, frf in found.single]
+    curves = [curve_of(fitted_response(frf, None), name) for name, frf in survey.single]
     if curves:
-        summed = [fitted_response(_modelled(axis.fit), None) for axis in found.axes if axis.fit is not None]
+        summed = [fitted_response(_modelled(axis.fit), None) for axis in survey.axes if axis.fit is not None]
         figures += response_overlays([*curves, *(curve_of(response, "model of all") for response in summed)])
-    poles = pole_figure([(axis.axis, axis.fit) for axis in found.axes if axis.fit is not None])
+    poles = pole_figure([(axis.axis, axis.fit) for axis in survey.axes if axis.fit is not None])
     if poles is not None:
         figures.append(poles)
     findings = {
         (finding.id, finding.reason): finding
-        for axis in found.axes
+        for axis in survey.axes
         if axis.response is not None
         for finding in axis.response.findings
-    } | {(finding.id, finding.reason): finding for finding in found.findings}
+    } | {(finding.id, finding.reason): finding for finding in survey.findings}
     return render(
         "frequency.html",
         figures,
         title="Frequency responses",
-        facts=" · ".join(found.names),
+        facts=" · ".join(survey.names),
         sentences=[
             *(sentence for axis in axes for sentence in sentences_of(axis)),
             *(
                 coupling_sentence(coupling_of(coupling))
-                for coupling in found.couplings
+                for coupling in survey.couplings
                 if coupling.ratio.value is not None
             ),
         ],
@@ -63,7 +63,7 @@ def sentences(axis: AxisSurvey) -> list[str]:
     return sentences_of(turning_of(axis))
 
 
-def terminal_table(found: FrequencySurvey) -> RenderableType:
+def terminal_table(survey: FrequencySurvey) -> RenderableType:
     """Return the table of parameters for the terminal."""
-    table = parameter_table([turning_of(axis) for axis in found.axes], brief=True)
+    table = parameter_table([turning_of(axis) for axis in survey.axes], brief=True)
     return table.terminal("Frequency responses", fold_labels=False)

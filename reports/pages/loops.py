@@ -18,7 +18,7 @@ from sysid.loops.report import AxisReport, TuningReport
 def loops_page(tuning: TuningReport) -> str:
     """Render a tuning."""
     changed = [
-        Row(name, [f"{each:.6g}" for each in (tuning.rollback[name], tuning.flown[name], value)])
+        Row(name, [f"{number:.6g}" for number in (tuning.rollback[name], tuning.flown[name], value)])
         for name, value in sorted(tuning.proposed.items())
     ]
     return render(

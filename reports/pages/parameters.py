@@ -25,14 +25,14 @@ _ASKED = (
 
 
 def parameters_page(
-    found: PhysicalParameters,
+    physical: PhysicalParameters,
     vehicle: Vehicle | None,
     logs: Sequence[str],
     mass: float | None = None,
     findings: Sequence[Finding] = (),
 ) -> str:
     """Render the page."""
-    rows = parameter_rows(found) or ()
+    rows = parameter_rows(physical) or ()
     weight = "mass not given, so numbers are per mass" if mass is None else f"{mass:g} kg"
     return render(
         "parameters.html",
@@ -41,7 +41,7 @@ def parameters_page(
         facts=f"{counted(len(logs), 'flight')} ({', '.join(logs)}) · {weight}",
         answer=[_answer(asked, names, rows) for asked, names in _ASKED],
         parameters=parameters(rows),
-        findings=[*found.findings, *findings],
+        findings=[*physical.findings, *findings],
     )
 
 
@@ -53,7 +53,7 @@ def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> A
             value, sigma, unit = row.best
             bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
             divisor = quantity(row.parameter, unit)[1]
-            text = ", ".join(each for each in (divisor and f"over {divisor}", condition) if each)
+            text = ", ".join(part for part in (divisor and f"over {divisor}", condition) if part)
             line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
             return replace(line, value=value, sigma=sigma, unit=bare.replace("^2", "²").replace(" ", "·"))
     reasons = [row.note for row in rows if row.parameter in names and row.note]

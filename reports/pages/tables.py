@@ -99,12 +99,12 @@ def _parameters(result: TableResult) -> tuple[Table, list[tuple[str, str]]]:
     return table, missing
 
 
-def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
+def _predictions(states: PredictedStates, given: bool) -> list[Figure]:
     """Draw a record beside its prediction, position and attitude; only position where attitude is an input."""
     groups = [("position", "m", ("north", "east", "up"), 0)]
     if not given:
         groups.append(("attitude", "rad", ("roll", "pitch", "yaw"), 3))
-    ahead = f"{found.horizon:g} s ahead"
+    ahead = f"{states.horizon:g} s ahead"
     figures = []
     for what, unit, names, first in groups:
         panels = [
@@ -112,16 +112,16 @@ def _predictions(found: PredictedStates, given: bool) -> list[Figure]:
                 title=name,
                 unit=unit,
                 signals=(
-                    SignalLine("measured", found.t, found.measured[:, column]),
-                    SignalLine(ahead, found.t, found.predicted[:, column]),
+                    SignalLine("measured", states.t, states.measured[:, column]),
+                    SignalLine(ahead, states.t, states.predicted[:, column]),
                 ),
             )
             for column, name in enumerate(names, start=first)
         ]
         colors = {"measured": "@ink", ahead: "@body"}
         plot = over_time(panels, time_axis(None, "time (s)"), colors=colors, grouped=True, gap=0.13, width=1.6)
-        before = f"as predicted from the state {found.horizon:g} s before"
-        caption = f"{what.capitalize()} of {found.record} as measured, and {before}."
+        before = f"as predicted from the state {states.horizon:g} s before"
+        caption = f"{what.capitalize()} of {states.record} as measured, and {before}."
         figures.append(plot.figure(f"prediction-{what}", caption, 480, time=True))
     return figures
 

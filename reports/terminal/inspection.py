@@ -20,9 +20,9 @@ def overview(log: Inspection, accounts: Sequence[Account] = ()) -> RenderableTyp
     """Lay out an inspection of a log: what happened first, then findings, worst on top, which a person must act on."""
     several = len(accounts) > 1
     parts: list[RenderableType] = []
-    for place, each in enumerate(accounts, start=1):
-        tone = "unknown" if each.flight is None else _TONES[each.severity] if each.gravest else "good"
-        parts.append(Text((f"Flight {place}: " if several else "") + each.headline, style=TONES[tone]))
+    for place, account in enumerate(accounts, start=1):
+        tone = "unknown" if account.flight is None else _TONES[account.severity] if account.gravest else "good"
+        parts.append(Text((f"Flight {place}: " if several else "") + account.headline, style=TONES[tone]))
     parts += [Text(), _facts(log)] if accounts else [_facts(log)]
     parts += [Text(), Text("Findings", style="bold"), _findings(log.findings)]
     parts += [Text(), Text("Tables", style="bold"), _tables(log.tables)]
@@ -54,10 +54,10 @@ def _findings(findings: Sequence[Finding]) -> RenderableType:
         return Text("nothing to complain about")
     rows = [
         Row(
-            Cell(each.severity.word, _TONES[each.severity]),
-            [" ".join(log_words.sentence(text) for text in (each.reason, each.advice) if text)],
+            Cell(finding.severity.word, _TONES[finding.severity]),
+            [" ".join(log_words.sentence(text) for text in (finding.reason, finding.advice) if text)],
         )
-        for each in findings
+        for finding in findings
     ]
     return Table("", [""], rows, texts=[0]).terminal(fold_labels=False)
 

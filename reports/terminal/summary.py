@@ -57,7 +57,7 @@ def answer_rows(lines: Sequence[AnswerLine]) -> list[RenderableType]:
     """Tabulate lines of an answer, as the first screen of the report does."""
     if not lines:
         return []
-    rows = [Row(Cell(each.purpose, each.tone), [each.said]) for each in lines]
+    rows = [Row(Cell(line.purpose, line.tone), [line.said]) for line in lines]
     return [Table("", [""], rows, texts=[0]).terminal(), Text()]
 
 
@@ -66,11 +66,11 @@ def _flights(flights: Sequence[FlightReport], narrow: bool) -> RenderableType:
     longest = 24 if narrow else 34
     rows = []
     for flight in flights:
-        found = flight_cells(flight)
-        told = (found[each] for each in ("What happened", "Loops", "Predicts ahead", "Thrust of a motor"))
+        by_head = flight_cells(flight)
+        shown = (by_head[head] for head in ("What happened", "Loops", "Predicts ahead", "Thrust of a motor"))
         cells: list[str | Cell] = [] if narrow else [log_words.frame(flight.vehicle)]
         cells.append(f"{flight.flight.duration_s:.0f} s" if flight.flight else "–")
-        cells += [replace(each, text=_cut(each.text, longest)) if isinstance(each, Cell) else each for each in told]
+        cells += [replace(cell, text=_cut(cell.text, longest)) if isinstance(cell, Cell) else cell for cell in shown]
         rows.append(Row(_shortened(flight.name, 18 if narrow else 24), cells))
     heads = ["flown", "happened", "loops", "predicts", "thrust"]
     return Table("flight", heads if narrow else ["craft", *heads], rows).terminal(fold_labels=False)
@@ -80,9 +80,12 @@ def _reasons(flights: Sequence[FlightReport]) -> list[str]:
     """Return why flights have no model, each reason once: ``No model: no GPS (march1 and 4 more)``."""
     without = [flight for flight in flights if not any(model.held_out for model in flight.models)]
     # The flight's own name, which some reasons begin with, stands in the row already.
-    reasons = summary.alike([clause(summary.first_reason(each).removeprefix(f"{each.name}: ")) for each in without])
+    reasons = summary.alike(
+        [clause(summary.first_reason(flight).removeprefix(f"{flight.name}: ")) for flight in without]
+    )
     return [
-        f"No model: {reason} ({listed([without[place].name for place in each], 1)})" for reason, each in reasons.items()
+        f"No model: {reason} ({listed([without[place].name for place in places], 1)})"
+        for reason, places in reasons.items()
     ]
 
 
@@ -103,6 +106,6 @@ def no_model(numbers: FlightReport | FleetReport) -> str:
         every: Sequence[FlightReport | CraftReport] = flights
     else:
         flights, every = numbers.flights, [*numbers.flights, *numbers.groups]
-    if not flights or any(each.thrust is not None or any(result.kind for result in each.models) for each in every):
+    if not flights or any(entry.thrust is not None or any(result.kind for result in entry.models) for entry in every):
         return ""
     return f"no model could be identified: {summary.first_reason(flights[0])}"

@@ -46,13 +46,13 @@ def facts(numbers: FleetReport) -> str:
     flights = numbers.flights
     starts = sorted(flight.log.start_utc for flight in flights if flight.log.start_utc)
     parts = [f"{counted(_logs(numbers), 'log')} analysed"]
-    for found, words in (
+    for logs, words in (
         (numbers.failures, "gave nothing"),
         (numbers.duplicates, "copies"),
         (numbers.passed_over, "passed over"),
     ):
-        if found:
-            parts.append(f"{len(found)} {words}")
+        if logs:
+            parts.append(f"{len(logs)} {words}")
     if starts:
         days = sorted({start[:10] for start in (starts[0], starts[-1])})
         parts.append(" to ".join(days))
@@ -108,12 +108,12 @@ def flights_table(numbers: FleetReport, pages: Mapping[str, str]) -> Table | Non
     shown = [(flight, flight_cells(flight)) for flight in numbers.flights]
     rows = []
     for flight, cells in shown:
-        under = ", ".join(each for each in (log_words.frame(flight.vehicle), parts.get(flight.name, "")) if each)
+        under = ", ".join(part for part in (log_words.frame(flight.vehicle), parts.get(flight.name, "")) if part)
         rows.append(Row(Cell(flight.name, under=under), list(cells.values()), link=pages[flight.name]))
     if not rows:
         return None
     heads = list(shown[0][1])
-    texts = [heads.index(each) for each in ("Day", "What happened", "Loops")]
+    texts = [heads.index(head) for head in ("Day", "What happened", "Loops")]
     roomy = [place for place, head in enumerate(heads) if head != "What happened"]
     return Table("Flight", heads, rows, texts=texts, style="flights", roomy=roomy)
 
@@ -171,23 +171,23 @@ class Insight:
 
 def insight(numbers: FleetReport) -> Insight | None:
     """Return the change over flights that is least likely chance; a weakening motor before all; None without one."""
-    found: list[tuple[float, Insight]] = []
+    candidates: list[tuple[float, Insight]] = []
     for craft in numbers.groups:
         if craft.drift is None:
             continue
         motors = craft.drift.motors
         if motors is not None and motors.weakening:
-            found.append((0.0, Insight(log_words.sentence(motors.sentence), craft)))
-        for each in craft.drift.parameters:
-            change = each.change
+            candidates.append((0.0, Insight(log_words.sentence(motors.sentence), craft)))
+        for parameter in craft.drift.parameters:
+            change = parameter.change
             if change is not None:
-                found.append((change.p, Insight(_changed(each), craft, each)))
-    return min(found, key=lambda each: each[0], default=(1.0, None))[1]
+                candidates.append((change.p, Insight(_changed(parameter), craft, parameter)))
+    return min(candidates, key=lambda candidate: candidate[0], default=(1.0, None))[1]
 
 
 def called(craft: CraftReport, every: Sequence[CraftReport]) -> str:
     """Name a craft among others: by its number alone where all are of one kind."""
-    kinds = {each.name.rpartition(", craft ")[0] for each in every}
+    kinds = {craft.name.rpartition(", craft ")[0] for craft in every}
     return craft.name.removeprefix(f"{kinds.pop()}, ") if len(kinds) == 1 else craft.name
 
 
@@ -195,9 +195,11 @@ def _changed(history: History) -> str:
     """Write a step, or a trend from the first flight to the last, in percent of what was before."""
     change, points = history.change, history.flights
     if isinstance(change, Step):
-        before = [each.value for each in points if each.number < change.number]
+        before = [point.value for point in points if point.number < change.number]
         whole, sigma = change.change, change.sigma
-        first, last = (next(each for each in points if each.flight == name) for name in (change.before, change.after))
+        first, last = (
+            next(point for point in points if point.flight == name) for name in (change.before, change.after)
+        )
     else:
         assert change is not None
         first, last = points[0], points[-1]
@@ -207,9 +209,9 @@ def _changed(history: History) -> str:
     base = abs(sum(before) / len(before)) if before else 0.0
     verb = "fell" if whole < 0.0 else "rose"
     by = uncertain(abs(whole), sigma) if not base else uncertain(100.0 * abs(whole) / base, 100.0 * sigma / base, "%")
-    days = [_day(each.start_utc) for each in (first, last)]
-    told = all(days) and days[0] != days[1]
-    between = f"{days[0]} and {days[1]}" if told else f"{first.flight} and {last.flight}"
+    days = [_day(point.start_utc) for point in (first, last)]
+    dated = all(days) and days[0] != days[1]
+    between = f"{days[0]} and {days[1]}" if dated else f"{first.flight} and {last.flight}"
     return f"{name} {verb} by {by} between {between}."
 
 
@@ -226,7 +228,7 @@ def fleet_answer(numbers: FleetReport) -> list[AnswerLine]:
     first = health if changed is None else _line("Changed", "changed", Tone.CARE, changed.text)
     rest = [] if changed is None else [health]
     lines = [_flown(flights), _loops(flights), _parameters(numbers), _ahead(numbers)]
-    return [first, *rest, *(each for each in lines if each is not None)]
+    return [first, *rest, *(line for line in lines if line is not None)]
 
 
 def _line(purpose: str, word: str, tone: Tone, text: str) -> AnswerLine:
@@ -235,18 +237,18 @@ def _line(purpose: str, word: str, tone: Tone, text: str) -> AnswerLine:
 
 def _flown(flights: Sequence[FlightReport]) -> AnswerLine:
     flown = [flight.flight for flight in flights if flight.flight]
-    high = max((each.height_m for each in flown if each.height_m is not None), default=None)
-    fast = max((each.speed_max_m_s for each in flown if each.speed_max_m_s is not None), default=None)
+    high = max((report.height_m for report in flown if report.height_m is not None), default=None)
+    fast = max((report.speed_max_m_s for report in flown if report.speed_max_m_s is not None), default=None)
     reach = [] if high is None else [f"{number(high, 2)} m high"]
     reach += [] if fast is None else [f"{number(fast, 2)} m/s"]
-    text = duration(sum(each.duration_s for each in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
+    text = duration(sum(report.duration_s for report in flown)) + (f", up to {' and '.join(reach)}" if reach else "")
     return _line("Flown", "", Tone.GOOD, text)
 
 
 def _said(flights: Sequence[FlightReport], purpose: str) -> list[tuple[FlightReport, AnswerLine]]:
     """Return the answers for a purpose with their flights."""
-    found = ((flight, None if flight.answer is None else flight.answer.line(purpose)) for flight in flights)
-    return [(flight, line) for flight, line in found if line is not None]
+    answers = ((flight, None if flight.answer is None else flight.answer.line(purpose)) for flight in flights)
+    return [(flight, line) for flight, line in answers if line is not None]
 
 
 def _health(flights: Sequence[FlightReport]) -> AnswerLine:
@@ -267,19 +269,19 @@ def _health(flights: Sequence[FlightReport]) -> AnswerLine:
 def _gravity(flight: FlightReport) -> int:
     """Return how grave what happened in a flight was; the last of a story is what it came to."""
     story = () if flight.account is None else flight.account.story
-    return min((gravity(each) for each in story), default=len(GRAVITY))
+    return min((gravity(finding) for finding in story), default=len(GRAVITY))
 
 
 def _loops(flights: Sequence[FlightReport]) -> AnswerLine | None:
     """Answer with an oscillation, else the least margin, else the slowest attitude; None where nothing is known."""
-    said = [each for each in _said(flights, "Loops") if each[1].value is not None]
-    swinging = [each for each in said if each[1].tone is Tone.BAD and each[1].unit == "Hz"]
-    measured = [each for each in said if each[1].unit == "°"]
-    for found in (swinging, measured, said):
-        if found:
-            flight, line = min(found, key=lambda each: each[1].value or 0.0)
+    said = [answer for answer in _said(flights, "Loops") if answer[1].value is not None]
+    swinging = [answer for answer in said if answer[1].tone is Tone.BAD and answer[1].unit == "Hz"]
+    measured = [answer for answer in said if answer[1].unit == "°"]
+    for answers in (swinging, measured, said):
+        if answers:
+            flight, line = min(answers, key=lambda answer: answer[1].value or 0.0)
             what = line.text.split(",")[0].split(";")[0]
-            least = f", least of {len(found)}" if len(found) > 1 else ""
+            least = f", least of {len(answers)}" if len(answers) > 1 else ""
             return replace(line, text=f"{what} ({flight.name}{least})")
     return None
 
@@ -287,7 +289,7 @@ def _loops(flights: Sequence[FlightReport]) -> AnswerLine | None:
 def furthest(numbers: FleetReport) -> tuple[CraftReport, ModelReport] | None:
     """Return the joint model that predicts furthest, with its craft; None where none predicts."""
     able = [(craft, model) for craft in numbers.groups for model in craft.models if model.uses.prediction.horizon_s]
-    return max(able, key=lambda each: each[1].uses.prediction.horizon_s or 0.0, default=None)
+    return max(able, key=lambda pair: pair[1].uses.prediction.horizon_s or 0.0, default=None)
 
 
 def _ahead(numbers: FleetReport) -> AnswerLine:
@@ -299,11 +301,11 @@ def _ahead(numbers: FleetReport) -> AnswerLine:
         text = f"by {model.short}, on {counted(len(model.held_out), 'flight')} held out{of}"
         reach, sigma = model.uses.prediction.ahead
     else:
-        own = [each for each in _said(numbers.flights, "Predict ahead") if (each[1].value or 0.0) >= HOLDS]
+        own = [answer for answer in _said(numbers.flights, "Predict ahead") if (answer[1].value or 0.0) >= HOLDS]
         if not own:
             reasons = summary.alike([clause(summary.first_reason(flight)) for flight in numbers.flights])
             return _line("Predict ahead", "no model holds", Tone.UNKNOWN, next(iter(reasons)))
-        flight, line = max(own, key=lambda each: each[1].value or 0.0)
+        flight, line = max(own, key=lambda answer: answer[1].value or 0.0)
         reach, sigma = line.value, line.sigma
         text = f"by the model of {flight.name}; {len(own)} of {counted(len(numbers.flights), 'flight')} can"
     line = _line("Predict ahead", "yes", Tone.GOOD, text)
@@ -317,12 +319,12 @@ def _parameters(numbers: FleetReport) -> AnswerLine | None:
             what = "thrust" if joint[2] == "N" else "thrust/mass"
             line = _line("Parameters", "partly", Tone.CARE, f"{what} per motor ({called(craft, numbers.groups)})")
             return replace(line, value=joint[0], sigma=joint[1], unit=joint[2])
-    every = [found for flight in numbers.flights if (found := thrust_of(flight.answer)) is not None]
+    every = [thrust for flight in numbers.flights if (thrust := thrust_of(flight.answer)) is not None]
     if not every:
         return None
     unit = every[0][2]
     known = [(value, sigma or math.nan) for value, sigma, its_unit in every if its_unit == unit]
-    shown = " to ".join(dict.fromkeys(uncertain(*each, unit) for each in (min(known), max(known))))
+    shown = " to ".join(dict.fromkeys(uncertain(*estimate, unit) for estimate in (min(known), max(known))))
     what = "thrust" if unit == "N" else "thrust/mass"
     text = f"{shown} {what} per motor, by {len(known)} of {counted(len(numbers.flights), 'flight')}"
     return _line("Parameters", "partly", Tone.CARE, text)
@@ -333,20 +335,20 @@ def drift_table(drift: Drift | None) -> Table | None:
     if drift is None or not drift.parameters:
         return None
     rows = []
-    for each in sorted(drift.parameters, key=lambda each: each.change is None):
-        degrees, unit = per_degree(each.unit.partition(",")[0])
-        trend, step = each.trend, each.step
+    for parameter in sorted(drift.parameters, key=lambda history: history.change is None):
+        degrees, unit = per_degree(parameter.unit.partition(",")[0])
+        trend, step = parameter.trend, parameter.step
         cells = [
-            str(len(each.flights)),
-            _written(each.mean, each.mean_sigma, degrees),
-            number(each.between * degrees, 2),
+            str(len(parameter.flights)),
+            _written(parameter.mean, parameter.mean_sigma, degrees),
+            number(parameter.between * degrees, 2),
             "–" if trend is None else _written(trend.per_flight, trend.per_flight_sigma, degrees),
             "–" if trend is None else chance(trend.p_adjusted),
             "–" if step is None else _written(step.change, step.sigma, degrees),
             "–" if step is None else chance(step.p_adjusted),
         ]
-        label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
-        rows.append(Row(label, cells, "" if each.change is None else "strong"))
+        label = with_unit(f"{parameter.parameter[:1].upper()}{parameter.parameter[1:]}, {parameter.method}", unit)
+        rows.append(Row(label, cells, "" if parameter.change is None else "strong"))
     return Table(
         label="Parameter",
         heads=["flights", "mean", "scatter", "trend per flight", "p", "step", "p"],
@@ -363,12 +365,12 @@ def drift_sentences(drift: Drift | None) -> list[str]:
         return []
     motors = drift.motors
     about_motors = [] if motors is None else [motors.sentence]
-    said = [each.sentence for each in drift.parameters if each.change is not None]
+    said = [parameter.sentence for parameter in drift.parameters if parameter.change is not None]
     said = [*about_motors, *said] if motors is not None and motors.weakening else [*said, *about_motors]
-    steady = sum(each.change is None for each in drift.parameters)
+    steady = sum(parameter.change is None for parameter in drift.parameters)
     if steady and steady == len(drift.parameters):
         said.append(f"None of the {steady} parameters followed over {len(drift.flights)} flights is seen to change")
-    return [log_words.sentence(each) for each in said if each]
+    return [log_words.sentence(text) for text in said if text]
 
 
 def _written(value: float, sigma: float, factor: float) -> str:
@@ -385,14 +387,14 @@ def chance(p: float | None) -> str:
 def change_table(changes: Sequence[ParameterChange]) -> Table:
     """Lay parameters out: before, after, difference, and whether it is more than chance."""
     rows = []
-    for each in changes:
-        degrees, unit = per_degree(each.unit.partition(",")[0])
-        cells = [_written(side.value, side.sigma, degrees) for side in (each.a, each.b)]
-        percent = each.difference_percent is not None
-        cells.append(each.written if percent else _written(each.difference, each.difference_sigma, degrees))
-        label = with_unit(f"{each.parameter[:1].upper()}{each.parameter[1:]}, {each.method}", unit)
-        cells += [chance(each.p_adjusted), "changed" if each.significant else "no change seen"]
-        rows.append(Row(label, cells, "strong" if each.significant else ""))
+    for change in changes:
+        degrees, unit = per_degree(change.unit.partition(",")[0])
+        cells = [_written(side.value, side.sigma, degrees) for side in (change.a, change.b)]
+        percent = change.difference_percent is not None
+        cells.append(change.written if percent else _written(change.difference, change.difference_sigma, degrees))
+        label = with_unit(f"{change.parameter[:1].upper()}{change.parameter[1:]}, {change.method}", unit)
+        cells += [chance(change.p_adjusted), "changed" if change.significant else "no change seen"]
+        rows.append(Row(label, cells, "strong" if change.significant else ""))
     return Table(
         label="Parameter",
         heads=["before", "after", "difference", "p", "verdict"],

@@ -25,16 +25,16 @@ def happened(account: Account | None) -> Table | None:
 
 def reported(account: Account | None) -> Table | None:
     """Lay out what was only reported."""
-    quiet = [] if account is None else [each for each in account.happenings if not each.notable]
+    quiet = [] if account is None else [happening for happening in account.happenings if not happening.notable]
     # Most rows of what was only reported.
-    return None if account is None or not quiet else _table(account, ((each, "") for each in quiet[:40]))
+    return None if account is None or not quiet else _table(account, ((finding, "") for finding in quiet[:40]))
 
 
 def _advised(account: Account) -> Iterator[tuple[Finding, str]]:
     given: set[str] = set()
-    for each in account.notable:
-        yield each, "" if each.advice in given else each.advice
-        given.add(each.advice)
+    for finding in account.notable:
+        yield finding, "" if finding.advice in given else finding.advice
+        given.add(finding.advice)
 
 
 def _table(account: Account, rows: Iterator[tuple[Finding, str]]) -> Table:
@@ -61,13 +61,13 @@ def coverage_table(coverage: Envelope | None) -> Table | None:
     if coverage is None or not coverage.quantities:
         return None
     rows = []
-    for each in coverage.quantities.values():
-        degrees, unit = per_degree(each.unit)
-        fitted = None if each.fitted is None else [edge * degrees for edge in each.fitted]
-        ranges = [fitted, *(_reach(each, seconds, degrees) for seconds in (each.training, each.held_out))]
+    for quantity in coverage.quantities.values():
+        degrees, unit = per_degree(quantity.unit)
+        fitted = None if quantity.fitted is None else [edge * degrees for edge in quantity.fitted]
+        ranges = [fitted, *(_reach(quantity, seconds, degrees) for seconds in (quantity.training, quantity.held_out))]
         edges = iter(alike([edge for known in ranges if known is not None for edge in known]))
         cells = ["–" if known is None else f"{next(edges)} to {next(edges)}" for known in ranges]
-        rows.append(Row(f"{each.title[:1].upper()}{each.title[1:]}, {unit}", cells))
+        rows.append(Row(f"{quantity.title[:1].upper()}{quantity.title[1:]}, {unit}", cells))
     return Table(
         label="Quantity",
         heads=["fitted, usual", "fitted, all", "judged, all"],
@@ -90,17 +90,17 @@ def outside(coverage: Envelope | None) -> list[str]:
     if coverage is None:
         return []
     sentences = []
-    found = sorted(coverage.outside, key=lambda each: -each.part)
+    excursions = sorted(coverage.outside, key=lambda excursion: -excursion.part)
     # Flights outside of what was fitted that are named one by one.
-    for each in found[:12]:
-        quantity = coverage.quantities[each.quantity]
+    for excursion in excursions[:12]:
+        quantity = coverage.quantities[excursion.quantity]
         degrees, unit = per_degree(quantity.unit)
-        low, high, reach = alike([edge * degrees for edge in (*each.fitted, each.reach)])
+        low, high, reach = alike([edge * degrees for edge in (*excursion.fitted, excursion.reach)])
         sentences.append(
-            f"{each.flight}: {100.0 * each.part:.0f} % of its time at {quantity.title} outside of the "
+            f"{excursion.flight}: {100.0 * excursion.part:.0f} % of its time at {quantity.title} outside of the "
             f"{low} to {high} {unit} fitted, as far as {reach} {unit}"
         )
-    more = len(found) - len(sentences)
+    more = len(excursions) - len(sentences)
     return [*sentences, f"and {more} more"] if more > 0 else sentences
 
 
@@ -109,10 +109,12 @@ def flight_coverage(coverage: Coverage | None) -> Table | None:
     if coverage is None or not coverage.quantities:
         return None
     rows = []
-    for each in coverage.quantities.values():
-        degrees, unit = per_degree(each.unit)
-        cells = alike([edge * degrees for edge in (each.min, each.p05, each.median, each.p95, each.max)])
-        rows.append(Row(f"{each.title[:1].upper()}{each.title[1:]}, {unit}", cells))
+    for quantity in coverage.quantities.values():
+        degrees, unit = per_degree(quantity.unit)
+        cells = alike(
+            [edge * degrees for edge in (quantity.min, quantity.p05, quantity.median, quantity.p95, quantity.max)]
+        )
+        rows.append(Row(f"{quantity.title[:1].upper()}{quantity.title[1:]}, {unit}", cells))
     return Table("Quantity", ["least", "5 %", "median", "95 %", "most"], rows)
 
 
@@ -120,12 +122,12 @@ def excitation(coverage: Coverage | None) -> list[str]:
     """Report how much a flight moved in each axis, and the wind."""
     if coverage is None:
         return []
-    found = coverage.excitation
+    measured = coverage.excitation
     words: dict[str, list[str]] = {}
-    for axis, each in found.axes.items():
-        words.setdefault(each.word, []).append(axis)
+    for axis, excited in measured.axes.items():
+        words.setdefault(excited.word, []).append(axis)
     moved = "; ".join(f"{', '.join(axes)}: {word}" for word, axes in words.items())
-    sentences = [f"Excitation: {moved}. The nose pointed in {found.headings} of 8 sectors of heading."]
+    sentences = [f"Excitation: {moved}. The nose pointed in {measured.headings} of 8 sectors of heading."]
     wind = coverage.wind
     if wind is not None:
         came = math.degrees(wind.direction)

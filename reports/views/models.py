@@ -24,12 +24,12 @@ MOST_ADVICE = 3
 
 def holding(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
     """Return models that predict for as long as a person needs to react, and for what they are of use."""
-    return [(log_words.sentence(each.title)[:-1], _reach(each.uses.prediction)) for each in models if _holds(each)]
+    return [(log_words.sentence(model.title)[:-1], _reach(model.uses.prediction)) for model in models if _holds(model)]
 
 
 def failing(models: Sequence[ModelReport]) -> list[tuple[str, str]]:
     """Return the other models, and why they are of no use."""
-    return [(log_words.sentence(each.title)[:-1], _why_not(each)) for each in models if not _holds(each)]
+    return [(log_words.sentence(model.title)[:-1], _why_not(model)) for model in models if not _holds(model)]
 
 
 def _reach(use: PredictionUse) -> str:
@@ -54,9 +54,9 @@ def functions_intro(model: FunctionsRecord) -> str:
     unit = {"us": "µs"}.get(next(iter(units)), next(iter(units))) if len(units) == 1 else ""
     # A closed loop takes targets as they are.
     trimmed = "about its mean" if isinstance(model, TransferFunctionsRecord) else ""
-    told = " ".join(part for part in ("" if unit == "1" else unit, trimmed) if part)
+    note = " ".join(part for part in ("" if unit == "1" else unit, trimmed) if part)
     return (
-        f"Position (m) from each input{f' ({told})' if told else ''}, s in rad/s; position is the sum over the inputs. "
+        f"Position (m) from each input{f' ({note})' if note else ''}, s in rad/s; position is the sum over the inputs. "
         "Coefficients carry as many digits as their uncertainty allows. Pale ones have a standard deviation of more "
         "than half their value: the data do not determine them, and only their order of magnitude is printed."
     )
@@ -71,7 +71,7 @@ def orders(scan: OrderScan) -> Table:
     lines = []
     for order, rows in tried.items():
         criteria = ([getattr(row, name) for row in rows.values()] for name in ("aic", "bic"))
-        sums = (f"{sum(each for each in some if each is not None):.0f}".replace("-", MINUS) for some in criteria)
+        sums = (f"{sum(value for value in some if value is not None):.0f}".replace("-", MINUS) for some in criteria)
         first = [str(max(row.parameters for row in rows.values())), *sums]
         kind = "average" if order == scan.recommended else ""
         errors = [getattr(rows[output], name) for name in ("rmse", "rmse_held_out") for output in outputs]
@@ -211,7 +211,7 @@ def of_models(numbers: FlightReport | CraftReport) -> dict[str, object]:
     """Return what the pages on the models of a flight and of a craft have in common."""
     return {
         "missing": missing_stages(numbers),
-        "verdicts": [each for each in numbers.models if each.model is not None],
+        "verdicts": [model for model in numbers.models if model.model is not None],
         "horizons": horizons(numbers.models),
         "coherence": coherence(numbers.models),
         "thrust": thrust_coefficients(numbers.thrust, numbers.missing),
@@ -239,7 +239,9 @@ def horizons(models: Sequence[ModelReport]) -> Table | None:
             (Row("constant position", kind="baseline"), judged[0], "constant_position_m"),
             (Row("constant velocity", kind="baseline"), judged[0], "constant_velocity_m"),
         ):
-            errors = {each.horizon_s: getattr(each, which) for each in result.horizons if each.output == output}
+            errors = {
+                horizon.horizon_s: getattr(horizon, which) for horizon in result.horizons if horizon.output == output
+            }
             lines.append((row, [errors.get(horizon) for horizon in seconds]))
     return Table.of_numbers(
         "Model",
@@ -292,7 +294,7 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
     return Table.of_numbers(
         "Flight",
         outputs * len(judged),
-        [(row, [errors.get(output) for errors in found for output in outputs]) for row, found in lines],
+        [(row, [errors.get(output) for errors in line for output in outputs]) for row, line in lines],
         "Flight by flight, RMSE of the free run in metres.",
         groups=[result.title for result in judged],
     )

@@ -38,20 +38,22 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
     methods = list(dict.fromkeys(row.method for row in rows))
     lines, notes = [], []
     for parameter in dict.fromkeys(row.parameter for row in rows):
-        found = {row.method: row for row in rows if row.parameter == parameter}
-        unit, _, condition = next(iter(found.values())).unit.partition(", ")
+        by_method = {row.method: row for row in rows if row.parameter == parameter}
+        unit, _, condition = next(iter(by_method.values())).unit.partition(", ")
         label = _capital(parameter) + (f", {_written(unit)}" if unit.partition(" ")[0] != "1" else "")
         under = condition or _bracket(unit)
-        known = {method: uncertain(row.value, row.sigma) for method, row in found.items() if row.value is not None}
+        known = {method: uncertain(row.value, row.sigma) for method, row in by_method.items() if row.value is not None}
         lines.append(Row(f"{label} ({under})" if under else label, [known.get(method, EMPTY) for method in methods]))
-        si_unit = next((row.si_unit for row in found.values() if row.si_value is not None), "")
+        si_unit = next((row.si_unit for row in by_method.values() if row.si_value is not None), "")
         if si_unit:
             si = {
-                name: uncertain(row.si_value, row.si_sigma) for name, row in found.items() if row.si_value is not None
+                name: uncertain(row.si_value, row.si_sigma)
+                for name, row in by_method.items()
+                if row.si_value is not None
             }
             lines.append(Row(f"… in {_written(si_unit)}", [si.get(method, EMPTY) for method in methods]))
         reasons: dict[str, list[str]] = {}
-        for method, row in found.items():
+        for method, row in by_method.items():
             if row.note:
                 reasons.setdefault(row.note, []).append(method)
         notes += [
@@ -83,28 +85,28 @@ class ShownCoherence:
 
 def coherence(models: Sequence[ModelReport]) -> ShownCoherence | None:
     """Tabulate how much of each output is a linear answer to the inputs of each model."""
-    told = [(result.title, result.coherence) for result in models if result.coherence is not None]
-    known = [(title, found) for title, found in told if not found.missing]
-    if not told:
+    reports = [(result.title, result.coherence) for result in models if result.coherence is not None]
+    known = [(title, report) for title, report in reports if not report.missing]
+    if not reports:
         return None
-    outputs = list(dict.fromkeys(output for _, found in known for output in found.outputs))
+    outputs = list(dict.fromkeys(output for _, report in known for output in report.outputs))
     rows = [
-        (Row(title), [*(found.outputs.get(each, Linearity()).multiple_median for each in outputs), found.chance])
-        for title, found in known
+        (Row(title), [*(report.outputs.get(output, Linearity()).multiple_median for output in outputs), report.chance])
+        for title, report in known
     ]
     band = known[0][1].band_rad_s if known else None
     return ShownCoherence(
         table=Table.of_numbers("Inputs", [*outputs, "chance"], rows, digits=(3, 2)) if known else None,
-        sentences=[_worth(title, found) for title, found in known]
-        + [f"{_capital(title)}: {log_words.sentence(found.missing)}" for title, found in told if found.missing],
+        sentences=[_worth(title, report) for title, report in known]
+        + [f"{_capital(title)}: {log_words.sentence(report.missing)}" for title, report in reports if report.missing],
         band=" to ".join(number(edge, 2) for edge in band or ()),
     )
 
 
-def _worth(title: str, found: CoherenceReport) -> str:
+def _worth(title: str, report: CoherenceReport) -> str:
     """Report of which outputs the inputs tell something at most frequencies of the band, and of which they do not."""
-    outputs = found.outputs
-    good = [name for name, each in outputs.items() if (each.above_chance or 0.0) > 0.5]
+    outputs = report.outputs
+    good = [name for name, output in outputs.items() if (output.above_chance or 0.0) > 0.5]
     poor = [name for name in outputs if name not in good]
     title = _capital(title.partition(" → ")[0])
     if not poor:

@@ -57,27 +57,27 @@ class Turning:
     reasons: Sequence[tuple[str, str]]  #: Why margins are not determined, by axes.
 
 
-def rotation_view(found: RotationResult | None, file: str) -> Turning | None:
+def rotation_view(rotation: RotationResult | None, file: str) -> Turning | None:
     """Lay out how a flight turns, and its loops; None where nothing was looked at."""
-    if found is None:
+    if rotation is None:
         return None
-    said = [sentence for axis in found.every for sentence in sentences(axis)]
-    said += [coupling_sentence(each) for each in found.couplings if each.ratio.value is not None]
-    doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in found.loops.values() for remark in loop.remarks]
+    said = [sentence for axis in rotation.every for sentence in sentences(axis)]
+    said += [coupling_sentence(coupling) for coupling in rotation.couplings if coupling.ratio.value is not None]
+    doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in rotation.loops.values() for remark in loop.remarks]
     return Turning(
         sentences=[sentence.replace(f"{file}: ", "") for sentence in said],
-        table=parameter_table(found.every) if found.determined else None,
-        figures=rotation_figures(found.every),
-        loops=loop_table(found),
-        warnings=loop_warnings(found),
+        table=parameter_table(rotation.every) if rotation.determined else None,
+        figures=rotation_figures(rotation.every),
+        loops=loop_table(rotation),
+        warnings=loop_warnings(rotation),
         doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
-        reasons=_grouped(found, "loop_reason", file),
+        reasons=_grouped(rotation, "loop_reason", file),
     )
 
 
-def loop_warnings(found: RotationResult) -> list[Finding]:
+def loop_warnings(rotation: RotationResult) -> list[Finding]:
     """Return what endangers a craft by its loops."""
-    return [each for each in found.findings if each.id == "loop-margins"]
+    return [finding for finding in rotation.findings if finding.id == "loop-margins"]
 
 
 def sentences(axis: AxisRotation) -> list[str]:
@@ -137,14 +137,14 @@ def _checked(axis: AxisRotation) -> list[str]:
     return [f"{text}."]
 
 
-def coupling_sentence(found: AxisCoupling) -> str:
+def coupling_sentence(coupling: AxisCoupling) -> str:
     """Return what the command of one axis does to another."""
-    known = found.ratio
-    if not found.significant:
+    known = coupling.ratio
+    if not coupling.significant:
         most = math.ceil(100.0 * (abs(known.value or 0.0) + 2.0 * (known.sigma or 0.0)))
-        return f"A {found.axis} command does not turn the craft about {found.other}: by {most} % at most."
+        return f"A {coupling.axis} command does not turn the craft about {coupling.other}: by {most} % at most."
     return (
-        f"A {found.axis} command turns the craft about {found.other} as well, by "
+        f"A {coupling.axis} command turns the craft about {coupling.other} as well, by "
         f"{uncertain(100.0 * (known.value or 0.0), 100.0 * (known.sigma or 0.0), '%')} of its own answer: look at the "
         "centre of gravity, the autopilot’s mounting and unequal motors."
     )
@@ -165,12 +165,12 @@ def parameter_table(axes: Sequence[AxisRotation], *, brief: bool = False) -> Tab
     )
 
 
-def loop_table(found: RotationResult) -> Table | None:
+def loop_table(rotation: RotationResult) -> Table | None:
     """Tabulate the margins of the loops as flown, in both ways; None where none are known."""
-    if not found.loops:
+    if not rotation.loops:
         return None
     columns: dict[str, list[str]] = {}
-    for axis, loop in found.loops.items():
+    for axis, loop in rotation.loops.items():
         columns[axis] = [str(loop.state), *_margin_cells(loop.computed)]
         if loop.measured is not None:
             columns[f"{axis}, by the chirp"] = ["", *_margin_cells(loop.measured)]
@@ -185,10 +185,10 @@ def loop_table(found: RotationResult) -> Table | None:
     )
 
 
-def _grouped(found: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
+def _grouped(rotation: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
     """List reasons with the axes that they are of, each reason once."""
     reasons: dict[str, list[str]] = {}
-    for axis in found.axes:
+    for axis in rotation.axes:
         reason = str(getattr(axis, name)).replace(f"{file}: ", "").replace(f"{file} ", "the log ")
         if reason:
             reasons.setdefault(reason[:1].upper() + reason[1:] + ".", []).append(axis.axis)

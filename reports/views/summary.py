@@ -66,9 +66,9 @@ def _identified(numbers: CraftReport) -> str:
 def joint_sentences(group: CraftReport) -> list[str]:
     """Report what was identified from several flights of one craft, and from which."""
     count = len(group.training) + len(group.held_out)
-    judging = max((len(result.held_out) for result in group.models), default=0)
-    split = f"{len(group.training)} to fit, {len(group.held_out)} held out, of which {judging} judge"
-    if judging in (0, len(group.held_out)):
+    validating = max((len(result.held_out) for result in group.models), default=0)
+    split = f"{len(group.training)} to fit, {len(group.held_out)} held out, of which {validating} judge"
+    if validating in (0, len(group.held_out)):
         split = f"{len(group.training)} to fit, {len(group.held_out)} to judge"
     text = f"{count} flights of one craft ({group.name}): {split}."
     if not any(result.model is not None for result in group.models):
@@ -123,13 +123,13 @@ def alike(reasons: Sequence[str]) -> dict[str, list[int]]:
     places: dict[str, list[int]] = {}
     for place, reason in enumerate(reasons):
         places.setdefault(_NUMBER.sub("0", reason), []).append(place)
-    found = {}
+    merged = {}
     for same in sorted(places.values(), key=len, reverse=True):
         numbers = zip(*(_NUMBER.findall(reasons[place]) for place in same), strict=True)
-        ranges = ["–".join(dict.fromkeys((min(each, key=float), max(each, key=float)))) for each in numbers]
+        ranges = ["–".join(dict.fromkeys((min(number, key=float), max(number, key=float)))) for number in numbers]
         words = _NUMBER.split(reasons[same[0]])
-        found["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
-    return found
+        merged["".join(f"{word}{span}" for word, span in zip(words, [*ranges, ""], strict=True))] = same
+    return merged
 
 
 def not_used(numbers: FleetReport) -> dict[str, tuple[LeftOut, ...]]:
