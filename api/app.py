@@ -90,8 +90,8 @@ def create_app(
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         working = (parts.runner, parts.housekeeping, parts.reviews, parts.hooks)
-        for each in working:
-            each.open()
+        for worker in working:
+            worker.open()
         if parts.recognise is not None:
             parts.desk.open()
         _log.info("logs and reports are kept in %s", settings.storage_url)
@@ -134,7 +134,7 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
     database.migrate()
     catalog = Catalog(database, objects, Quota(settings.logs_limit, settings.bytes_limit, settings.queue_limit))
     desk = Desk(settings.memory_limit, unpacked=settings.upload_limit)
-    found = Crafts(database)
+    craft_registry = Crafts(database)
     folder = FolderFlights(database, settings.out)
     runner = Runner(Workplace(database, objects, settings, scratch.folder, analyze, preload))
     return Parts(
@@ -152,8 +152,8 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         shares=Shares(database),
         rates=Rates(settings.upload_rate),
         metrics=Metrics(database),
-        crafts=found,
-        reviews=Reviews(database, found, desk.ask, runner.wake, folder.look),
+        crafts=craft_registry,
+        reviews=Reviews(database, craft_registry, desk.ask, runner.wake, folder.look),
         folder=folder,
         hooks=Hooks(database, settings.webhooks),
         feeds=Feeds(database),

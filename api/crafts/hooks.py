@@ -49,7 +49,7 @@ _MOST = 20
 _UNICAST = ipaddress.ip_network("2000::/3")
 
 #: Addresses in it, and of version 4, that are nobody's, or lead to others: NAT64, documentation, relays.
-_NOBODYS = tuple(ipaddress.ip_network(each) for each in ("64:ff9b::/96", "3fff::/20", "192.88.99.0/24"))
+_NOBODYS = tuple(ipaddress.ip_network(network) for network in ("64:ff9b::/96", "3fff::/20", "192.88.99.0/24"))
 
 #: A delivery with what it is of.
 _Due: TypeAlias = Row[DeliveryRecord, AlertRecord, CraftRecord, HookRecord]
@@ -73,7 +73,9 @@ def check_address(url: str, webhooks: Webhooks) -> None:
         raise ForbiddenAddressError("this service sends no webhooks")
     allowed = ("https",) if webhooks is Webhooks.PUBLIC else ("https", "http")
     if parts.scheme not in allowed or not parts.hostname:
-        raise ForbiddenAddressError(f"it must begin with {' or '.join(f'{each}://' for each in allowed)} and a name")
+        raise ForbiddenAddressError(
+            f"it must begin with {' or '.join(f'{scheme}://' for scheme in allowed)} and a name"
+        )
     if parts.username is not None or parts.password is not None:
         raise ForbiddenAddressError("it must hold no user or password")
     if webhooks is Webhooks.PUBLIC and port not in (None, 443, 8443):
@@ -105,10 +107,10 @@ def _check(address: ipaddress.IPv4Address | ipaddress.IPv6Address, webhooks: Web
 
 def resolve(host: str, port: int, webhooks: Webhooks) -> str:
     """Return the address that a name leads to, if none that it leads to is forbidden."""
-    found = [str(each[4][0]) for each in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
-    for each in found:
-        _check(ipaddress.ip_address(each.partition("%")[0]), webhooks)
-    return found[0]
+    addresses = [str(entry[4][0]) for entry in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
+    for address in addresses:
+        _check(ipaddress.ip_address(address.partition("%")[0]), webhooks)
+    return addresses[0]
 
 
 def send(url: str, body: bytes, secret: str, webhooks: Webhooks, timeout: float = TIMEOUT) -> int:

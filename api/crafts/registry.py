@@ -65,7 +65,7 @@ class Crafts:
                 notes=[Note.model_validate(note) for note in notes],
                 joint=joint_of(session, record),
                 review=record.review,
-                recent=[_alert(each, record) for each in session.scalars(newest.limit(20))],
+                recent=[_alert(alert, record) for alert in session.scalars(newest.limit(20))],
             )
 
     def flights(self, craft_id: str, owner: str) -> Sequence[CraftFlight]:
@@ -92,14 +92,14 @@ class Crafts:
             flight = session.scalars(mine.order_by(FlightRecord.start)).first()
             if flight is None or flight.start is None:
                 return None
-            found = session.execute(
+            row = session.execute(
                 select(LogRecord.id, LogRecord.name)
                 .join(FlightRecord, FlightRecord.log_id == LogRecord.id)
                 .where(FlightRecord.craft_id == flight.craft_id, FlightRecord.start < flight.start)
                 .order_by(FlightRecord.start.desc())
                 .limit(1)
             ).first()
-            return None if found is None else (found[0], found[1])
+            return None if row is None else (row[0], row[1])
 
     def folder_of(self, flight_id: str, owner: str) -> str | None:
         """Return where a flight of no upload is in its folder; None where the owner has no such flight."""
@@ -127,7 +127,7 @@ class Crafts:
     def merge(self, craft_id: str, other_id: str, owner: str) -> None:
         """Merge another craft into this one; a problem when the owner has not both, or they are one."""
         with self._database.write() as session:
-            craft, other = (get(session, CraftRecord, each, owner) for each in (craft_id, other_id))
+            craft, other = (get(session, CraftRecord, record_id, owner) for record_id in (craft_id, other_id))
             if craft is other:
                 raise missing(CraftRecord)
             known = select(AlertRecord.about).where(AlertRecord.craft_id == craft.id)
@@ -144,9 +144,9 @@ class Crafts:
         """Move flights to a craft, or to a new one, and return its id; a problem when the owner has not all of them."""
         with self._database.write() as session:
             records = [
-                each
-                for each in (session.get(FlightRecord, one) for one in dict.fromkeys(flights) if is_id(one))
-                if each is not None and each.owner == owner
+                record
+                for record in (session.get(FlightRecord, one) for one in dict.fromkeys(flights) if is_id(one))
+                if record is not None and record.owner == owner
             ]
             if not records or len(records) < len(set(flights)):
                 raise missing(CraftRecord)
@@ -154,13 +154,13 @@ class Crafts:
                 craft = new_craft(session, owner, records[0].entry["craft_name"])
             else:
                 craft = get(session, CraftRecord, target, owner)
-            touched = {each.craft_id for each in records} | {craft.id}
+            touched = {record.craft_id for record in records} | {craft.id}
             for record in records:
                 if record.craft_id != craft.id:
                     lose(session, record, "was moved to another craft")
                     record.craft_id = craft.id
             if later:
-                keys = {digest(each.entry["craft"]) for each in records}
+                keys = {digest(record.entry["craft"]) for record in records}
                 session.execute(
                     update(CraftKeyRecord)
                     .where(CraftKeyRecord.owner == owner, CraftKeyRecord.digest.in_(keys))
@@ -215,7 +215,7 @@ class Crafts:
 
 def _plain(text: str) -> str:
     """Return a text without control characters, which command terminals and which PostgreSQL does not all keep."""
-    return "".join(each for each in text if each.isprintable() or each in " \n\t")
+    return "".join(character for character in text if character.isprintable() or character in " \n\t")
 
 
 def _in_utc(at: datetime) -> datetime:

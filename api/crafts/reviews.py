@@ -58,26 +58,26 @@ class Reviews(Rounds):
         for craft_id, revision in waiting:
             if self.closing:
                 return
-            found = self._ask("review_craft", *self._crafts.entries(craft_id))
+            review = self._ask("review_craft", *self._crafts.entries(craft_id))
             try:
                 with self._database.write() as session:
-                    ordered = _settle(session, craft_id, revision, found)
+                    ordered = _settle(session, craft_id, revision, review)
             except IntegrityError:  # another server was faster
                 continue
             if ordered:
                 self._wake()
 
 
-def _settle(session: Session, craft_id: str, revision: int, found: dict[str, Any]) -> bool:
+def _settle(session: Session, craft_id: str, revision: int, review: dict[str, Any]) -> bool:
     """Write down what was found; return whether a joint fit was ordered."""
     craft = session.get(CraftRecord, craft_id, with_for_update=True)
     if craft is None or craft.reviewed >= revision:
         return False
-    craft.review, craft.reviewed = found, revision
+    craft.review, craft.reviewed = review, revision
     flights = list(session.scalars(select(FlightRecord).where(FlightRecord.craft_id == craft_id)))
-    _raise(session, craft, [*found["alerts"], *_of_health(flights)])
+    _raise(session, craft, [*review["alerts"], *_of_health(flights)])
     # What changed meanwhile is looked at again, and then the joint models.
-    return craft.revision == revision and _joint(session, craft, flights, found["joint"])
+    return craft.revision == revision and _joint(session, craft, flights, review["joint"])
 
 
 def _of_health(flights: Sequence[FlightRecord]) -> list[dict[str, Any]]:

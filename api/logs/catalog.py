@@ -96,7 +96,7 @@ class Catalog:
         except (OSError, ProblemError):
             self._forget(placed.values())
             raise
-        used = {each.log.id for each in kept}
+        used = {received.log.id for received in kept}
         self._forget(log_id for log_id in placed.values() if log_id not in used)
         return kept
 
@@ -135,7 +135,7 @@ class Catalog:
                         session.add(records[upload.sha256])
                     kept.append(Kept(Log.model_validate(records[upload.sha256]), secret))
                 session.flush()
-                if any(each.delete_token is not None for each in kept):
+                if any(received.delete_token is not None for received in kept):
                     self._quota.check_logs(_count_logs(session, owner))
                     stored = session.scalar(select(func.sum(LogRecord.size)).where(LogRecord.owner == owner))
                     self._quota.check_bytes(int(stored or 0))
@@ -260,8 +260,8 @@ class Catalog:
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
             if text:
                 named = AnalysisRecord.members.any(AnalysedLog.log.has(holds(text, LogRecord.name)))
-                told = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health, AnalysisRecord.happened)
-                said = holds(text, *told)
+                columns = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health, AnalysisRecord.happened)
+                said = holds(text, *columns)
                 query = query.where(or_(named, said))
             records = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
             return [Analysis.model_validate(record) for record in records]

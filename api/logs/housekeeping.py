@@ -60,8 +60,8 @@ class Housekeeping(Rounds):
 
     def _remove_orphans(self, before: datetime) -> None:
         """Remove bytes that no row names: of uploads that were broken off, and of attempts that came to nothing."""
-        found = (file for prefix in ("logs", "analyses") for file in self._objects.files(prefix))
-        old = [key for key, written in found if written < before]
+        files = (file for prefix in ("logs", "analyses") for file in self._objects.files(prefix))
+        old = [key for key, written in files if written < before]
         with self._database.read() as session:
             kept = {f"logs/{log_id}" for log_id in session.scalars(select(LogRecord.id))}
             for analysis, results, lease in session.execute(

@@ -102,14 +102,14 @@ async def receive_logs(
         with ExitStack() as stack:
             body = _body(request, limit + _FORM_OVERHEAD, settings)
             form = _Form(boundary, body, lambda: stack.enter_context(incoming.receive()))
-            found = (await form.parse()).multi_items()
+            parts = (await form.parse()).multi_items()
             if not form.complete:
                 raise _bad_form("The upload ended before the file did. Try again.")
-            files = [file for name, file in found if name == "file" and isinstance(file, UploadFile)]
+            files = [file for name, file in parts if name == "file" and isinstance(file, UploadFile)]
             if not files:
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
             if fields is not None:
-                fields |= {name: each for name, each in found if isinstance(each, str)}
+                fields |= {name: value for name, value in parts if isinstance(value, str)}
             arrived = [(cast("Upload", file.file), _display_name(file.filename or "")) for file in files]
             for upload, name in arrived:
                 if upload.size == 0:

@@ -98,8 +98,8 @@ def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> L
     def answer() -> LoggedParameters:
         values, earlier = _parameters(path), {} if before is None else _parameters(before[0])
         rows = [
-            LoggedParameter(each, value, earlier.get(each), _changed(each, value, earlier))
-            for each, value in values.items()
+            LoggedParameter(parameter, value, earlier.get(parameter), _changed(parameter, value, earlier))
+            for parameter, value in values.items()
         ]
         rows.sort(key=lambda row: (not row.changed, row.name))
         return LoggedParameters(None if before is None else before[1], rows)
@@ -133,7 +133,7 @@ def list_fields(path: Path, name: str, message: str) -> LoggedFields:
             frame = log.messages.once(message)
         units = frame.attrs.get("units", {})
         column = instance_column(frame) or frame.attrs.get("instance")
-        numbers = [] if column is None else [int(each) for each in np.unique(frame[column].dropna())]
+        numbers = [] if column is None else [int(number) for number in np.unique(frame[column].dropna())]
         sensors = [f"{message}[{number}]" for number in numbers] if len(numbers) > 1 else [message]
         numeric = frame.attrs.get("numeric") or [name for name in frame.columns if frame[name].dtype.kind in "iufb"]
         fields = sorted((str(field) for field in numeric if field != column), key=_TIMES.__contains__)
@@ -184,19 +184,19 @@ def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpe
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no sensor gives
         hz, density = welch(even, 1.0 / step, size)
         amplitudes = np.sqrt(2.0 * density * (hz[1] - hz[0]))
-    rounded = [float(f"{each:.5g}") if math.isfinite(each) else None for each in amplitudes[1:].tolist()]
-    return SignalSpectrum(text, signal.unit, len(t), [round(each, 3) for each in hz[1:].tolist()], rounded)
+    rounded = [float(f"{amplitude:.5g}") if math.isfinite(amplitude) else None for amplitude in amplitudes[1:].tolist()]
+    return SignalSpectrum(text, signal.unit, len(t), [round(frequency, 3) for frequency in hz[1:].tolist()], rounded)
 
 
 def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> dict[str, Any]:
     """Look at a craft as a whole, see `pipeline.fleet.review`."""
-    found: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[CraftNote])))
-    return found
+    reviewed: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[CraftNote])))
+    return reviewed
 
 
-def craft_page(found: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
+def craft_page(reviewed: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
     """Render what the flights of a craft say together."""
-    return render_craft(restored(found, CraftReview), name, restored(notes, list[CraftNote]))
+    return render_craft(restored(reviewed, CraftReview), name, restored(notes, list[CraftNote]))
 
 
 def compare_numbers(a: bytes, b: bytes, names: tuple[str, str]) -> Sequence[ParameterChange]:
@@ -233,8 +233,8 @@ def _signal(
         text=text,
         unit=signal.unit,
         samples=last - first,
-        t=[round(each, 5) for each in t.tolist()],
-        y=[float(f"{each:.7g}") if math.isfinite(each) else None for each in y.tolist()],
+        t=[round(time, 5) for time in t.tolist()],
+        y=[float(f"{value:.7g}") if math.isfinite(value) else None for value in y.tolist()],
     )
 
 

@@ -93,7 +93,7 @@ class Tools:
                 .order_by(func.coalesce(FlightRecord.start, FlightRecord.added).desc(), FlightRecord.id)
                 .limit(min(max(limit, 1), MOST))
             ).all()
-        found = [
+        flights = [
             FlightRef(
                 id=flight,
                 name=name,
@@ -104,7 +104,7 @@ class Tools:
             )
             for flight, name, craft_id, start, answers, own, kind in rows
         ]
-        return FlightList(found, total)
+        return FlightList(flights, total)
 
     def list_craft(self) -> CraftList:
         """List craft: id, name, kind, and how many flights each has."""
@@ -179,35 +179,35 @@ class Tools:
         """Find a craft by its id or its name, which must not mean several."""
         self.refresh()
         crafts = self._crafts()
-        found = [craft.id for craft in crafts if name == craft.id] or [
+        matches = [craft.id for craft in crafts if name == craft.id] or [
             craft.id for craft in crafts if name == craft.name
         ]
-        if len(found) > 1:
+        if len(matches) > 1:
             raise UnclearError(f"several craft are called {name!r}; see list_craft")
-        if not found:
+        if not matches:
             raise UnknownError(f"no craft is called {name!r}; see list_craft")
-        return found[0]
+        return matches[0]
 
     def _review(self, craft: str) -> CraftReview:
         """Read what the flights of a craft say together."""
         craft_id = self._craft(craft)
         with self.database.read() as session:
-            found = session.scalar(select(CraftRecord.review).where(CraftRecord.id == craft_id))
-        if found is None:
+            craft_review = session.scalar(select(CraftRecord.review).where(CraftRecord.id == craft_id))
+        if craft_review is None:
             raise UnknownError(f"{craft} has not been looked at yet")
-        return restored(found, CraftReview)
+        return restored(craft_review, CraftReview)
 
     def _flight(self, name: str) -> str:
         """Find a flight by its id or its name."""
         self.refresh()
         mine = select(FlightRecord.id).where(FlightRecord.owner == self.owner)
         with self.database.read() as session:
-            found = session.scalar(mine.where(FlightRecord.id == name)) if is_id(name) else None
-            if found is None and "\0" not in name:  # which PostgreSQL does not take
-                found = session.scalar(mine.where(FlightRecord.name == name))
-        if found is None:
+            flight_id = session.scalar(mine.where(FlightRecord.id == name)) if is_id(name) else None
+            if flight_id is None and "\0" not in name:  # which PostgreSQL does not take
+                flight_id = session.scalar(mine.where(FlightRecord.name == name))
+        if flight_id is None:
             raise UnknownError(f"there is no flight {name!r}; list_flights tells which there are")
-        return found
+        return flight_id
 
     def _report(self, flight: str) -> FlightReport:
         content = self._content(self._flight(flight))

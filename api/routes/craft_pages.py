@@ -44,7 +44,7 @@ def show_craft_page(request: Request, craft_id: str, parts: PartsOf, owner: Owne
     """Show a craft: its state, what changed, its flights, notes and models."""
     craft = parts.crafts.find(craft_id, owner)
     flights = parts.crafts.flights(craft_id, owner)
-    others = [each for each in parts.crafts.list(owner, limit=_CHOICES) if each.id != craft.id]
+    others = [other for other in parts.crafts.list(owner, limit=_CHOICES) if other.id != craft.id]
     view: dict[str, Any] = {
         "craft": craft,
         "flights": flights,

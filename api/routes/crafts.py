@@ -92,12 +92,12 @@ def remove_note(craft_id: CraftId, note_id: NoteId, parts: PartsOf, owner: Owner
 def show_model(craft_id: CraftId, parts: PartsOf, owner: Owner, trust: Trusted = LeastTrust.YES) -> CraftModel:
     """Report which analysis made the latest models that may be trusted; 404 where there are none."""
     show_craft(craft_id, parts, owner)
-    found = latest(parts.database, craft_id, trust)
+    model = latest(parts.database, craft_id, trust)
     here = f"/api/v1/crafts/{craft_id}/model"
     ending = "" if trust is LeastTrust.YES else f"?trust={trust}"
-    files = {name: f"{here}/{name}{ending}" for name in FILES if name in found.files}
+    files = {name: f"{here}/{name}{ending}" for name in FILES if name in model.files}
     return CraftModel(
-        analysis=found.analysis, trust=found.trust, joint=found.joint, flights=list(found.flights), files=files
+        analysis=model.analysis, trust=model.trust, joint=model.joint, flights=list(model.flights), files=files
     )
 
 
@@ -112,10 +112,10 @@ def fetch_model(
     show_craft(craft_id, parts, owner)
     if name not in FILES:
         raise ProblemError.missing(f"There is {', '.join(FILES)}.")
-    found = latest(parts.database, craft_id, trust, name)
-    path = local_copy(f"{found.results}/{name}", parts)
+    model = latest(parts.database, craft_id, trust, name)
+    path = local_copy(f"{model.results}/{name}", parts)
     if path is None:
         raise missing(CraftRecord)
     response = file_response(path, name)
-    response.headers["Rotorid-Analysis"] = found.analysis
+    response.headers["Rotorid-Analysis"] = model.analysis
     return response

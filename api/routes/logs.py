@@ -41,12 +41,12 @@ async def upload_log(
     """
     kept = await take_upload(request, parts, owner)
     if not analyze:
-        logs = [UploadedLog(**dict(each.log), delete_token=each.delete_token) for each in kept]
+        logs = [UploadedLog(**dict(received.log), delete_token=received.delete_token) for received in kept]
         if len(logs) > 1:
             return UploadedLogs(logs=logs)
         response.headers["Location"] = f"/api/v1/logs/{logs[0].id}"
         return logs[0]
-    ordered = await run_in_threadpool(parts.order, [each.log.id for each in kept], {}, owner)
+    ordered = await run_in_threadpool(parts.order, [received.log.id for received in kept], {}, owner)
     analysis = await ended(parts.catalog, ordered, parts.runner.stopping)
     response.headers["Location"] = f"/api/v1/analyses/{analysis.id}"
     if analysis.problem is not None:

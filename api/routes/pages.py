@@ -57,7 +57,9 @@ async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Respons
     kept = await take_upload(request, parts, owner, fields)
     chosen = {name: fields[name].strip() for name in FIRST_SETTINGS if fields.get(name, "").strip()}
     try:
-        order = AnalysisOrder(logs=[each.log.id for each in kept], configuration=Configuration.model_validate(chosen))
+        order = AnalysisOrder(
+            logs=[received.log.id for received in kept], configuration=Configuration.model_validate(chosen)
+        )
         await run_in_threadpool(check, order)
     except (ValidationError, ProblemError) as error:
         detail = f"{in_words(error)}. The logs were kept: find them under Logs."
@@ -117,11 +119,11 @@ def compare_page(request: Request, parts: PartsOf, owner: Owner, a: str = "", b:
 @router.get("/compare/report")
 def compared(parts: PartsOf, owner: Owner, a: str, b: str) -> Response:
     """Compare two analyses: the page in the frame of `compare_page`."""
-    analyses = [parts.catalog.find_analysis(each, owner) for each in (a, b)]
-    reports = [answer(each, parts).report for each in analyses]
+    analyses = [parts.catalog.find_analysis(analysis_id, owner) for analysis_id in (a, b)]
+    reports = [answer(analysis, parts).report for analysis in analyses]
     if None in reports:
         raise ProblemError.missing("Only analyses that are done can be compared.")
-    names = tuple(f"{each.title} ({each.created:%Y-%m-%d %H:%M})" for each in analyses)
+    names = tuple(f"{analysis.title} ({analysis.created:%Y-%m-%d %H:%M})" for analysis in analyses)
     page = parts.desk.ask("compare", *reports, names)
     return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 

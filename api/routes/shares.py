@@ -61,22 +61,22 @@ def unshare_analysis(analysis: OwnAnalysis, parts: PartsOf) -> None:
 @router.get("/shared/{secret}", summary="The analysis that a link is to")
 def show_shared(secret: Secret, parts: PartsOf) -> SharedAnalysis:
     """Show a shared analysis."""
-    found = answer(find_shared(secret, parts), parts)
+    analysis = answer(find_shared(secret, parts), parts)
     here = f"/api/v1/shared/{secret}"
-    files = shared_files(found)
+    files = shared_files(analysis)
     links = {"self": here, "page": f"/shared/{secret}"} | {name: f"{here}/{quote(name)}" for name in files}
-    shown = {name: value for name, value in dict(found).items() if name in SharedAnalysis.model_fields}
-    logs = [SharedLog(name=log.name, size=log.size) for log in found.logs]
-    shown |= {"logs": logs, "links": links, "files": files, "report": _without_hashes(found.report)}
-    shown["configuration"] = {name: value for name, value in found.configuration.items() if name != "flights"}
+    shown = {name: value for name, value in dict(analysis).items() if name in SharedAnalysis.model_fields}
+    logs = [SharedLog(name=log.name, size=log.size) for log in analysis.logs]
+    shown |= {"logs": logs, "links": links, "files": files, "report": _without_hashes(analysis.report)}
+    shown["configuration"] = {name: value for name, value in analysis.configuration.items() if name != "flights"}
     return SharedAnalysis(**shown)
 
 
 def _without_hashes(value: Any) -> Any:
     """Return JSON without the digests of logs in it."""
     if isinstance(value, dict):
-        return {name: _without_hashes(each) for name, each in value.items() if name != "sha256"}
-    return [_without_hashes(each) for each in value] if isinstance(value, list) else value
+        return {name: _without_hashes(part) for name, part in value.items() if name != "sha256"}
+    return [_without_hashes(part) for part in value] if isinstance(value, list) else value
 
 
 @router.get("/shared/{secret}/{name:path}", response_class=FileResponse, summary="A file of a shared analysis")

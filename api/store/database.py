@@ -79,9 +79,9 @@ class Database:
             config.attributes["connection"] = connection
             if connection.dialect.name == "postgresql":
                 connection.exec_driver_sql("SELECT pg_advisory_xact_lock(7208960)")
-            found = MigrationContext.configure(connection).get_current_heads()
+            heads = MigrationContext.configure(connection).get_current_heads()
             known = {revision.revision for revision in ScriptDirectory.from_config(config).walk_revisions()}
-            if not known.issuperset(found):
+            if not known.issuperset(heads):
                 raise NewerDatabaseError
             command.upgrade(config, "head")
         self.keep_reserve()

@@ -28,16 +28,16 @@ def missing(kind: type[Any]) -> ProblemError:
 
 def find(session: Session, kind: type[Owned], record_id: str, owner: str, *, lock: bool = False) -> Owned | None:
     """Look something up; None where the owner has none of this id."""
-    found = session.get(kind, record_id, with_for_update=lock) if is_id(record_id) else None
-    return found if found is not None and found.owner == owner else None
+    record = session.get(kind, record_id, with_for_update=lock) if is_id(record_id) else None
+    return record if record is not None and record.owner == owner else None
 
 
 def get(session: Session, kind: type[Owned], record_id: str, owner: str, *, lock: bool = False) -> Owned:
     """Look something up; a problem where the owner has none of this id."""
-    found = find(session, kind, record_id, owner, lock=lock)
-    if found is None:
+    record = find(session, kind, record_id, owner, lock=lock)
+    if record is None:
         raise missing(kind)
-    return found
+    return record
 
 
 def holds(text: str, *columns: Text) -> ColumnElement[bool]:

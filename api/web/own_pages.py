@@ -71,8 +71,8 @@ def fill_in(response: Response, request: Request) -> Response:
     secret, new = secret_of(request)
     field = f'<input type="hidden" name="{FIELD}" value="{escape(secret)}">'
 
-    def filled(found: re.Match[str]) -> str:
-        form = found[0]
+    def filled(match: re.Match[str]) -> str:
+        form = match[0]
         if "multipart/form-data" in form:  # read as it comes: the token must be there before the files
             return _ACTION.sub(lambda action: f'action="{action[1]}?{FIELD}={escape(secret)}"', form, count=1)
         return form + field
@@ -87,12 +87,12 @@ def fill_in(response: Response, request: Request) -> Response:
 async def _check(request: Request) -> None:
     if request.method in ("GET", "HEAD") or request.headers.get("authorization"):
         return
-    told = request.headers.get(HEADER) or request.query_params.get(FIELD)
-    if told is None and not request.headers.get("content-type", "").startswith("multipart/"):
+    token = request.headers.get(HEADER) or request.query_params.get(FIELD)
+    if token is None and not request.headers.get("content-type", "").startswith("multipart/"):
         form = await request.form(max_files=0, max_fields=10_000)
-        told = str(form.get(FIELD, ""))
+        token = str(form.get(FIELD, ""))
     known = request.cookies.get(COOKIE, "")
-    if not known or not secrets.compare_digest((told or "").encode(), known.encode()):
+    if not known or not secrets.compare_digest((token or "").encode(), known.encode()):
         detail = "This form was not filled in on a page of this service, or its page is old. Load the page again."
         raise ProblemError.of("foreign-form", detail)
 

@@ -51,7 +51,9 @@ def _xml_time(when: datetime | None) -> str:
 
 def _xml_text(text: str) -> str:
     """Leave out what XML 1.0 cannot hold."""
-    return "".join(each for each in text if each in "\t\n" or (each >= " " and each not in "\ufffe\uffff"))
+    return "".join(
+        character for character in text if character in "\t\n" or (character >= " " and character not in "\ufffe\uffff")
+    )
 
 
 def _duration(analysis: Analysis) -> str:
@@ -113,11 +115,11 @@ def render(
     return fill_in(page, request)
 
 
-def part_of(found: Sequence[Item], count: int, **kept: str | None) -> tuple[Sequence[Item], str]:
+def part_of(listing: Sequence[Item], count: int, **kept: str | None) -> tuple[Sequence[Item], str]:
     """Return the part of a list that a page shows, and the query of the next part; empty at the end."""
-    shown = found[:count]
+    shown = listing[:count]
     query = {"after": shown[-1].id} | {name: value for name, value in kept.items() if value} if shown else {}
-    return shown, urlencode(query) if len(found) > count else ""
+    return shown, urlencode(query) if len(listing) > count else ""
 
 
 def lead_to(path: str) -> Response:

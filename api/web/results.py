@@ -114,16 +114,16 @@ def _rmse(report: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _coefficients(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Gather the numerators and denominators of transfer functions."""
-    found: dict[str, dict[str, Any]] = {}
+    coefficients: dict[str, dict[str, Any]] = {}
     for place in (*report.get("groups", []), report):
         for result in place.get("models", []):
             functions = (result["model"] or {}).get("transfer_functions")
             if functions:
-                found.setdefault(str(place.get("name")), {})[result["key"]] = {
-                    output: {name: {part: each[part] for part in ("num", "den")} for name, each in row.items()}
+                coefficients.setdefault(str(place.get("name")), {})[result["key"]] = {
+                    output: {name: {part: function[part] for part in ("num", "den")} for name, function in row.items()}
                     for output, row in functions.items()
                 }
-    return found
+    return coefficients
 
 
 #: What people call our files, in the order in which they are offered.

@@ -150,4 +150,4 @@ def _free_name(session: Session, owner: str, name: str) -> str:
             )
         )
     )
-    return base if base not in taken else next(each for k in count(2) if (each := f"{base} ({k})") not in taken)
+    return base if base not in taken else next(numbered for k in count(2) if (numbered := f"{base} ({k})") not in taken)

@@ -77,15 +77,15 @@ def work_until_told(settings: Settings, analyze: Analyze = analyze_logs, *, prel
     database, objects = Database(settings.database_url), open_store(settings.storage_url)
     database.migrate()
     objects.prepare()
-    told = threading.Event()
+    stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: told.set())
+        signal.signal(number, lambda *_: stop.set())
     # Beside a storage on this computer, from where results move at no cost.
     beside = None if objects.folder is None else objects.folder.parent
     with tempfile.TemporaryDirectory(prefix="rotorid-worker-", dir=beside) as scratch:
         runner = Runner(Workplace(database, objects, settings, Path(scratch), analyze, preload))
         runner.open()
         _log.info("%d analyses at a time from %s", settings.workers, settings.storage_url)
-        told.wait()
+        stop.wait()
         runner.close()
     database.close()

@@ -116,7 +116,7 @@ def of_report(entry: FlightEntry, report: FlightReport | Said | None) -> Flown:
 
 def without_experiments(flown: Sequence[Flown]) -> list[Flown]:
     """Return flights as no joint fit can use them: they were sampled at another rate than others."""
-    return [replace(each, entry=replace(each.entry, experiments=())) for each in flown]
+    return [replace(flight, entry=replace(flight.entry, experiments=())) for flight in flown]
 
 
 def answers(report: FlightReport | Said) -> tuple[AnswerLine, ...]:

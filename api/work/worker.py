@@ -148,8 +148,8 @@ def _analyze_one(task: Task, log: "FlightLog", progress: TaskProgress) -> None:
     ((_, name),) = task.logs
     advance = Overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
-    told = partial(_tell_account, progress)
-    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=told)
+    announce = partial(_tell_account, progress)
+    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=announce)
     advance("report", 0.0)
     # The report names the file as its user does, not as it is kept here.
     reports.write(replace(result, log=replace(result.log, file=Path(name).name)), task.folder)
@@ -217,10 +217,10 @@ def _propose_of_crafts(flights: Sequence[FlightEntry], folder: Path) -> None:
     """
     for _, own in groupby(sorted(flights, key=lambda entry: entry.craft), key=lambda entry: entry.craft):
         known = list(islice(_with_chirps(sorted(own, key=_started, reverse=True)), _MOST))
-        found = [(entry, alone) for entry, _, alone in known]
+        tunings = [(entry, alone) for entry, _, alone in known]
         if len(known) > 1:
-            found.insert(0, (known[0][0], sysid_loops.tune([log for _, log, _ in known])))
-        for entry, tuning in found:
+            tunings.insert(0, (known[0][0], sysid_loops.tune([log for _, log, _ in known])))
+        for entry, tuning in tunings:
             if tuning.refused is None:
                 _write_gains(tuning, folder / FLIGHTS / entry.folder)
                 break
