@@ -55,13 +55,13 @@ def names() -> list[str]:
 
 def versions(packages: Iterable[str]) -> str:
     """Report which version of each peer stands in this environment."""
-    found = []
+    installed = []
     for package in packages:
         try:
-            found.append(f"{package} {version(package)}")
+            installed.append(f"{package} {version(package)}")
         except PackageNotFoundError:
-            found.append(f"{package} not installed")
-    return ", ".join(found)
+            installed.append(f"{package} not installed")
+    return ", ".join(installed)
 
 
 def measure(name: str, more: Sequence[str], seconds: float) -> list[Row]:
@@ -94,7 +94,7 @@ def met(row: Row) -> str:
 
 def page(rows: list[tuple[str, ...]], about: str) -> str:
     """Return the table as Markdown, with what was missed at its end."""
-    lines = ["| " + " | ".join(each.replace("|", "/") for each in row) + " |" for row in (COLUMNS, *rows)]
+    lines = ["| " + " | ".join(cell.replace("|", "/") for cell in row) + " |" for row in (COLUMNS, *rows)]
     lines.insert(1, "|" + "---|" * len(COLUMNS))
     missed = sum(row[-1] == "MISSED" for row in rows)
     judged = missed + sum(row[-1] == "yes" for row in rows)
@@ -151,9 +151,9 @@ def main(given: list[str]) -> int:
     short: list[Row] = []
     for name in options.names or WHOLE:
         console.print(f"{time.monotonic() - begun:5.0f} s  {name}")
-        found = measure(name, more, max(deadline - time.monotonic(), 0.01))
-        short += found if name == "short" else []
-        every += [(name, *row, met(row)) for row in found]
+        measured = measure(name, more, max(deadline - time.monotonic(), 0.01))
+        short += measured if name == "short" else []
+        every += [(name, *row, met(row)) for row in measured]
     for row in every:
         table.add_row(*row)
     about = f"Python {platform.python_version()}, {platform.machine()}; {versions(PEERS)}"

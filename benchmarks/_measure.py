@@ -80,8 +80,8 @@ def forget_peak(pid: int | str = "self") -> None:
 
 def used(*whose: int) -> float:
     """Return the CPU time so far of RUSAGE_SELF, RUSAGE_CHILDREN or both, s."""
-    spent = [resource.getrusage(each) for each in whose]
-    return sum(each.ru_utime + each.ru_stime for each in spent)
+    spent = [resource.getrusage(process) for process in whose]
+    return sum(usage.ru_utime + usage.ru_stime for usage in spent)
 
 
 def command_cpu(*arguments: str) -> float:
@@ -107,8 +107,8 @@ def in_process(module: str, *arguments: object, **environment: str) -> dict[str,
         if "ModuleNotFoundError" in done.stderr:
             return None
         raise RuntimeError(done.stderr)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
 
 
 def unpacked(path: Path, scratch: Path) -> Path:

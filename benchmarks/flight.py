@@ -88,14 +88,14 @@ def cold() -> dict[str, float]:
 def rows_of(label: str, path: Path, seconds: str, over_file: str) -> list[Row]:
     """Measure the analysis of a log, with goals of its CPU time and of its memory over the file."""
     size = path.stat().st_size
-    found = in_process("flight", "measure", path)
-    growth = (found["peak"] - found["before"]) / size
-    slow = sorted(found["cpu"].items(), key=lambda item: -item[1])
+    measured = in_process("flight", "measure", path)
+    growth = (measured["peak"] - measured["before"]) / size
+    slow = sorted(measured["cpu"].items(), key=lambda item: -item[1])
     return [
-        row(f"{label}, {size / 1e6:.0f} MB, all stages, CPU", f"{found['total']:.1f} s", goal=seconds),
-        *(row(f"... {stage}", f"{spent:.2f} s") for stage, spent in slow if spent >= 0.1 * found["total"]),
+        row(f"{label}, {size / 1e6:.0f} MB, all stages, CPU", f"{measured['total']:.1f} s", goal=seconds),
+        *(row(f"... {stage}", f"{spent:.2f} s") for stage, spent in slow if spent >= 0.1 * measured["total"]),
         row("... memory beyond the imported process, over file", f"{growth:.2f}", goal=over_file),
-        row("... report.html", f"{found['page'] / 1e6:.1f} MB"),
+        row("... report.html", f"{measured['page'] / 1e6:.1f} MB"),
     ]
 
 

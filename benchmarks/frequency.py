@@ -185,13 +185,15 @@ def _histories(scratch: Path) -> Iterator[Row]:
             with suppress(frequency.FrequencyError):
                 known = frequency.fit(frequency.response(log, "roll")).parameters
                 late = known["effective_delay"]
-                for name, each in (("effectiveness", known["gain"]), ("delay", late)):
-                    if each.value is not None and each.sigma is not None:
+                for name, estimate in (("effectiveness", known["gain"]), ("delay", late)):
+                    if estimate.value is not None and estimate.sigma is not None:
                         points[name].append(
-                            FlightPoint(flight=str(k), number=k + 1, start_utc=None, value=each.value, sigma=each.sigma)
+                            FlightPoint(
+                                flight=str(k), number=k + 1, start_utc=None, value=estimate.value, sigma=estimate.sigma
+                            )
                         )
         followed = [history(name, "", {"": point}) for name, point in points.items() if len(point) > 3]
-        changes = [change for each in followed for change in (each.trend, each.step) if change is not None]
+        changes = [change for course in followed for change in (course.trend, course.step) if change is not None]
         alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
     share = f"{alarms} of {craft}"
     yield row(f"craft of {flights} flights, unchanged, whose gain or delay is said to drift or jump", share, goal="5 %")
@@ -217,9 +219,9 @@ def _speed(scratch: Path) -> Iterator[Row]:
         assert logs[axis].tables.rates is not None
     frequency.fit(frequency.response(logs["roll"], "roll"))  # what is compiled and imported once
     began = time.process_time()
-    found = {axis: frequency.response(logs[axis], axis) for axis in names}
+    responses = {axis: frequency.response(logs[axis], axis) for axis in names}
     spectra = time.process_time() - began
-    for frf in found.values():
+    for frf in responses.values():
         frequency.fit(frf)
     ours = time.process_time() - began
     began = time.process_time()
@@ -235,7 +237,7 @@ def _speed(scratch: Path) -> Iterator[Row]:
     peer = time.process_time() - began
     mine = [
         np.abs(8.686 * np.log(np.abs(frf.response / plants[axis].response(frf.hz))))[(frf.hz >= 0.5) & (frf.hz <= 15.0)]
-        for axis, frf in found.items()
+        for axis, frf in responses.items()
     ]
     yield "70 s at 400 Hz, four axes: responses and fits, CPU (s); scipy.signal.csd", ours, peer, ours / peer, "2"
     yield row("of that the responses (s)", spectra)

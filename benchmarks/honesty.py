@@ -72,7 +72,7 @@ class Number(NamedTuple):
 
     def apart_from(self, other: Number) -> float:
         """Return how far it is from the number of the other half, in standard errors."""
-        own = (float(np.sqrt(max(each.sigma**2 - each.curve**2, 0.0))) for each in (self, other))
+        own = (float(np.sqrt(max(number.sigma**2 - number.curve**2, 0.0))) for number in (self, other))
         return (self.value - other.value) / float(np.linalg.norm([*own, self.curve - other.curve]))
 
 
@@ -133,14 +133,14 @@ def firmware() -> Iterator[Stated]:
         model = fit_rigid_body([seen], mass=mass)
         truth = firmware_truth(facts, seen, model.reference_voltage, rotor_drag=model.rotor_drag)
         yield from stated_by_body(model, seen, truth)
-        found = physical_parameters([seen], mass, arm=arm, rigid_body=model)
-        yield from stated_side_by_side(found, seen, truth)
+        parameters = physical_parameters([seen], mass, arm=arm, rigid_body=model)
+        yield from stated_side_by_side(parameters, seen, truth)
 
 
 def halves(folder: Path) -> list[Row]:
     """Hold the halves of every flight in a folder against each other: chi-square over degrees of freedom by number."""
     apart: dict[tuple[str, str], dict[str, float]] = {}
-    for path in sorted(each for each in folder.iterdir() if each.suffix not in (".md", ".tsv")):
+    for path in sorted(file for file in folder.iterdir() if file.suffix not in (".md", ".tsv")):
         with suppress(OSError, RotoridError):
             for log in read_flights(path):
                 if log.flight is None or log.flight.duration < 2.0 * SHORTEST_HALF:
@@ -156,44 +156,46 @@ def halves(folder: Path) -> list[Row]:
                 for key in one.keys() & other.keys():
                     apart.setdefault(key, {})[f"{path.name} {log.flight.start:.0f} s"] = one[key].apart_from(other[key])
     rows = []
-    for (method, name), each in sorted(apart.items()):
-        farthest = max(each, key=lambda flight: abs(each[flight]))
-        chi2 = float(np.mean(np.square(list(each.values()))))
-        rows.append((f"{method}: {name} ({len(each)})", f"{chi2:.2f}", f"{each[farthest]:.1f}", farthest, "0.5-1.5"))
+    for (method, name), distances in sorted(apart.items()):
+        farthest = max(distances, key=lambda flight: abs(distances[flight]))
+        chi2 = float(np.mean(np.square(list(distances.values()))))
+        rows.append(
+            (f"{method}: {name} ({len(distances)})", f"{chi2:.2f}", f"{distances[farthest]:.1f}", farthest, "0.5-1.5")
+        )
     return rows
 
 
 def stated_within(log: FlightLog, trajectory: Trajectory | None, within: tuple[float, float]) -> Half:
     """List what a part of a flight states of its craft, motors as at one volt: the battery of the other is another."""
-    found: Half = {}
+    half: Half = {}
     for axis in survey(log, within=within).axes:
         numbers = {} if axis.fit is None else dict(axis.fit.parameters)
         if axis.attitude is not None:
             numbers |= {"bandwidth": axis.attitude.bandwidth, "phase delay": axis.attitude.phase_delay}
-        found |= {
+        half |= {
             (axis.axis, name): Number(number.value, number.sigma)
             for name, number in numbers.items()
             if number.value is not None and number.sigma
         }
     with suppress(RotoridError):
         if trajectory is None:
-            return found
+            return half
         seen = Experiment.from_flight(log, trajectory, rate=50.0, within=within)
         if seen.t[-1] - seen.t[0] < SHORTEST_HALF:
-            return found
+            return half
         try:
             body = fit_rigid_body(seen)
         except RotoridError:
             body = None
         for name, parameter in () if body is None else body.parameters.items():
             if parameter.value is not None and parameter.sigma:
-                found["body", name] = Number(parameter.value, parameter.sigma)
+                half["body", name] = Number(parameter.value, parameter.sigma)
         for (method, name), row in physical_parameters(seen, rigid_body=body).table.swaplevel().iterrows():
             if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
-                found[method, name] = Number(row["value"], row["sigma"], row["curve"])
+                half[method, name] = Number(row["value"], row["sigma"], row["curve"])
         volts = reference_voltage([seen]) or 1.0
-        for key in [key for key in found if key[1] in AT_VOLTAGE]:
+        for key in [key for key in half if key[1] in AT_VOLTAGE]:
             # The command flown on average, too, is each half's own.
             unit = volts**2 * (hover_part(seen, vehicle_of(seen)[0].thrust_expo) if "hover" in key[1] else 1.0)
-            found[key] = found[key].over(unit)
-    return found
+            half[key] = half[key].over(unit)
+    return half

@@ -242,8 +242,8 @@ def _long_log(path: Path) -> list[Row]:
         runs[name] = run_axis(axis, flown[name], shaken, k)
     write_rate_log(path, runs, rate=400.0, filter_hz=40.0, gains=flown)
     result, took = timed(lambda: tune(read_log(path)))
-    told = "proposed" if result.refused is None else result.refused
-    return [row("simulator: tune of 3 min at 400 Hz, CPU", f"{took:.1f} s ({told})", goal="5 s")]
+    outcome = "proposed" if result.refused is None else result.refused
+    return [row("simulator: tune of 3 min at 400 Hz, CPU", f"{took:.1f} s ({outcome})", goal="5 s")]
 
 
 def _designs(count: int = 50, flights: int = 2) -> list[Row]:
@@ -291,7 +291,7 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
         for k, error in enumerate((chirp.error_of("gain"), late)):
             assert error is not None
             name = ("gain", "delay")[k]
-            own, other = (float(np.std(np.array(each)[:, k], ddof=1) / size[k]) for each in (known, default))
+            own, other = (float(np.std(np.array(estimates)[:, k], ddof=1) / size[k]) for estimates in (known, default))
             scatter[f"{name} random"].append(own / error.random)
             scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.sigma).tolist()
             scatter[f"{name} default"].append(within * other / error.random)
@@ -328,17 +328,17 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
 
 
 def _motion(flight: AxisRun) -> tuple[float, float, float]:
-    lean, rate, mixer = (float(np.abs(each).max()) for each in (flight.attitude, flight.measured, flight.output))
+    lean, rate, mixer = (float(np.abs(signal).max()) for signal in (flight.attitude, flight.measured, flight.output))
     return float(np.degrees(lean)), float(np.degrees(rate)), mixer
 
 
 def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
     try:
-        records = [each.plant for each in records_of_flight(flight)]
-        found = fit(response_of_records(records, axis_of("roll"), gyro_filter_hz=plant.filter_hz)).parameters
+        records = [record.plant for record in records_of_flight(flight)]
+        parameters = fit(response_of_records(records, axis_of("roll"), gyro_filter_hz=plant.filter_hz)).parameters
     except RotoridError:
         return np.nan, np.nan
-    gain, late = found["gain"].value, found["effective_delay"].value
+    gain, late = parameters["gain"].value, parameters["effective_delay"].value
     return np.nan if gain is None else gain, np.nan if late is None else late
 
 

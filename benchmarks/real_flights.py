@@ -53,12 +53,12 @@ def run() -> list[Row]:
     folder = data_folder()
     rows: list[Row] = []
     for name, (suffix, part) in PARTS.items():
-        files, spare = (sorted(each.glob(f"*{suffix}")) for each in (_folder(folder, name), SETS / name))
+        files, spare = (sorted(directory.glob(f"*{suffix}")) for directory in (_folder(folder, name), SETS / name))
         if files or (folder == SETS and spare):
             rows += part(files, spare)
         elif folder == SETS:
             rows.append(row(name, f"no *{suffix} in {folder / name}"))
-    if not any("no *" not in each[1] for each in rows):
+    if not any("no *" not in entry[1] for entry in rows):
         raise SystemExit(f"no flights of {', '.join(PARTS)} in {folder}")
     return rows
 
@@ -196,8 +196,8 @@ class Tunnel:
 
 
 def tunnel(path: Path) -> Tunnel | None:
-    found = re.fullmatch(r"(.+)_([^_]+)_(nowind|\d+wind|\d+p\d+sint)\.csv\.xz", path.name)
-    return Tunnel(path, found[2], found[3]) if found else None
+    match = re.fullmatch(r"(.+)_([^_]+)_(nowind|\d+wind|\d+p\d+sint)\.csv\.xz", path.name)
+    return Tunnel(path, match[2], match[3]) if match else None
 
 
 def neural_fly(files: list[Path], spare: list[Path]) -> list[Row]:
@@ -268,7 +268,7 @@ def ahead_errors(model: SixDofModel, record: Experiment, horizon: float, after: 
     truth = body.states[starts + steps, :3]
     predicted = model.ahead(body, starts, np.array([steps]))[:, 0, :3]
     moved = body.states[starts, :3] + horizon * body.states[starts, 3:6]
-    return tuple(float(np.sqrt(np.mean(np.sum((each - truth) ** 2, axis=1)))) for each in (predicted, moved))
+    return tuple(float(np.sqrt(np.mean(np.sum((positions - truth) ** 2, axis=1)))) for positions in (predicted, moved))
 
 
 # tailsitter, x8-coaxial --------------------------------------------------------------------------------------------
@@ -308,9 +308,12 @@ def _left_out(
             for horizon in (1.0, 5.0):
                 watching = choose_observer(model, [records[p] for p in known], horizon)
                 for path in judged:
-                    for what, each in ((f"attitude {attitude}", model), (f"attitude {attitude}, observer", watching)):
+                    for what, predictor in (
+                        (f"attitude {attitude}", model),
+                        (f"attitude {attitude}, observer", watching),
+                    ):
                         errors.setdefault(f"{what}, {horizon:g} s", []).append(
-                            axis_errors(each, records[path], horizon)
+                            axis_errors(predictor, records[path], horizon)
                         )
         for path in judged:
             for horizon in (1.0, 5.0):
@@ -334,8 +337,8 @@ def axis_errors(model: SixDofModel | None, record: Experiment, horizon: float) -
     if model is None:
         velocity = record.context[["v_n", "v_e", "v_d"]].to_numpy()[starts] * np.array([1.0, 1.0, -1.0])
         return np.sqrt(np.mean((record.y[starts] + horizon * velocity - truth) ** 2, axis=0))
-    found = model.ahead(model.record(record), starts, np.array([steps]))[:, 0, :3] * np.array([1.0, 1.0, -1.0])
-    return np.sqrt(np.mean((found - truth) ** 2, axis=0))
+    predicted = model.ahead(model.record(record), starts, np.array([steps]))[:, 0, :3] * np.array([1.0, 1.0, -1.0])
+    return np.sqrt(np.mean((predicted - truth) ** 2, axis=0))
 
 
 # px4-sitl ----------------------------------------------------------------------------------------------------------
@@ -358,16 +361,16 @@ def px4_sitl(files: list[Path], spare: list[Path]) -> list[Row]:
     yaw = model.parameters["yaw_gain"]
     text = "not determined: motion shows no torque of a rotor"
     if yaw.si_value is not None and yaw.si_sigma is not None:
-        parts = [each * _INERTIA["yaw"] / (_THRUST * _TORQUE) for each in (yaw.si_value, yaw.si_sigma)]
+        parts = [value * _INERTIA["yaw"] / (_THRUST * _TORQUE) for value in (yaw.si_value, yaw.si_sigma)]
         text += f", and torque over inertia is {parts[0]:.2f} ± {parts[1]:.2f} of the model file's"
     return [*rows, row("px4-sitl: yaw", text, peer=_PUBLISHED["yaw"], goal="5 % or not determined")]
 
 
-def _against(what: str, found: BodyParameter, factor: float, truth: float) -> Row:
+def _against(what: str, parameter: BodyParameter, factor: float, truth: float) -> Row:
     """Return what a parameter makes of `factor` beside the truth."""
-    label, text = f"px4-sitl: {what}", f"not determined: {found.reason}"
-    if found.si_value is not None and found.si_sigma is not None:
-        value, sigma = factor / found.si_value, found.si_sigma / found.si_value
+    label, text = f"px4-sitl: {what}", f"not determined: {parameter.reason}"
+    if parameter.si_value is not None and parameter.si_sigma is not None:
+        value, sigma = factor / parameter.si_value, parameter.si_sigma / parameter.si_value
         text = f"{value:.4g} ± {100.0 * sigma:.1f} % ({100.0 * (value / truth - 1.0):+.1f} % of {truth:.4g})"
     return row(label, text, peer=_PUBLISHED[what], goal="5 % or not determined")
 
@@ -436,19 +439,19 @@ def _flying(flight: pd.DataFrame) -> np.ndarray:
 def _crazyflie_thrust(flight: pd.DataFrame) -> Row:
     """Fit the specific force to powers of the commands behind a motor's lag, below 8 Hz."""
     flying, felt = _flying(flight), low_pass(flight["acc.z"].to_numpy(), 8.0, 1000.0)
-    found = []
+    fits = []
     for lag in np.arange(0.02, 0.12, 0.01):
         part = 1.0 - np.exp(-0.001 / lag)
         u = lfilter([part], [1.0, part - 1.0], flight.filter(like="motor").to_numpy(), axis=0)
         powers = np.column_stack([(u**k).sum(axis=1) for k in range(3)])
         x, y = low_pass(powers, 8.0, 1000.0)[flying], felt[flying]
         values, left, *_ = np.linalg.lstsq(x, y, rcond=None)
-        found.append((float(left[0]), lag, values, x, y))
-    _, lag, values, x, y = min(found, key=lambda each: each[0])
+        fits.append((float(left[0]), lag, values, x, y))
+    _, lag, values, x, y = min(fits, key=lambda candidate: candidate[0])
     published = x @ _CRAZYFLIE_THRUST
     mass = float(published @ published / (published @ y))
     at = np.array([0.6, 0.7, 0.8])
-    ours, theirs = (1e3 * np.polyval(np.flip(each), at) for each in (mass * values, _CRAZYFLIE_THRUST))
+    ours, theirs = (1e3 * np.polyval(np.flip(polynomial), at) for polynomial in (mass * values, _CRAZYFLIE_THRUST))
     square = mass * float(x[:, 2] @ y / (x[:, 2] @ x[:, 2]))
     return row(
         "crazyflie: thrust of a motor at 0.6, 0.7, 0.8; square alone",

@@ -79,19 +79,21 @@ def found_flights(path: Path) -> list[Found]:
     return accounts
 
 
-def paired(rows: list[dict[str, str]], found: list[Found]) -> Iterator[tuple[dict[str, str], Found | None]]:
+def paired(rows: list[dict[str, str]], candidates: list[Found]) -> Iterator[tuple[dict[str, str], Found | None]]:
     """Pair each reading of a flight with the nearest account, and none twice; flights share power-ups' clocks."""
-    left = list(found)
+    left = list(candidates)
     for row in rows:
         start, stop = number(row, "takeoff_s"), number(row, "landing_s")
 
-        def off(each: Found, start: float | None = start, stop: float | None = stop) -> float:
-            ends = [abs(a - b) for a, b in ((start, each.flight.start), (stop, each.flight.stop)) if a is not None]
+        def off(candidate: Found, start: float | None = start, stop: float | None = stop) -> float:
+            ends = [
+                abs(a - b) for a, b in ((start, candidate.flight.start), (stop, candidate.flight.stop)) if a is not None
+            ]
             return max(ends) if ends else math.inf
 
-        def overlaps(each: Found, start: float | None = start, stop: float | None = stop) -> bool:
+        def overlaps(candidate: Found, start: float | None = start, stop: float | None = stop) -> bool:
             first, last = start if start is not None else -math.inf, stop if stop is not None else math.inf
-            return each.flight.start < last and each.flight.stop > first
+            return candidate.flight.start < last and candidate.flight.stop > first
 
         near = min(filter(overlaps, left), key=off, default=None)
         if near is not None:
@@ -99,9 +101,9 @@ def paired(rows: list[dict[str, str]], found: list[Found]) -> Iterator[tuple[dic
         yield row, near
 
 
-def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, str]]:
+def compare(row: Mapping[str, str], candidate: Found) -> Iterator[tuple[str, bool, str]]:
     """Yield each quantity of a reading, whether the account agrees, and both in words."""
-    account, flight = found.account, found.flight
+    account, flight = candidate.account, candidate.flight
     start, stop = number(row, "takeoff_s"), number(row, "landing_s")
     ends = [(start, flight.start), (stop, flight.stop)]
     off = [abs(read - ours) for read, ours in ends if read is not None]
@@ -125,7 +127,7 @@ def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, s
             agrees = abs((crash.t or 0.0) - impact) <= 0.5
         here = "none" if crash is None else f"at {crash.t:.1f} s"
         yield "crash", agrees, f"{row['crash']} {impact or ''} read, {here} here"
-    faults = {str(each.evidence.get("motor")) for each in account.notable if each.id == "motor-fault"}
+    faults = {str(happening.evidence.get("motor")) for happening in account.notable if happening.id == "motor-fault"}
     read = {row["motor_at_fault"]} - {""}
     yield "motor", faults == read, f"{read or 'none'} read, {faults or 'none'} here"
     yield "gravest", *gravest(row, account)
@@ -141,19 +143,21 @@ def compare(row: Mapping[str, str], found: Found) -> Iterator[tuple[str, bool, s
 def gravest(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
     """Return whether all of the story is what the reader tells, from when he tells it, or nothing where he does."""
     sentence, story = row["first_event"], account.story
-    named = {each for words, ids in WORDS.items() if re.search(words, sentence, re.IGNORECASE) for each in ids}
+    named = {
+        finding_id for words, ids in WORDS.items() if re.search(words, sentence, re.IGNORECASE) for finding_id in ids
+    }
     named |= {"crash"} if row["crash"] == "yes" else set()
     named |= {"motor-fault"} if row["motor_at_fault"] else set()
     words = f"read: {sentence[:90]} | here: {account.headline}"
-    told = {each.id for each in story}
+    story_ids = {happening.id for happening in story}
     causes = named & CAUSES
-    if not NOTHING.search(sentence) and causes and not causes & told:
+    if not NOTHING.search(sentence) and causes and not causes & story_ids:
         return False, words
     if not story:
         return row["crash"] != "yes", words
-    times = [float(each) for each in TIME.findall(sentence)]
+    times = [float(time) for time in TIME.findall(sentence)]
     in_time = not times or min(abs((story[0].t or 0.0) - t) for t in times) <= WHEN
-    agrees = named >= told and (row["crash"] != "yes" or story[-1].id == "crash")
+    agrees = named >= story_ids and (row["crash"] != "yes" or story[-1].id == "crash")
     return agrees and in_time, words
 
 
@@ -168,9 +172,10 @@ def failsafes(row: Mapping[str, str], account: Account, flight: Span) -> tuple[b
             if flight.start - 0.5 <= float(t) <= flight.stop + 0.5:
                 read.add(COPTER_SUBSYSTEMS[subsystem])
     ours = {
-        str(each.evidence["subsystem"])
-        for each in account.notable
-        if each.id in ("failsafe", "autopilot-error") and each.evidence["subsystem"] in COPTER_SUBSYSTEMS.values()
+        str(happening.evidence["subsystem"])
+        for happening in account.notable
+        if happening.id in ("failsafe", "autopilot-error")
+        and happening.evidence["subsystem"] in COPTER_SUBSYSTEMS.values()
     }
     return ours == read, f"{sorted(read) or 'none'} read, {sorted(ours) or 'none'} here"
 
@@ -178,13 +183,13 @@ def failsafes(row: Mapping[str, str], account: Account, flight: Span) -> tuple[b
 def battery(row: Mapping[str, str], account: Account) -> tuple[bool, str]:
     """Return whether the voltages agree to 0.15 V or 1.5 %, or both say that none was measured."""
     read = [number(row, f"battery_{name}_V") for name in ("start", "end", "min")]
-    if all(each is None for each in read):
+    if all(voltage is None for voltage in read):
         return account.battery is None, f"none read, {account.battery} here"
     if account.battery is None:
         return False, f"{read} read, none here"
     ours = [account.battery.start, account.battery.end, account.battery.lowest]
     agrees = all(a is None or abs(a - b) <= max(0.15, 0.015 * a) for a, b in zip(read, ours, strict=True))
-    return agrees, f"{read} V read, {[round(each, 2) for each in ours]} V here"
+    return agrees, f"{read} V read, {[round(voltage, 2) for voltage in ours]} V here"
 
 
 def compare_all(readings: Path, folder: Path) -> tuple[Counter[str], Counter[str], list[str]]:
@@ -203,11 +208,11 @@ def compare_all(readings: Path, folder: Path) -> tuple[Counter[str], Counter[str
         of_file = list(here)
         flown = [row for row in of_file if row["flight"] != "0"]
         try:
-            found = found_flights(folder / file_name)
+            candidates = found_flights(folder / file_name)
         except (OSError, logparse.RotoridError) as error:
             lines.append(f"unread: {file_name}: {error}")
             continue
-        pairs = list(paired(flown, found))
+        pairs = list(paired(flown, candidates))
         for row, pair in pairs:
             flight = f"{file_name} flight {row['flight']}"
             if row["sure"] not in ("high", "medium"):
@@ -221,9 +226,14 @@ def compare_all(readings: Path, folder: Path) -> tuple[Counter[str], Counter[str
                     count(name, flight, agrees, words)
         # Of a log whose reader was not sure where it flew nothing is invented.
         if not any(row["sure"] == "low" for row in of_file):
-            for each in found:
-                if all(each is not paired_with for _, paired_with in pairs):
-                    count("flights", file_name, False, f"invented, {each.flight.start:.1f}-{each.flight.stop:.1f} s")
+            for candidate in candidates:
+                if all(candidate is not paired_with for _, paired_with in pairs):
+                    count(
+                        "flights",
+                        file_name,
+                        False,
+                        f"invented, {candidate.flight.start:.1f}-{candidate.flight.stop:.1f} s",
+                    )
     return agree, total, lines
 
 

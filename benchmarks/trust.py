@@ -78,12 +78,12 @@ def complaints(trajectory: Trajectory) -> list[Complaint]:
     """Return share refused and NIS of every sensor."""
     withdrawn = any(f.id == "trajectory-inconsistent" for f in trajectory.findings)
     named = {f.evidence.get("sensor") for f in trajectory.findings if f.id == "sensor-doubtful"}
-    found = []
+    doubts = []
     for sensor, s in trajectory.diagnostics.get("innovations", {}).items():
         share, nis = s["refused"] / (s["count"] + s["refused"]), s.get("nis", float("nan"))
         ok = (sensor in named if share > 0.05 or nis > 2.0 else True) and (withdrawn if share > 0.2 else True)
-        found.append(Complaint(sensor, share, nis, ok))
-    return found
+        doubts.append(Complaint(sensor, share, nis, ok))
+    return doubts
 
 
 def spoken(trajectory: Trajectory) -> str:
@@ -115,12 +115,12 @@ def run() -> list[Row]:
         honest = nees_of(trajectory, error)
         if withdrawn:
             continue
-        each = ", ".join(f"{group} {value:.2f}" for group, value in honest.items())
-        rows.append(row(f"{name}: largest NEES of {each}", f"{max(honest.values()):.2f}", goal="< 2"))
+        by_group = ", ".join(f"{group} {value:.2f}" for group, value in honest.items())
+        rows.append(row(f"{name}: largest NEES of {by_group}", f"{max(honest.values()):.2f}", goal="< 2"))
         if (ekf := autopilots(log, trajectory)) is not None:
             ours.append(squares_of(error))
             theirs.append(squares_of(errors_from(ekf, truth)))
     for measure in MEASURES:
-        us, them = (float(np.sqrt(np.mean([one[measure] for one in each]))) for each in (ours, theirs))
+        us, them = (float(np.sqrt(np.mean([one[measure] for one in squares]))) for squares in (ours, theirs))
         rows.append((f"{measure} on {len(ours)} logs, EKF3", f"{us:.4f}", f"{them:.4f}", f"{us / them:.2f}", "< 1"))
     return rows

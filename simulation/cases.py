@@ -34,8 +34,8 @@ def changed(settings: Settings, changes: Mapping[str, object]) -> Settings:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """Suggest the names that look like a wrong one, as the end of a sentence."""
-    found = difflib.get_close_matches(name, list(names), n=2, cutoff=0.5)
-    return f" (did you mean {' or '.join(found)}?)" if found else ""
+    matches = difflib.get_close_matches(name, list(names), n=2, cutoff=0.5)
+    return f" (did you mean {' or '.join(matches)}?)" if matches else ""
 
 
 def read(path: Path) -> dict[str, object]:

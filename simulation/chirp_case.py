@@ -125,7 +125,7 @@ def _facts(axis: str, plant: AxisPlant, gains: LoopGains) -> tuple[Fact, ...]:
         ("crossover", true.crossover_hz, "Hz"),
         ("disturbances rejected up to", true.rejection_hz, "Hz"),
     )
-    stated = (Fact(f"{axis}: {words}", float(each[0]), unit) for words, each, unit in margins)
+    stated = (Fact(f"{axis}: {words}", float(margin[0]), unit) for words, margin, unit in margins)
     return (Fact(f"{axis}: flown with", flown), *stated)
 
 

@@ -218,8 +218,8 @@ def simulate(name: str, summary: str, settings: Profile) -> CaseOutcome:
             for payload in PAYLOADS
         }
         per_square = rotor().thrust(100.0) / 100.0**2
-        heights = {payload: -each["p_d"] for payload, each in every.items()}
-        thrusts = {payload: per_square * (rotor_speeds(each) ** 2).sum(axis=1) for payload, each in every.items()}
+        heights = {payload: -table["p_d"] for payload, table in every.items()}
+        thrusts = {payload: per_square * (rotor_speeds(table) ** 2).sum(axis=1) for payload, table in every.items()}
         about = "Height with each payload: about its own hover each craft flies nearly the same plan."
         plots += [
             CasePlot(about, "height (m)", pd.DataFrame(heights)),
