@@ -149,7 +149,7 @@ def _analyze_one(task: Task, log: "FlightLog", progress: TaskProgress) -> None:
     advance = Overall(progress)
     config = pipeline.AnalysisConfig(**task.configuration)
     announce = partial(_tell_account, progress)
-    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, told=announce)
+    (result,) = pipeline.analyze_flights([log], config, advance, name=Path(name).stem, announce=announce)
     advance("report", 0.0)
     # The report names the file as its user does, not as it is kept here.
     reports.write(replace(result, log=replace(result.log, file=Path(name).name)), task.folder)

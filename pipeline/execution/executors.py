@@ -173,7 +173,7 @@ def _epitaph(exit_code: int | None) -> str:
     if exit_code is None or exit_code >= 0:
         how = f"ended with exit code {exit_code}"
     else:
-        known = -exit_code in {each.value for each in signal.Signals}
+        known = -exit_code in {member.value for member in signal.Signals}
         name = signal.Signals(-exit_code).name if known else f"signal {-exit_code}"
         system = ", as the system does when memory runs out" if -exit_code == signal.SIGKILL else ""
         how = f"was killed ({name}){system}"

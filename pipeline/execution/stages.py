@@ -76,7 +76,7 @@ class Overall:
             self._begun, self._part = self._begun + self._part, fraction
             self._expected, self._done = Workload().seconds(), 0.0
             return
-        before = sum(expected.get(each, 0.0) for each in takewhile(lambda each: each != name, STAGES))
+        before = sum(expected.get(stage, 0.0) for stage in takewhile(lambda stage: stage != name, STAGES))
         self._done = max(self._done, before + expected.get(name, 0.0) * fraction)
         within = (self._loaded + self._done) / (self._loaded + max(sum(expected.values()), self._done))
         # Some stages come once for every kind of model; the bar must not go back for them.

@@ -61,7 +61,7 @@ def analyze_fleet(
     store: Store | str | Path | None = None,
     publish: Publish | None = None,
     redo: bool = False,
-    told: Callable[[FlightEntry], None] | None = None,
+    announce: Callable[[FlightEntry], None] | None = None,
 ) -> FleetResult:
     """Analyse logs one by one, then all flights of each craft together.
 
@@ -81,7 +81,7 @@ def analyze_fleet(
         ``publish(result, folder)`` writes what people and programs read of a `FlightResult` or `GroupResult`.
     redo : bool
         Make everything anew.
-    told : callable, optional
+    announce : callable, optional
         Called with each flight that is analysed as soon as its products are there.
 
     Raises
@@ -94,20 +94,20 @@ def analyze_fleet(
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
     run = Run(config=config, store=store, publish=publish, executor=executor, redo=redo)
-    found = paths if isinstance(paths, FoundFiles) else find(paths, exclude=store.folder)
-    check_choices(found, config)
+    files = paths if isinstance(paths, FoundFiles) else find(paths, exclude=store.folder)
+    check_choices(files, config)
     store.prepare()
     with store.locked():
-        progress(f"looking into {len(found.sources)} files", 0.0)
+        progress(f"looking into {len(files.sources)} files", 0.0)
         former = Manifest() if redo else read_manifest(store)
         if former.software not in (None, software()):
             progress("results here are of another version of rotorid or its libraries, and are made anew", 0.0)
-        records = index_sources(found.sources, former, config, executor)
+        records = index_sources(files.sources, former, config, executor)
         known = {} if redo else _known(records, former, run)
         began = perf_counter()
         # Flights of one file are seldom so many that fitting them together takes long.
-        each = part_of(progress, 0.0, own := 0.9 if len(found.sources) == 1 else 0.8)
-        new = _analyzed(records, known, found, run, each, told)
+        analysing = part_of(progress, 0.0, own := 0.9 if len(files.sources) == 1 else 0.8)
+        new = _analyzed(records, known, files, run, analysing, announce)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -124,7 +124,7 @@ def analyze_fleet(
             logs=tuple(records),
             # Those that could not be stored are wanted still: the next run finds them missing.
             crafts=(*crafts.entries, *crafts.unstored),
-            passed_over=tuple((each.source, each.reason) for each in found.passed_over),
+            passed_over=tuple((failure.source, failure.reason) for failure in files.passed_over),
             left_out=crafts.left_out,
             removed=removed,
             reported=former.reported,
@@ -134,11 +134,11 @@ def analyze_fleet(
         flights=flights,
         groups=crafts.entries,
         fitted=crafts.fitted,
-        failures=(*found.failures, *_in_state(records, "failed", "interrupted"), *crafts.failures, *unwritten),
+        failures=(*files.failures, *_in_state(records, "failed", "interrupted"), *crafts.failures, *unwritten),
         config=config,
         store=store,
         passed_over=(
-            *found.passed_over,
+            *files.passed_over,
             *_in_state(records, "no log"),
             *(LogFailure(source, reason) for source, reason in crafts.left_out),
         ),
@@ -151,12 +151,12 @@ def analyze_fleet(
     )
 
 
-def check_choices(found: FoundFiles, config: AnalysisConfig) -> None:
+def check_choices(files: FoundFiles, config: AnalysisConfig) -> None:
     """Raise ConfigError for names of flights that no log has: before the work, not after it."""
-    names = [PurePath(source.file).stem for source in found.sources]
+    names = [PurePath(source.file).stem for source in files.sources]
     for option, patterns in (("--training", config.training), ("--validation", config.validation)):
         for pattern in patterns:
-            fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in found.sources)))
+            fits = (fnmatch(name.casefold(), pattern.casefold()) for name in (*names, *(s.file for s in files.sources)))
             if not any(fits):
                 there = listed(names, 20) or "none"
                 raise ConfigError(f"no log is called {pattern!r}, as {option} has it; the logs are {there}")
@@ -181,23 +181,23 @@ def _known(records: Sequence[FileRecord], former: Manifest, run: Run) -> dict[st
         return stored_flights(run.store, record.folder, record.key, record.url, run.pages)
 
     with ThreadPoolExecutor(READERS) as readers:
-        found = zip(others, readers.map(stored, others), strict=True)
-        return known | {record.url: each for record, each in found if each is not None}
+        read = zip(others, readers.map(stored, others), strict=True)
+        return known | {record.url: outcome for record, outcome in read if outcome is not None}
 
 
 def _analyzed(
     records: Sequence[FileRecord],
     known: Mapping[str, Outcome],
-    found: FoundFiles,
+    files: FoundFiles,
     run: Run,
     progress: Progress,
-    told: Callable[[FlightEntry], None] | None,
+    announce: Callable[[FlightEntry], None] | None,
 ) -> dict[str, Outcome]:
     """Analyse what is not known, side by side where there is an executor; by URL."""
     new = [record for record in records if record.key and record.url not in known]
     if not new:
         return {}
-    sources = {source.url: source for source in found.sources}
+    sources = {source.url: source for source in files.sources}
     jobs = [
         fleet_job.Job(
             source=sources[record.url],
@@ -228,9 +228,9 @@ def _analyzed(
     for job, outcome in _done(wanted(), run.executor, watch):
         outcomes[job.source.url] = outcome
         watch.end(job.source.url)
-        if told is not None and isinstance(outcome, tuple):
+        if announce is not None and isinstance(outcome, tuple):
             for entry in outcome:
-                told(entry)
+                announce(entry)
         if isinstance(outcome, LogFailure) and outcome.full:
             full = f"was not begun: of {job.source.file} {outcome.reason}"
     for job in jobs:

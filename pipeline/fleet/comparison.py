@@ -158,11 +158,13 @@ def _of_craft(craft: CraftReport, config: AnalysisConfig, by_name: Mapping[str, 
     flights = [by_name[name] for name in (*craft.training, *craft.held_out) if name in by_name]
     followed = () if craft.drift is None else craft.drift.parameters
     points: Points = {
-        (each.parameter, method): [(point.value, point.sigma) for point in rows if point.sigma]
-        for each in followed
-        for method, rows in {each.method: each.flights, **each.others}.items()
+        (history.parameter, method): [(point.value, point.sigma) for point in rows if point.sigma]
+        for history in followed
+        for method, rows in {history.method: history.flights, **history.others}.items()
     }
-    return Compared(craft.name, craft, config, flights, points, {each.parameter: each.unit for each in followed})
+    return Compared(
+        craft.name, craft, config, flights, points, {history.parameter: history.unit for history in followed}
+    )
 
 
 def compare_reports(
@@ -175,7 +177,7 @@ def compare_reports(
         a=Side(report=printable(names[0]), rotorid=a.rotorid),
         b=Side(report=printable(names[1]), rotorid=b.rotorid),
         pairs=tuple(_compare(before, after) for before, after in pairs),
-        unpaired=Unpaired(a=tuple(each.name for each in left), b=tuple(each.name for each in right)),
+        unpaired=Unpaired(a=tuple(compared.name for compared in left), b=tuple(compared.name for compared in right)),
     )
 
 
@@ -184,12 +186,12 @@ def _pair(
 ) -> tuple[list[tuple[Compared, Compared]], list[Compared], list[Compared]]:
     """Pair what is called alike, in order; what is alone on both sides is a pair whatever it is called."""
     pairs, left, right = [], [], list(b)
-    for each in a:
-        match = next((other for other in right if other.name == each.name), None)
+    for compared in a:
+        match = next((other for other in right if other.name == compared.name), None)
         if match is None:
-            left.append(each)
+            left.append(compared)
         else:
-            pairs.append((each, match))
+            pairs.append((compared, match))
             right.remove(match)
     if len(left) == len(right) == 1:
         pairs.append((left.pop(), right.pop()))
@@ -229,9 +231,9 @@ def _parameters(a: Compared, b: Compared) -> tuple[ParameterChange, ...]:
     rows: list[ParameterChange] = []
     for parameter in dict.fromkeys(name for name, _ in a.points):
         keys = [(parameter, method) for method in METHODS]
-        key = next((each for each in keys if a.points.get(each) and b.points.get(each)), None)
-        if key is not None:
-            rows.append(difference(*key, a.units[parameter], a.points[key], b.points[key]))
+        pair = next((pair for pair in keys if a.points.get(pair) and b.points.get(pair)), None)
+        if pair is not None:
+            rows.append(difference(*pair, a.units[parameter], a.points[pair], b.points[pair]))
     return corrected(rows)
 
 
@@ -239,9 +241,9 @@ def _errors(model: ModelReport, other: ModelReport) -> Iterator[ErrorChange]:
     """Set held-out errors of a model on both sides beside each other, output by output."""
     if not (model.held_out and other.held_out):
         return
-    means = [average([row.rmse_mean_m for row in each.held_out]) for each in (model, other)]
+    means = [average([row.rmse_mean_m for row in side.held_out]) for side in (model, other)]
     for output, error in model.rmse_average_m.items():
-        left, right = ([row.rmse_m[output] for row in each.held_out] for each in (model, other))
+        left, right = ([row.rmse_m[output] for row in side.held_out] for side in (model, other))
         later = other.rmse_average_m[output]
         yield ErrorChange(
             model=model.key,
@@ -306,8 +308,8 @@ def _sentences(parameters: Sequence[ParameterChange], changed: Sequence[SettingC
             "So few flights can hardly tell a change from how flights differ anyway; analyse three or more on each "
             "side."
         )
-    if any(each.of == "craft" for each in changed):
+    if any(change.of == "craft" for change in changed):
         text.append("The craft itself was set differently; the table of settings says how.")
-    if any(each.of == "analysis" for each in changed):
+    if any(change.of == "analysis" for change in changed):
         text.append("The two analyses had different settings, which may make a difference of their own.")
     return text

@@ -61,7 +61,7 @@ def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress
         first = craft[0]
         split = choose_split(craft, config)
         unused = {name: reason for name, reason in split.unused.items() if name not in pooled}
-        left_out += [(each.source, unused[each.name]) for each in craft if each.name in unused]
+        left_out += [(flight.source, unused[flight.name]) for flight in craft if flight.name in unused]
         findings = (*changes(craft), *apart.get(first.craft, ()), *unlike_findings(craft))
         entry = GroupEntry(
             name=first.craft_name if build == 1 else f"{first.craft_name}, build {build}",
@@ -157,10 +157,12 @@ class _Joint:
     def identify(self, kind: ModelKind, progress: Progress = silent) -> tuple[ModelResult, Stages]:
         """Identify one kind of model; its free runs come back thinned."""
         stages = Stages(progress, self.time_limit)
-        fitted, judges = (self._read(each[kind.key]) for each in (self.training, self.judging))
-        result = identify(kind, fitted, judges, self.config, stages, craft=self.craft, outside=self.outside)
+        fitted, held_out = (self._read(paths[kind.key]) for paths in (self.training, self.judging))
+        result = identify(kind, fitted, held_out, self.config, stages, craft=self.craft, outside=self.outside)
         most = max(500, MOST_ROWS // max(1, len(result.predictions)))
-        return replace(result, predictions=tuple(_thinned(each, most) for each in result.predictions)), stages
+        return replace(
+            result, predictions=tuple(_thinned(prediction, most) for prediction in result.predictions)
+        ), stages
 
     def physical(
         self, body: ModelResult, progress: Progress = silent
@@ -189,8 +191,8 @@ def identify_craft(
 ) -> GroupResult:
     """Identify one craft from some of its flights and judge the models on others."""
     by_name = {flight.name: flight for flight in flights}
-    training = [by_name[each] for each in split.training]
-    judging = [by_name[each] for each in split.judging]
+    training = [by_name[flight] for flight in split.training]
+    held_out = [by_name[flight] for flight in split.judging]
     stages = Stages(progress or silent, config.time_limit * len(flights))
     covered = stages.run("coverage", lambda _: envelope(flights, split.training, split.held_out))
     flown = present(covered)
@@ -198,8 +200,8 @@ def identify_craft(
         craft=name,
         store=store,
         training={kind.key: _paths(kind, training) for kind in KINDS},
-        judging={kind.key: _paths(kind, judging) for kind in KINDS},
-        outside=frozenset(() if flown is None else (each.flight for each in flown.outside)),
+        judging={kind.key: _paths(kind, held_out) for kind in KINDS},
+        outside=frozenset(() if flown is None else (excursion.flight for excursion in flown.outside)),
         config=config,
         time_limit=stages.time_limit,
     )
@@ -236,8 +238,8 @@ def identify_craft(
 
 
 def _paths(kind: ModelKind, flights: Sequence[FlightEntry]) -> tuple[str, ...]:
-    having = (each for each in flights if kind.key in each.experiments)
-    return tuple(part(EXPERIMENTS, kind.key, each.vehicle, each.folder) for each in having)
+    having = (flight for flight in flights if kind.key in flight.experiments)
+    return tuple(part(EXPERIMENTS, kind.key, flight.vehicle, flight.folder) for flight in having)
 
 
 def _identify_all(

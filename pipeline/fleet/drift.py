@@ -74,7 +74,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
         return None
     histories, joint = _judged(histories, together(flights, histories))
     motors = motor_drift(flights, histories, joint)
-    told = [flight.trims for flight in flights if flight.trims is not None]
+    steady = [flight.trims for flight in flights if flight.trims is not None]
     # Flights whose responses are laid over each other: of more, none can be told apart.
     return Drift(
         order="name" if any(flight.start_utc is None for flight in flights) else "date",
@@ -84,7 +84,7 @@ def follow(entries: Iterable[FlightEntry]) -> Drift | None:
         findings=(
             *_findings(histories),
             *(motors.findings if motors is not None else ()),
-            *(weak_from_start(told[-1], told[:-1]) if told else ()),
+            *(weak_from_start(steady[-1], steady[:-1]) if steady else ()),
         ),
         responses=tuple(curve for flight in flights[-8:] for curve in flight.responses),
     )
@@ -103,18 +103,18 @@ def _point(flight: FlightEntry, number: int, row: FlightParameter) -> FlightPoin
 
 def _judged(histories: Sequence[History], joint: Together | None) -> tuple[list[History], Together | None]:
     """Correct all probabilities together and say what came of it."""
-    asked = [(k, name) for k, each in enumerate(histories) for name in ("trend", "step") if getattr(each, name)]
+    asked = [(k, name) for k, history in enumerate(histories) for name in ("trend", "step") if getattr(history, name)]
     chances = [getattr(histories[k], name).p for k, name in asked]
     *adjusted, of_motors = holm([*chances, 1.0 if joint is None else joint.p])
-    found = dict(zip(asked, adjusted, strict=True))
+    p_values = dict(zip(asked, adjusted, strict=True))
     judged = []
-    for k, each in enumerate(histories):
+    for k, former in enumerate(histories):
         tests = {
-            name: replace(getattr(each, name), p_adjusted=found[k, name], significant=found[k, name] < ALPHA)
+            name: replace(getattr(former, name), p_adjusted=p_values[k, name], significant=p_values[k, name] < ALPHA)
             for name in ("trend", "step")
-            if (k, name) in found
+            if (k, name) in p_values
         }
-        corrected = replace(each, **tests)
+        corrected = replace(former, **tests)
         judged.append(replace(corrected, sentence=sentence_of(corrected, len(asked))))
     if joint is not None:
         change = replace(joint.change, p_adjusted=of_motors, significant=of_motors < ALPHA)
@@ -124,17 +124,17 @@ def _judged(histories: Sequence[History], joint: Together | None) -> tuple[list[
 
 def _findings(histories: Sequence[History]) -> list[Finding]:
     findings = []
-    for each in histories:
-        change = each.change
-        if change is None or each.method == STEADY:  # for `motor_drift` to put in words
+    for drifted in histories:
+        change = drifted.change
+        if change is None or drifted.method == STEADY:  # for `motor_drift` to put in words
             continue
         findings.append(
             Finding(
                 "parameter-drift",
                 Severity.WARNING,
-                each.sentence,
-                _CAUSES.get(each.parameter, ""),
-                {"parameter": each.parameter, "p": change.p_adjusted, "flights": len(each.flights)},
+                drifted.sentence,
+                _CAUSES.get(drifted.parameter, ""),
+                {"parameter": drifted.parameter, "p": change.p_adjusted, "flights": len(drifted.flights)},
             )
         )
     return findings
@@ -174,17 +174,17 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
     with the motor's parts as weights (Stouffer's method, Lipták 1958): that is exact whatever the scatter of each trim
     is. Motors, the two kinds of change and the places of a step are paid for by Bonferroni's factor.
     """
-    followed = [each for each in histories if each.method == STEADY and each.trend is not None]
-    found = _rows(flights, followed)
-    if found is None or len({tuple(point.number for point in each.flights) for each in followed}) != 1:
+    followed = [history for history in histories if history.method == STEADY and history.trend is not None]
+    motor_rows = _rows(flights, followed)
+    if motor_rows is None or len({tuple(point.number for point in history.flights) for history in followed}) != 1:
         return None
-    _, rows = found
-    points = [each.flights for each in followed]
+    _, rows = motor_rows
+    points = [history.flights for history in followed]
     at = _place(points)
     asked: list[Together] = []
     for kind, tried in (("trend", 1), ("step", len(points[0]) - 2 * FEWEST_ASIDE + 1)):
         step = points[0][at].number if kind == "step" else None
-        fits = [fit_change(each, step).test([0.0, 1.0]) for each in points]
+        fits = [fit_change(trim, step).test([0.0, 1.0]) for trim in points]
         estimates, sigmas, two_sided = np.array(fits).T
         clear = -normal_quantile(np.maximum(0.5 * two_sided, np.finfo(float).tiny)) * np.sign(estimates)
         score = float(np.max(rows @ clear / np.linalg.norm(rows, axis=1)))
@@ -204,13 +204,13 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
                 p=p,
             )
         asked.append(Together(change, p))
-    return min(asked, key=lambda each: each.p)
+    return min(asked, key=lambda candidate: candidate.p)
 
 
 def _place(points: Sequence[Sequence[FlightPoint]]) -> int:
     """Return the place of a step that all trims together prefer, each in units of its own scatter."""
     count = len(points[0])
-    values = np.array([[point.value for point in each] for each in points])
+    values = np.array([[point.value for point in trim] for trim in points])
     values = values - values.mean(axis=1, keepdims=True)
     places = np.arange(FEWEST_ASIDE, count - FEWEST_ASIDE + 1)
     between = np.cumsum(values, axis=1)[:, places - 1] ** 2 * count / (places * (count - places))
@@ -223,8 +223,8 @@ def motor_drift(
     flights: Sequence[FlightEntry], histories: Sequence[History], joint: Together | None = None
 ) -> MotorDrift | None:
     """Interpret changes of the trims; None where no flight tells its trims."""
-    told = [flight for flight in flights if flight.trims is not None]
-    if not told:
+    with_trims = [flight for flight in flights if flight.trims is not None]
+    if not with_trims:
         return None
     points = tuple(
         MotorWork(
@@ -232,18 +232,18 @@ def motor_drift(
             start_utc=None if flight.start_utc is None else flight.start_utc.isoformat(),
             work=_work(flight),
         )
-        for flight in told
+        for flight in with_trims
     )
-    followed = [each for each in histories if each.method == STEADY]
-    changed = [(each.change.p, each) for each in followed if each.change is not None]
+    followed = [history for history in histories if history.method == STEADY]
+    changed = [(history.change.p, history) for history in followed if history.change is not None]
     p = None if joint is None else joint.p
     if joint is not None and joint.change.significant:
-        return replace(_explained(told, points, followed, joint.change, "all trims together"), p=p)
+        return replace(_explained(with_trims, points, followed, joint.change, "all trims together"), p=p)
     if changed:
         leading = min(changed, key=lambda pair: pair[0])[1]
         assert leading.change is not None
-        return replace(_explained(told, points, followed, leading.change, leading.sentence), p=p)
-    asked = any(each.trend is not None for each in followed)
+        return replace(_explained(with_trims, points, followed, leading.change, leading.sentence), p=p)
+    asked = any(history.trend is not None for history in followed)
     sentence = (
         "no motor is seen to weaken: what is steadily asked of the motors does not change over flights"
         if asked
@@ -270,11 +270,11 @@ def _explained(
 ) -> MotorDrift:
     """Find what explains the change of all trims: one motor, the centre of gravity, a twist, or none alone."""
     steady = isinstance(change, Trend)
-    fits = [fit_change(each.flights, None if isinstance(change, Trend) else change.number) for each in followed]
+    fits = [fit_change(history.flights, None if isinstance(change, Trend) else change.number) for history in followed]
     estimates, sigmas, _ = np.array([fitted.test([0.0, 1.0]) for fitted in fits]).T
-    found = _rows(flights, followed)
-    assert found is not None
-    motors, rows = found
+    motor_rows = _rows(flights, followed)
+    assert motor_rows is not None
+    motors, rows = motor_rows
     b, weights = estimates, 1.0 / sigmas**2
 
     def chance(squares: float, count: int) -> float:
@@ -297,7 +297,7 @@ def _explained(
             ("a shift of the centre of gravity", TRIMS[:2]),
             ("motors twisted about their arms", TRIMS[2:]),
         )
-        if (rest := [k for k, each in enumerate(followed) if each.parameter not in kept])
+        if (rest := [k for k, history in enumerate(followed) if history.parameter not in kept])
         and len(rest) < len(b)
         # What is left over when this is taken away must look like chance.
         and chance(float(weights[rest] @ b[rest] ** 2), len(rest)) >= STANDS
@@ -326,7 +326,7 @@ def _explained(
 
 def _rows(flights: Sequence[FlightEntry], followed: Sequence[History]) -> tuple[tuple[str, ...], Floats] | None:
     """Return the motors, and what a loss of each does to the trims that are followed, (motors, trims)."""
-    told = next((flight.trims for flight in flights if flight.trims is not None), None)
-    if told is None or not followed:
+    steady = next((flight.trims for flight in flights if flight.trims is not None), None)
+    if steady is None or not followed:
         return None
-    return told.motors, np.array(told.rows)[:, [TRIMS.index(each.parameter) for each in followed]]
+    return steady.motors, np.array(steady.rows)[:, [TRIMS.index(history.parameter) for history in followed]]

@@ -36,27 +36,27 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
     }
     if not any(parts.values()):
         return None
-    fitted, judges = parts["training"], parts["held-out"]
-    names = list(dict.fromkeys(name for _, flown in (*fitted, *judges) for name in flown.quantities))
-    quantities = {name: _range(name, fitted, judges) for name in names}
+    fitted, flown_held_out = parts["training"], parts["held-out"]
+    names = list(dict.fromkeys(name for _, flown in (*fitted, *flown_held_out) for name in flown.quantities))
+    quantities = {name: _range(name, fitted, flown_held_out) for name in names}
     outside = tuple(
         sorted(
             (
-                found
-                for entry, flown in judges
+                excursion
+                for entry, flown in flown_held_out
                 # Speeds and heights beyond the range are more likely errors of a poor position, or of an unknown one.
                 if position_good(entry)
                 for name in names
-                if (found := _excursion(entry.name, name, flown.quantities.get(name), quantities[name]))
+                if (excursion := _excursion(entry.name, name, flown.quantities.get(name), quantities[name]))
             ),
-            key=lambda each: (each.flight, -each.part),
+            key=lambda excursion: (excursion.flight, -excursion.part),
         )
     )
     return Envelope(
         training=tuple(entry.name for entry, _ in fitted),
-        held_out=tuple(entry.name for entry, _ in judges),
+        held_out=tuple(entry.name for entry, _ in flown_held_out),
         quantities=quantities,
-        map=EnvelopeMap(training=_summed(fitted), held_out=_summed(judges)),
+        map=EnvelopeMap(training=_summed(fitted), held_out=_summed(flown_held_out)),
         winds=tuple(
             FlightWind(
                 flight=entry.name,
@@ -74,8 +74,8 @@ def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: 
     )
 
 
-def _range(name: str, fitted: Sequence[Flown], judges: Sequence[Flown]) -> RangeFlown:
-    counts = _counts(name, (*fitted, *judges))
+def _range(name: str, fitted: Sequence[Flown], held_out: Sequence[Flown]) -> RangeFlown:
+    counts = _counts(name, (*fitted, *held_out))
     first, last = min(c.first for c in counts), max(c.first + len(c.seconds) for c in counts)
 
     def total(flights: Sequence[Flown]) -> list[float]:
@@ -103,7 +103,7 @@ def _range(name: str, fitted: Sequence[Flown], judges: Sequence[Flown]) -> Range
         step=step,
         first=first,
         training=tuple(training),
-        held_out=tuple(total(judges)),
+        held_out=tuple(total(held_out)),
         fitted=bounds,
     )
 
@@ -143,24 +143,24 @@ def _summed(flights: Sequence[Flown]) -> tuple[Cell, ...]:
 
 def _findings(outside: Sequence[Excursion], quantities: Mapping[str, RangeFlown]) -> Iterable[Finding]:
     flights: dict[str, list[Excursion]] = defaultdict(list)
-    for each in outside:
-        flights[each.flight].append(each)
-    for flight, found in flights.items():
-        told = []
+    for excursion in outside:
+        flights[excursion.flight].append(excursion)
+    for flight, excursions in flights.items():
+        ranges = []
         # Quantities that one finding lists.
-        for each in found[:3]:
-            flown = quantities[each.quantity]
-            above = each.reach > each.fitted[1]
-            told.append(
-                f"{flown.title} {'up to' if above else 'down to'} {readable(flown.unit, each.reach)} "
-                f"(fitted {'to' if above else 'from'} {readable(flown.unit, each.fitted[1 if above else 0])}) "
-                f"for {100.0 * each.part:.0f} % of its time"
+        for excursion in excursions[:3]:
+            flown = quantities[excursion.quantity]
+            above = excursion.reach > excursion.fitted[1]
+            ranges.append(
+                f"{flown.title} {'up to' if above else 'down to'} {readable(flown.unit, excursion.reach)} "
+                f"(fitted {'to' if above else 'from'} {readable(flown.unit, excursion.fitted[1 if above else 0])}) "
+                f"for {100.0 * excursion.part:.0f} % of its time"
             )
         yield Finding(
             "outside-fitted-range",
             Severity.WARNING,
-            f"{flight} leaves what the models were fitted to: {', '.join(told)}; its errors there are those of "
+            f"{flight} leaves what the models were fitted to: {', '.join(ranges)}; its errors there are those of "
             "extrapolation",
             f"let {flight} train, or fly another flight over that range",
-            {"flight": flight} | {f"part_{each.quantity}": each.part for each in found},
+            {"flight": flight} | {f"part_{excursion.quantity}": excursion.part for excursion in excursions},
         )

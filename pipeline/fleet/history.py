@@ -24,8 +24,8 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[FlightPoin
 
     The smallest standard error would choose the method that is most often too sure.
     """
-    rank = {each: place for place, each in enumerate(TRUSTED)}
-    method = min(methods, key=lambda each: (-len(methods[each]), rank.get(each, len(rank))))
+    rank = {name: place for place, name in enumerate(TRUSTED)}
+    method = min(methods, key=lambda name: (-len(methods[name]), rank.get(name, len(rank))))
     points = tuple(methods[method])
     values, sigmas = np.array([p.value for p in points]), np.array([p.sigma for p in points])
     together = meta_regression(values, sigmas)
@@ -93,47 +93,49 @@ def _step(points: Sequence[FlightPoint], values: Floats, together: MetaRegressio
     )
 
 
-def sentence_of(each: History, questions: int) -> str:
+def sentence_of(history: History, questions: int) -> str:
     """Report of one parameter what it is, how it scatters, and whether it changed."""
-    unit = each.unit.split(",")[0]
-    n = len(each.flights)
-    text = f"{each.parameter}: {each.mean:.4g} ± {each.mean_sigma:.1g} {unit}".rstrip() + f" over {n} flights"
-    typical = float(np.median([point.sigma for point in each.flights]))
-    if each.heterogeneity.p < ALPHA and each.between > 0.0:
-        text += f"; flights differ by {_of(each.between, each)} beyond their own errors of {_of(typical, each)}"
-        if each.parameter == "thrust over mass" and each.between < AIR_SIGMA * abs(each.mean):
+    unit = history.unit.split(",")[0]
+    n = len(history.flights)
+    text = f"{history.parameter}: {history.mean:.4g} ± {history.mean_sigma:.1g} {unit}".rstrip() + f" over {n} flights"
+    typical = float(np.median([point.sigma for point in history.flights]))
+    if history.heterogeneity.p < ALPHA and history.between > 0.0:
+        text += (
+            f"; flights differ by {_of(history.between, history)} beyond their own errors of {_of(typical, history)}"
+        )
+        if history.parameter == "thrust over mass" and history.between < AIR_SIGMA * abs(history.mean):
             text += f" (the temperature of the air, which no log tells, makes up to {100.0 * AIR_SIGMA:.1f} %)"
     else:
-        text += f"; flights differ by no more than their own errors of {_of(typical, each)}"
-    change = each.change
+        text += f"; flights differ by no more than their own errors of {_of(typical, history)}"
+    change = history.change
     if isinstance(change, Trend):
         way = "rises" if change.per_flight > 0.0 else "falls"
-        span = each.flights[-1].number - each.flights[0].number
+        span = history.flights[-1].number - history.flights[0].number
         text += (
-            f"; it {way} by {_of(abs(change.per_flight), each)} ± {_of(change.per_flight_sigma, each)} per flight, "
-            f"{_of(abs(change.per_flight) * span, each)} in all (p = {change.p_adjusted:.1g} after correction for "
+            f"; it {way} by {_of(abs(change.per_flight), history)} ± {_of(change.per_flight_sigma, history)} per flight"
+            f", {_of(abs(change.per_flight) * span, history)} in all (p = {change.p_adjusted:.1g} after correction for "
             f"{questions} questions)"
         )
     elif isinstance(change, Step):
         way = "rose" if change.change > 0.0 else "fell"
         text += (
-            f"; between {change.before} and {change.after} it {way} by {_of(abs(change.change), each)} ± "
-            f"{_of(change.sigma, each)} (p = {change.p_adjusted:.1g} after correction for {questions} questions)"
+            f"; between {change.before} and {change.after} it {way} by {_of(abs(change.change), history)} ± "
+            f"{_of(change.sigma, history)} (p = {change.p_adjusted:.1g} after correction for {questions} questions)"
         )
-    elif each.trend is not None:
-        text += f"; no change over flights is seen (slope {_signed(each.trend.per_flight, each)} ± "
-        text += f"{_of(each.trend.per_flight_sigma, each)} per flight)"
+    elif history.trend is not None:
+        text += f"; no change over flights is seen (slope {_signed(history.trend.per_flight, history)} ± "
+        text += f"{_of(history.trend.per_flight_sigma, history)} per flight)"
     else:
         text += f"; {FEWEST} flights are needed to tell a change"
     return text
 
 
-def _of(size: float, each: History) -> str:
+def _of(size: float, history: History) -> str:
     """Write a size as a part of the mean, or in the unit where the mean is no measure (near zero, or trims)."""
-    if abs(each.mean) > 5.0 * max(each.between, each.mean_sigma):
-        return f"{100.0 * size / abs(each.mean):.2g} %"
-    return f"{size:.2g} {each.unit.split(',')[0]}".strip()
+    if abs(history.mean) > 5.0 * max(history.between, history.mean_sigma):
+        return f"{100.0 * size / abs(history.mean):.2g} %"
+    return f"{size:.2g} {history.unit.split(',')[0]}".strip()
 
 
-def _signed(value: float, each: History) -> str:
-    return f"{'+' if value >= 0.0 else '-'}{_of(abs(value), each)}"
+def _signed(value: float, history: History) -> str:
+    return f"{'+' if value >= 0.0 else '-'}{_of(abs(value), history)}"

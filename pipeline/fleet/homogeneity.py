@@ -71,21 +71,21 @@ class Unlike:
 
 def unlike_flights(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     """Find the flights that must not be pooled with the others, by name."""
-    found: dict[str, Unlike] = {}
+    unlike: dict[str, Unlike] = {}
     for quantity, scatter in SCATTER.items():
-        found |= _apart([each for each in flights if each.name not in found], quantity, scatter)
-    for of_a_day in _days([each for each in flights if each.name not in found]):
+        unlike |= _apart([flight for flight in flights if flight.name not in unlike], quantity, scatter)
+    for of_a_day in _days([flight for flight in flights if flight.name not in unlike]):
         # The same of thrust on one day at one place, where 4 K of the air are left.
-        found |= _apart(of_a_day, "thrust over mass", 0.015)
-    return found | _of_other_motors([each for each in flights if each.name not in found])
+        unlike |= _apart(of_a_day, "thrust over mass", 0.015)
+    return unlike | _of_other_motors([flight for flight in flights if flight.name not in unlike])
 
 
 def _apart(flights: Sequence[FlightEntry], quantity: str, scatter: float) -> dict[str, Unlike]:
     """Find the flights whose value of a quantity is not like that of the largest set."""
-    found: dict[str, Unlike] = {}
+    unlike: dict[str, Unlike] = {}
     names, values, sigmas = _values(flights, quantity)
     if len(names) < 2:
-        return found
+        return unlike
     spread = np.hypot(sigmas, scatter)
     limit = float(-normal_ppf(0.5 * LEVEL / len(names)))
     kept = _without_odd(_largest(values, spread), values, spread, limit)
@@ -95,8 +95,8 @@ def _apart(flights: Sequence[FlightEntry], quantity: str, scatter: float) -> dic
         off = float(values[k] - mean) / float(np.hypot(spread[k], weights.sum() ** -0.5))
         if not kept[k] and abs(off) > limit:
             ratio = float(np.exp(values[k] - mean))
-            found[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
-    return found
+            unlike[name] = Unlike(flight=name, quantity=quantity, ratio=ratio, sigmas=abs(off))
+    return unlike
 
 
 def _without_odd(kept: NDArray[np.bool_], values: Floats, spread: Floats, limit: float) -> NDArray[np.bool_]:
@@ -123,25 +123,25 @@ def _days(flights: Sequence[FlightEntry]) -> list[list[FlightEntry]]:
 
 def _of_other_motors(flights: Sequence[FlightEntry]) -> dict[str, Unlike]:
     """Find the flights in which one motor gives less, or more, than in most, by what controllers steadily ask for."""
-    told = {flight.name: flight.trims for flight in flights if flight.trims is not None}
-    found: dict[str, Unlike] = {}
-    if len(told) < _FEWEST or len({each.motors for each in told.values()}) > 1:
-        return found
-    values = np.array([each.trims for each in told.values()])
-    middle = list(told.values())[int(np.argmin(np.sum((values - np.median(values, axis=0)) ** 2, axis=1)))]
-    most = [name for name, each in told.items() if changed_motor(each, [middle]) is None]
+    steady = {flight.name: flight.trims for flight in flights if flight.trims is not None}
+    unlike: dict[str, Unlike] = {}
+    if len(steady) < _FEWEST or len({trims.motors for trims in steady.values()}) > 1:
+        return unlike
+    values = np.array([trims.trims for trims in steady.values()])
+    middle = list(steady.values())[int(np.argmin(np.sum((values - np.median(values, axis=0)) ** 2, axis=1)))]
+    most = [name for name, trims in steady.items() if changed_motor(trims, [middle]) is None]
     # Each is held against the mean of the others, which a hundred of them tell as well as thousands.
     # Most flights of whose trims the mean is taken.
     mean_of = most[:: -(-len(most) // 100) or 1]
-    for name, trims in told.items():
-        others = [told[each] for each in mean_of if each != name]
-        change = changed_motor(trims, others) if len(most) > len(told) / 2 else None
+    for name, trims in steady.items():
+        others = [steady[other] for other in mean_of if other != name]
+        change = changed_motor(trims, others) if len(most) > len(steady) / 2 else None
         if change is not None:
             motor, loss, sigma = change
             # Motors that face each other and turn the other way trim alike.
             what = f"thrust of motor {motor} (or that of the one across, the other way round)"
-            found[name] = Unlike(flight=name, quantity=what, ratio=1.0 - loss, sigmas=abs(loss) / sigma)
-    return found
+            unlike[name] = Unlike(flight=name, quantity=what, ratio=1.0 - loss, sigmas=abs(loss) / sigma)
+    return unlike
 
 
 def alike_flights(flights: Sequence[FlightEntry]) -> list[tuple[FlightEntry, ...]]:
@@ -149,12 +149,12 @@ def alike_flights(flights: Sequence[FlightEntry]) -> list[tuple[FlightEntry, ...
 
     Each set is found among what the ones before left over, as another payload is flown more than once.
     """
-    found, left = [], tuple(flights)
+    sets, left = [], tuple(flights)
     while left:
         apart = unlike_flights(left)
-        found.append(tuple(flight for flight in left if flight.name not in apart))
+        sets.append(tuple(flight for flight in left if flight.name not in apart))
         left = tuple(flight for flight in left if flight.name in apart)
-    return found
+    return sets
 
 
 def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
@@ -163,12 +163,12 @@ def unlike_findings(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
         Finding(
             "flights-not-alike",
             Severity.WARNING,
-            f"{each.flight} is not fitted together with the other flights: {each.reason}",
+            f"{unlike.flight} is not fitted together with the other flights: {unlike.reason}",
             "weigh the craft and compare its battery, propellers and motors; name flights of one build with --training "
             "and --validation to fit them anyway",
-            {"flight": each.flight, "quantity": each.quantity, "ratio": each.ratio, "sigmas": each.sigmas},
+            {"flight": unlike.flight, "quantity": unlike.quantity, "ratio": unlike.ratio, "sigmas": unlike.sigmas},
         )
-        for each in unlike_flights(flights).values()
+        for unlike in unlike_flights(flights).values()
     )
 
 
@@ -205,7 +205,7 @@ def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
     sums = [np.concatenate([[0.0], np.cumsum(weights * centred**power)]) for power in range(3)]
     kept = np.zeros(len(values), dtype=bool)
     for size in range(len(values), 1, -1):
-        total, first, second = (each[size:] - each[:-size] for each in sums)
+        total, first, second = (values[size:] - values[:-size] for values in sums)
         q = second - first**2 / total
         tightest = int(np.argmin(q))
         if q[tightest] < float(chi2_isf(size - 1, LEVEL)):
@@ -234,7 +234,7 @@ def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
     """Assign numbers to the places of take-off, by flight's name; -1 where the log does not tell."""
     centres: list[tuple[float, float]] = []
     numbers: dict[str, int] = {}
-    for flight in sorted(flights, key=lambda each: (_place(each) or (math.inf, math.inf), each.name)):
+    for flight in sorted(flights, key=lambda flight: (_place(flight) or (math.inf, math.inf), flight.name)):
         place = _place(flight)
         if place is None:
             numbers[flight.name] = -1

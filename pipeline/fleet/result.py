@@ -136,13 +136,13 @@ class FleetResult(Summarised):
                 self._craft(f"{CRAFTS}/{group.folder}", group.name, group.training, group.held_out)
                 for group in self.groups
             ),
-            *(self._craft(f"{FLIGHTS}/{each.folder}", each.craft_name, (each.name,), ()) for each in alone),
+            *(self._craft(f"{FLIGHTS}/{flight.folder}", flight.craft_name, (flight.name,), ()) for flight in alone),
         )
 
     def _craft(self, folder: str, name: str, training: tuple[str, ...], held_out: tuple[str, ...]) -> Craft:
-        found = self.store.read_as(f"{folder}/report.json", _Parameters)
+        report = self.store.read_as(f"{folder}/report.json", _Parameters)
         shown = ["value", "sigma", "unit", "method", "note"]
-        rows = pd.DataFrame(plain(() if found is None else found.parameters or ()), columns=["parameter", *shown])
+        rows = pd.DataFrame(plain(() if report is None else report.parameters or ()), columns=["parameter", *shown])
         table = rows.set_index("parameter").rename(columns={"note": "reason"})
         return Craft(name=name, training=training, held_out=held_out, parameters=table)
 

@@ -136,16 +136,16 @@ def _since(before: Sequence[FlightEntry], after: Sequence[FlightEntry]) -> tuple
     """Compare the parameters of the flights before and after a boundary."""
     compared = follow([*before, *after])
     later = {flight.name for flight in after}
-    found = []
-    for each in () if compared is None else compared.parameters:
+    changes = []
+    for history in () if compared is None else compared.parameters:
         sides = [
-            [(point.value, point.sigma) for point in each.flights if (point.flight in later) is side]
+            [(point.value, point.sigma) for point in history.flights if (point.flight in later) is side]
             for side in (False, True)
         ]
         # Fewest flights on either side of a boundary for a difference.
-        if min(map(len, sides)) >= 2 and each.method != STEADY:
-            found.append(difference(each.parameter, each.method, each.unit, *sides))
-    return corrected(found)
+        if min(map(len, sides)) >= 2 and history.method != STEADY:
+            changes.append(difference(history.parameter, history.method, history.unit, *sides))
+    return corrected(changes)
 
 
 def _alerts(drift: Drift | None) -> list[Alert]:
@@ -162,18 +162,20 @@ def _lasting(drift: Drift, allowed: float) -> list[Alert]:
     alerts = []
     first, newest = drift.flights[0], drift.flights[-1]
     motors = drift.motors
-    shifted = [each.change for each in drift.parameters if each.method == STEADY and each.change is not None]
+    shifted = [
+        history.change for history in drift.parameters if history.method == STEADY and history.change is not None
+    ]
     if motors is not None and (
         any(change.p_adjusted < allowed for change in shifted) or (motors.p is not None and motors.p < allowed)
     ):
         for finding in motors.findings[:1]:
             about = f"{finding.id}|{motors.weakening or 'trims'}|{first}"
             alerts.append(_alert(about, finding.id, finding.reason, newest))
-    for each in drift.parameters:
-        change = each.change
-        if change is None or change.p_adjusted >= allowed or each.method == STEADY:
+    for history in drift.parameters:
+        change = history.change
+        if change is None or change.p_adjusted >= allowed or history.method == STEADY:
             continue
-        alerts.append(_alert(f"changed|{each.parameter}|{first}", "parameter-changed", each.sentence, newest))
+        alerts.append(_alert(f"changed|{history.parameter}|{first}", "parameter-changed", history.sentence, newest))
     return list({alert.about: alert for alert in alerts}.values())
 
 
@@ -181,24 +183,25 @@ def _newest(drift: Drift, allowed: float) -> list[Alert]:
     """Judge the newest flight against the mean and scatter of those before it."""
     newest = drift.flights[-1]
     asked: list[tuple[History, float, float]] = []
-    for each in drift.parameters:
-        if each.method == STEADY or each.flights[-1].flight != newest or len(each.flights) < FEWEST:
+    for history in drift.parameters:
+        if history.method == STEADY or history.flights[-1].flight != newest or len(history.flights) < FEWEST:
             continue
-        difference, _, p = fit_change(each.flights, each.flights[-1].number).test([0.0, 1.0])
-        asked.append((each, difference, p))
+        difference, _, p = fit_change(history.flights, history.flights[-1].number).test([0.0, 1.0])
+        asked.append((history, difference, p))
     adjusted = holm([p for *_, p in asked])
     alerts = []
-    for (each, difference, _), p in zip(asked, adjusted, strict=True):
+    for (history, difference, _), p in zip(asked, adjusted, strict=True):
         if p >= allowed:
             continue
-        point, unit = each.flights[-1], each.unit.partition(",")[0]
+        point, unit = history.flights[-1], history.unit.partition(",")[0]
         # The standard deviation of one more flight's value, its own error with it.
-        expected = uncertain(point.value - difference, math.hypot(each.between, point.sigma))
+        expected = uncertain(point.value - difference, math.hypot(history.between, point.sigma))
         text = (
-            f"{newest} leaves the band of {each.parameter}: {f'{uncertain(point.value, point.sigma)} {unit}'.rstrip()} "
-            f"where the {len(each.flights) - 1} flights before it lead one to expect {expected} {unit}".rstrip()
+            f"{newest} leaves the band of {history.parameter}: "
+            f"{f'{uncertain(point.value, point.sigma)} {unit}'.rstrip()} "
+            f"where the {len(history.flights) - 1} flights before it lead one to expect {expected} {unit}".rstrip()
         )
-        alerts.append(_alert(f"outside|{each.parameter}|{newest}", "parameter-outside", text, newest))
+        alerts.append(_alert(f"outside|{history.parameter}|{newest}", "parameter-outside", text, newest))
     return alerts
 
 

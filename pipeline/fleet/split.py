@@ -44,19 +44,19 @@ def choose_split(entries: Sequence[FlightEntry], config: AnalysisConfig) -> Spli
     if config.training or config.validation:
         return _by_user(flights, config)
     never = {flight.name: reason for flight in flights if (reason := exclusion_of(flight))}
-    unlike = {name: each.reason for name, each in unlike_flights(flights).items()}
+    unlike = {name: apart.reason for name, apart in unlike_flights(flights).items()}
     usable = [flight for flight in flights if flight.name not in never and flight.name not in unlike]
     half = _half(usable)
     chosen = _thinned(half, MOST_TRAINING)
     names = {flight.name for flight in chosen}
-    judges = [flight for flight in flights if flight.name not in names and flight.name not in unlike]
+    held_out = [flight for flight in flights if flight.name not in names and flight.name not in unlike]
     return Split(
         training=tuple(sorted(names)),
-        held_out=tuple(flight.name for flight in judges),
-        judging=tuple(sorted(flight.name for flight in _thinned(judges, MOST_JUDGING))),
+        held_out=tuple(flight.name for flight in held_out),
+        judging=tuple(sorted(flight.name for flight in _thinned(held_out, MOST_JUDGING))),
         unused=unlike,
         never_train=never,
-        sentence=_sentence(usable, chosen, judges, never, capped=len(chosen) < len(half)),
+        sentence=_sentence(usable, chosen, held_out, never, capped=len(chosen) < len(half)),
     )
 
 
@@ -68,21 +68,21 @@ def named(flight: FlightEntry, patterns: Iterable[str]) -> bool:
 
 def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
     training = [flight.name for flight in flights if named(flight, config.training)]
-    judges = [flight.name for flight in flights if named(flight, config.validation)]
+    held_out = [flight.name for flight in flights if named(flight, config.validation)]
     if not config.validation:
-        judges = [flight.name for flight in flights if flight.name not in training]
+        held_out = [flight.name for flight in flights if flight.name not in training]
         sentence = "the training flights were named by the user; all others judge"
     elif not config.training:
-        training = [flight.name for flight in flights if flight.name not in judges]
+        training = [flight.name for flight in flights if flight.name not in held_out]
         sentence = "the flights that judge were named by the user; all others train"
     else:
         # What both patterns mean trains: it is no longer unseen.
-        judges = [name for name in judges if name not in training]
+        held_out = [name for name in held_out if name not in training]
         sentence = "the flights that train and those that judge were named by the user"
     neither = {
         flight.name: "the user named it neither to train nor to judge"
         for flight in flights
-        if flight.name not in (*training, *judges)
+        if flight.name not in (*training, *held_out)
     }
     poor = {flight.name: reason for flight in flights if flight.name in training and (reason := exclusion_of(flight))}
     if poor:
@@ -90,7 +90,7 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
             f"{name} teaches little ({why.reason})" for name, why in poor.items()
         )
     return Split(
-        training=tuple(training), held_out=tuple(judges), judging=tuple(judges), unused=neither, sentence=sentence
+        training=tuple(training), held_out=tuple(held_out), judging=tuple(held_out), unused=neither, sentence=sentence
     )
 
 
@@ -129,7 +129,7 @@ def _thinned(flights: Sequence[FlightEntry], most: int) -> list[FlightEntry]:
 def _sentence(
     usable: Sequence[FlightEntry],
     chosen: Sequence[FlightEntry],
-    judges: Sequence[FlightEntry],
+    held_out: Sequence[FlightEntry],
     unable: Mapping[str, TrainingExclusion],
     *,
     capped: bool,
@@ -140,17 +140,17 @@ def _sentence(
         never += f"; {len(unable) - 5} more never train"
     if not chosen:
         return f"no flight can train: {never}" if never else "there is no flight"
-    if len(usable) == 1 and not judges:
+    if len(usable) == 1 and not held_out:
         return "the only flight of the craft trains, and no other is there to judge"
     if len(usable) == 1:
         return f"{chosen[0].name} is the only flight that can train, the others judge; {never}"
-    total = len(chosen) + len(judges)
+    total = len(chosen) + len(held_out)
     places = len(set(places_of(usable).values()))
     days = len({day_of(flight) for flight in usable})
     text = (
-        f"{len(chosen)} of {total} flights train and {len(judges)} judge, stratified by place ({places}), day ({days}) "
-        f"and excitation: RMS acceleration {_range(chosen)} in training, "
-        f"{_range([flight for flight in judges if flight.name not in unable])} in judging"
+        f"{len(chosen)} of {total} flights train and {len(held_out)} judge, stratified by place ({places}), "
+        f"day ({days}) and excitation: RMS acceleration {_range(chosen)} in training, "
+        f"{_range([flight for flight in held_out if flight.name not in unable])} in judging"
     )
     if capped:
         gain = 100.0 * (math.sqrt(1.0 + 1.0 / len(chosen)) - 1.0)
@@ -158,7 +158,7 @@ def _sentence(
             f"; of the half that could train {len(chosen)} do, spread over places, days and excitation, because more "
             f"would lower the error on unseen flights by less than {gain:.1f} %"
         )
-    if len(judges) > MOST_JUDGING:
+    if len(held_out) > MOST_JUDGING:
         text += f"; models are judged on {MOST_JUDGING} of those held out, spread alike"
     return f"{text}; {never}" if never else text
 

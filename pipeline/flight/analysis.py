@@ -95,7 +95,7 @@ def analyze_flights(
     *,
     name: str | None = None,
     alone: bool = False,
-    told: Callable[[FlightResult], None] | None = None,
+    announce: Callable[[FlightResult], None] | None = None,
 ) -> Iterator[FlightResult]:
     """Analyse every flight of a log, one after the other.
 
@@ -109,7 +109,7 @@ def analyze_flights(
         What the log is called; of several flights each is called ``NAME#NUMBER``, see `pipeline.names.flight_name`.
     alone : bool
         Whether this process does nothing else, so that a copy of it may use a second processor.
-    told : callable, optional
+    announce : callable, optional
         Called with each flight as soon as what happened is known, before anything is identified.
 
     Yields
@@ -132,7 +132,7 @@ def analyze_flights(
     for number, log in enumerate(logs, start=1):
         progress(NEXT_FLIGHT, 1.0 / len(logs))
         called = flight_name(name, number, len(logs))
-        result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone, told=told)
+        result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone, announce=announce)
         log.tables.release()
         yield replace(result, log=replace(result.log, flight_number=number, flight_count=len(logs)))
 
@@ -146,7 +146,7 @@ def _analyze(
     trajectories: dict[Boot, estimation.Trajectory | Failure],
     *,
     alone: bool = False,
-    told: Callable[[FlightResult], None] | None = None,
+    announce: Callable[[FlightResult], None] | None = None,
 ) -> FlightResult:
     """Analyse the flight that a log shows; `trajectories` are those of its power-ups, as far as they are known."""
     stages = Stages(progress, config.time_limit)
@@ -186,8 +186,8 @@ def _analyze(
         account=account,
         signals=signals,
     )
-    if told is not None:
-        told(replace(begun, answer=compose_answer(begun)))
+    if announce is not None:
+        announce(replace(begun, answer=compose_answer(begun)))
     sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
     part = sound if isinstance(sound, Failure) else stages.run("account", lambda _: busiest(log, sound))
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
@@ -350,8 +350,8 @@ def _thrust(
 
     def fit(_: Progress) -> sysid.ThrustModel:
         fitted = sysid.fit_thrust([training], mass=config.mass)
-        told = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
-        return replace(fitted, findings=(*thrust_changes(whole), *told))
+        others = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
+        return replace(fitted, findings=(*thrust_changes(whole), *others))
 
     return stages.run("thrust", fit)
 
@@ -395,7 +395,7 @@ def _autopilot(
         firmware_version(log)
         flown = log.parameters_flown
         record = fitted.experiments.get(RIGID_BODY_KEY)
-        model = next((each.model for each in fitted.models if each.key == RIGID_BODY_KEY), None)
+        model = next((model.model for model in fitted.models if model.key == RIGID_BODY_KEY), None)
         if record is not None and isinstance(model, sysid.RigidBodyModel):
             training, _ = record.split(config.training_fraction)
             values += body_values(model, [log], [training], flown)
@@ -472,8 +472,8 @@ def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
     vehicle, beside = log.vehicle, []
     with suppress(MissingDataError):
         # Of outputs in another order trims tell nothing.
-        if found := check_outputs(tables, vehicle, sound.start, sound.stop):
-            return None, found
+        if findings := check_outputs(tables, vehicle, sound.start, sound.stop):
+            return None, findings
     trims: SteadyTrims | None = None
     with suppress(MissingDataError):
         trims = steady_trims(tables, vehicle, sound.start, sound.stop)
@@ -483,7 +483,7 @@ def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
         if other != log.flight:
             with suppress(MissingDataError):
                 beside.append(steady_trims(tables, vehicle, other.start, other.stop))
-    return trims, weak_from_start(trims, [each for each in beside if each is not None])
+    return trims, weak_from_start(trims, [neighbour for neighbour in beside if neighbour is not None])
 
 
 def _facts(log: FlightLog, sha256: str) -> LogFacts:

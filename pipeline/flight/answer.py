@@ -43,7 +43,7 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
     if isinstance(result.flight, Failure) or result.vehicle.other_craft:
         return
     account = present(result.account)
-    crashed = account is not None and any(each.id == "crash" for each in account.story)
+    crashed = account is not None and any(finding.id == "crash" for finding in account.story)
     # Of a flight that ended in a crash only what is good or bad is worth a line.
     for line in (loops(result), parameters(result), ahead(result)):
         if line is not None and (line.tone in (Tone.GOOD, Tone.BAD) or not crashed):
@@ -54,9 +54,9 @@ def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
     account = result.account
     if not isinstance(account, Failure):
-        told = next((each.advice for each in (*account.story, *account.notable) if each.advice), "")
-        if told:
-            return told
+        advice = next((finding.advice for finding in (*account.story, *account.notable) if finding.advice), "")
+        if advice:
+            return advice
     first = next(iter(result.advice), None)
     return "" if first is None else f"{first.do.rstrip('.')}."
 
@@ -111,10 +111,10 @@ _STEADY = 0.025
 
 def happened(account: Account) -> AnswerLine:
     """Answer with the story of the flight in a sentence."""
-    story, others = account.story, [each for each in account.notable if each not in account.story]
+    story, others = account.story, [finding for finding in account.notable if finding not in account.story]
     tone = Tone.UNKNOWN if account.flight is None else Tone.GOOD
     if story:
-        tone = _TONES[min((each.severity for each in story), key=list(_TONES)[::-1].index)]
+        tone = _TONES[min((finding.severity for finding in story), key=list(_TONES)[::-1].index)]
     elif others or account.unseen:
         tone = Tone.CARE
     remark = ""
@@ -134,13 +134,13 @@ def state_lines(account: Account) -> Iterator[AnswerLine]:
     if account.battery is not None:
         yield _battery(account.battery)
     if account.vibration is not None:
-        yield _vibration(account.vibration, harmful=any(each.id == "vibration" for each in account.notable))
+        yield _vibration(account.vibration, harmful=any(finding.id == "vibration" for finding in account.notable))
     if account.gps is not None:
-        yield _gps(account.gps, [each for each in account.notable if each.id == "gps-glitch"])
+        yield _gps(account.gps, [finding for finding in account.notable if finding.id == "gps-glitch"])
     if account.hover is not None:
         yield _thrust(account.hover)
     if account.motors is not None:
-        yield _motors(account.motors, failed=any(each.id == "motor-fault" for each in account.story))
+        yield _motors(account.motors, failed=any(finding.id == "motor-fault" for finding in account.story))
 
 
 def _line(purpose: str, text: str, *, care: bool, bad: bool = False) -> AnswerLine:
@@ -169,10 +169,10 @@ def _flown(account: Account) -> AnswerLine | None:
 
 
 def _battery(battery: BatteryReading) -> AnswerLine:
-    each = None if battery.cells is None else battery.lowest / battery.cells
+    per_cell = None if battery.cells is None else battery.lowest / battery.cells
     text = f"{battery.start:.1f} to {battery.end:.1f} V, lowest {battery.lowest:.1f} V"
-    text += "" if each is None else f" ({each:.2f}/cell)"
-    return _line("Battery", text, care=each is not None and each < _SPENT)
+    text += "" if per_cell is None else f" ({per_cell:.2f}/cell)"
+    return _line("Battery", text, care=per_cell is not None and per_cell < _SPENT)
 
 
 def _vibration(shaken: VibrationReading, *, harmful: bool) -> AnswerLine:
@@ -188,7 +188,7 @@ def _gps(gps: GpsReading, jumps: Sequence[Finding]) -> AnswerLine:
         return _line("GPS", "no fix", care=True)
     least = "always fixed" if gps.satellites_least is None else f"{gps.satellites_least}+ satellites"
     text = least if gps.fix_share > 0.995 else f"fix {100.0 * gps.fix_share:.0f} % of the time"
-    jumped = max((float(each.evidence["jump_m"] or 0.0) for each in jumps), default=0.0)
+    jumped = max((float(jump.evidence["jump_m"] or 0.0) for jump in jumps), default=0.0)
     text += f", jumped by {number(jumped, 2)} m" if jumped else ""
     return _line("GPS", text, care=gps.fix_share < 0.99 or jumped > 0.0)
 
@@ -224,13 +224,13 @@ _STATES = {
 def loops(result: FlightResult) -> AnswerLine | None:
     """Answer with an oscillation, else the least margin, else how fast the attitude follows; None of nothing known."""
     account = present(result.account)
-    swings = [] if account is None else [each.evidence for each in account.notable if each.id == "oscillation"]
+    swings = [] if account is None else [finding.evidence for finding in account.notable if finding.id == "oscillation"]
     if swings:
-        axes = " and ".join(dict.fromkeys(str(each["axis"]) for each in swings))
-        hz = max(float(each["frequency_hz"] or 0.0) for each in swings)
+        axes = " and ".join(dict.fromkeys(str(swing["axis"]) for swing in swings))
+        hz = max(float(swing["frequency_hz"] or 0.0) for swing in swings)
         return AnswerLine(purpose="Loops", word="oscillate", tone=Tone.BAD, text=f"in {axes}", value=hz, unit="Hz")
     margins = {} if isinstance(result.rotation, Failure) else result.rotation.loops
-    known = {axis: each for axis, each in margins.items() if _determined(each.computed.phase_deg)}
+    known = {axis: margin for axis, margin in margins.items() if _determined(margin.computed.phase_deg)}
     return _margins(known) if known else _bandwidth(result)
 
 
@@ -241,26 +241,26 @@ def _determined(number: Parameter) -> bool:
 
 def _margins(known: Mapping[str, AxisMargins]) -> AnswerLine:
     """Answer with the axis whose phase margin is smallest; the word is that of the worst of all axes."""
-    axis = min(known, key=lambda each: known[each].computed.phase_deg.value or 0.0)
-    phase, states = known[axis].computed.phase_deg, [each.state for each in known.values()]
+    axis = min(known, key=lambda name: known[name].computed.phase_deg.value or 0.0)
+    phase, states = known[axis].computed.phase_deg, [margins.state for margins in known.values()]
     word, tone = next(_STATES[state] for state in _STATES if state in states)
-    gains = [each.computed.gain_db for each in known.values() if _determined(each.computed.gain_db)]
-    least = min(gains, key=lambda each: each.value or 0.0, default=None)
+    gains = [margins.computed.gain_db for margins in known.values() if _determined(margins.computed.gain_db)]
+    least = min(gains, key=lambda parameter: parameter.value or 0.0, default=None)
     text = f"phase margin in {axis}" + ("" if least is None else f", gain {uncertain(least.value, least.sigma, 'dB')}")
-    text += " (without chirps)" if any(each.ordinary for each in known.values()) else ""
+    text += " (without chirps)" if any(margins.ordinary for margins in known.values()) else ""
     return AnswerLine(purpose="Loops", word=word, tone=tone, text=text, value=phase.value, sigma=phase.sigma, unit="°")
 
 
 def _bandwidth(result: FlightResult) -> AnswerLine | None:
     axes = () if isinstance(result.rotation, Failure) else result.rotation.axes
     known = {
-        each.axis: each.attitude.bandwidth
-        for each in axes
-        if each.attitude is not None and _determined(each.attitude.bandwidth) and each.axis != "yaw"
+        axis.axis: axis.attitude.bandwidth
+        for axis in axes
+        if axis.attitude is not None and _determined(axis.attitude.bandwidth) and axis.axis != "yaw"
     }
     if not known:
         return None
-    axis = min(known, key=lambda each: known[each].value or 0.0)
+    axis = min(known, key=lambda name: known[name].value or 0.0)
     value, sigma = known[axis].value or 0.0, known[axis].sigma or 0.0
     return AnswerLine(
         purpose="Loops",
@@ -275,18 +275,18 @@ def _bandwidth(result: FlightResult) -> AnswerLine | None:
 
 def ahead(result: FlightResult) -> AnswerLine:
     """Answer with the model that predicts furthest, and its error there."""
-    fitted = [each.report for each in result.models if not isinstance(each.model, Failure)]
+    fitted = [model.report for model in result.models if not isinstance(model.model, Failure)]
     if not fitted:
-        needed = (result.flight, result.trajectory, result.experiment, *(each.model for each in result.models))
-        reason = next((each.reason for each in needed if isinstance(each, Failure)), "no model")
+        needed = (result.flight, result.trajectory, result.experiment, *(model.model for model in result.models))
+        reason = next((failure.reason for failure in needed if isinstance(failure, Failure)), "no model")
         return _none("no model", brief(reason))
-    best = max(fitted, key=lambda each: each.uses.prediction.horizon_s or 0.0)
+    best = max(fitted, key=lambda model: model.uses.prediction.horizon_s or 0.0)
     use, changed = best.uses.prediction, changed_load(result)
     if not use.holds:
         tried = f"{counted(len(fitted), 'model')} tried"
-        if any(each.uses.prediction.judged for each in fitted):
+        if any(model.uses.prediction.judged for model in fitted):
             return _none("none holds", tried)
-        missing = next((each.missing for each in fitted if each.missing), "too little flight was held out")
+        missing = next((model.missing for model in fitted if model.missing), "too little flight was held out")
         return _none("not judged", f"{tried}: {brief(missing)}")
     text = f"by {best.short}, {_error(use)}"
     word, tone = ("yes", Tone.GOOD)
@@ -303,7 +303,7 @@ def _none(word: str, text: str) -> AnswerLine:
 
 def _error(use: PredictionUse) -> str:
     """Write the RMS error at the longest horizon, over all axes."""
-    error = math.sqrt(sum(each**2 for each in use.rmse_m.values()))
+    error = math.sqrt(sum(value**2 for value in use.rmse_m.values()))
     there = "" if use.reach_s is None else f" at {use.horizon_s:g} s"
     return f"± {number(error, 2)} m{there}"
 
@@ -322,11 +322,13 @@ def parameters(result: FlightResult) -> AnswerLine | None:
     known: list[tuple[str, float, float, str]] = []
     unknown = []
     for label, rows in _SHOWN:
-        found = next(((row, each) for row in rows if (each := _row(result, headlines, row)) is not None), None)
-        if found is None:
+        first = next(
+            ((row, determined) for row in rows if (determined := _row(result, headlines, row)) is not None), None
+        )
+        if first is None:
             unknown.append(label)
         else:
-            name, (known_value, error, in_full) = found
+            name, (known_value, error, in_full) = first
             what = _divided(name, in_full) + (" per motor" if label == "thrust" else "")
             known.append((what, known_value, error, _unit(in_full)))
     if not known:
@@ -379,7 +381,7 @@ _BRIEF = 12
 
 def brief(reason: str) -> str:
     """Return the first clause of a reason, cut to what a line has room for; in small letters, as it follows a word."""
-    first = re.sub(r"^(The|A|An|No|Only|It|There|Nothing|Too) ", lambda found: found[0].lower(), clause(reason))
+    first = re.sub(r"^(The|A|An|No|Only|It|There|Nothing|Too) ", lambda match: match[0].lower(), clause(reason))
     words = first.split()
     return first if len(words) <= _BRIEF else " ".join(words[:_BRIEF]) + " …"
 

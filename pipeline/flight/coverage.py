@@ -72,7 +72,7 @@ def measure(
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
-    context = shared_context([each.context for each in experiments], trajectory, log.tables, t)
+    context = shared_context([experiment.context for experiment in experiments], trajectory, log.tables, t)
     position = resample_frame(states[["p_n", "p_e", "p_d"]], t)
     missing: dict[str, str] = {}
     series: dict[str, Floats] = {
@@ -101,7 +101,9 @@ def measure(
         wind = trim.wind(t) * ((height / WIND_HEIGHT) ** trim.wind_exponent)[:, None]
         series["airspeed"] = np.hypot(context["v_n"] - wind[:, 0], context["v_e"] - wind[:, 1]).to_numpy()
     known = {
-        name: found for name in QUANTITIES if (found := distribution(name, series.get(name, np.empty(0)))) is not None
+        name: quantity
+        for name in QUANTITIES
+        if (quantity := distribution(name, series.get(name, np.empty(0)))) is not None
     }
     return Coverage(
         seconds=len(t) / RATE,
@@ -135,7 +137,7 @@ def _thrust(log: FlightLog, t: Floats) -> Floats | None:
 
 def _fitted_wind(models: Sequence[ModelResult]) -> FlightTrim | None:
     """Return the wind that the rigid body was fitted with."""
-    body = next((each.model for each in models if each.key == RIGID_BODY_KEY), None)
+    body = next((model.model for model in models if model.key == RIGID_BODY_KEY), None)
     if not isinstance(body, sysid.RigidBodyModel):
         return None
     return next((body.flights[name] for name in body.training if name in body.flights), None)
@@ -240,17 +242,17 @@ def word_of(multiple: float) -> str:
     return next(word for limit, word in _WORDS if multiple < limit or limit == float("inf"))
 
 
-def in_band(found: Coherence) -> dict[str, Linearity] | None:
+def in_band(coherence: Coherence) -> dict[str, Linearity] | None:
     """Sum a coherence up over the frequencies at which a multirotor answers; None where it has none of them."""
-    band = (found.frequency >= BAND[0]) & (found.frequency <= BAND[1])
+    band = (coherence.frequency >= BAND[0]) & (coherence.frequency <= BAND[1])
     if not band.any():
         return None
     return {
         output: Linearity(
             multiple_median=float(np.median(multiple[band])),
-            above_chance=float(np.mean(multiple[band] > found.threshold)),
+            above_chance=float(np.mean(multiple[band] > coherence.threshold)),
         )
-        for output, multiple in zip(found.output_names, found.multiple.T, strict=True)
+        for output, multiple in zip(coherence.output_names, coherence.multiple.T, strict=True)
     }
 
 

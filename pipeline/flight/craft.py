@@ -169,7 +169,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
     That is one finding for each other group of the same board, or, where no board is known, of the same frame and with
     few differences.
     """
-    found: dict[str, tuple[Finding, ...]] = {}
+    apart: dict[str, tuple[Finding, ...]] = {}
     for craft in crafts:
         first = craft[0]
         others = [other[0] for other in crafts if other[0] is not first and _looks_alike(first, other[0])]
@@ -190,8 +190,8 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
                     {"other": other.name, "changed": len(changed)},
                 )
             )
-        found[first.craft] = tuple(findings)
-    return found
+        apart[first.craft] = tuple(findings)
+    return apart
 
 
 def in_order(flights: Iterable[Flown]) -> list[Flown]:

@@ -36,7 +36,7 @@ SCAN_PART = 0.8
 def identify(
     kind: ModelKind,
     fitted: Sequence[sysid.Experiment],
-    judges: Sequence[sysid.Experiment],
+    held_out: Sequence[sysid.Experiment],
     config: AnalysisConfig,
     stages: Stages,
     *,
@@ -51,7 +51,7 @@ def identify(
     model = stages.run(kind.key, lambda report: kind.fit(fitted, config, report))
     if isinstance(model, Failure):
         return without_model(kind, model)
-    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *judges], outside=outside))
+    validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *held_out], outside=outside))
     orders = None
     if config.scan_orders and kind.scans:
         orders = stages.run(
@@ -65,7 +65,7 @@ def identify(
         kind.title,
         model,
         validation,
-        () if isinstance(validation, Failure) else free_runs(model, validation, [*fitted, *judges]),
+        () if isinstance(validation, Failure) else free_runs(model, validation, [*fitted, *held_out]),
         note=kind.note,
         orders=orders,
         spectra=_coherence(fitted) if kind.linear else None,
@@ -119,13 +119,13 @@ def model_result(
     judged, scanned = present(validation), present(orders)
     record = None if isinstance(model, Failure) else model.record()
     uses = uses_of(present(model)) if judged is None else judged.uses
-    spans = {each.experiment.name: each.span for each in predictions}
+    spans = {prediction.experiment.name: prediction.span for prediction in predictions}
     rows = (
         []
         if judged is None
-        else [_rmse(key, *each, spans, flight, craft) for each in judged.table.groupby("flight", sort=False)]
+        else [_rmse(key, *group, spans, flight, craft) for group in judged.table.groupby("flight", sort=False)]
     )
-    missing = [each.reason for each in (model, validation) if isinstance(each, Failure)][:1]
+    missing = [failure.reason for failure in (model, validation) if isinstance(failure, Failure)][:1]
     if isinstance(orders, Failure):
         missing.append(f"orders were not scanned: {orders.reason}")
     report = ModelReport(
@@ -192,16 +192,16 @@ def _horizons(validation: sysid.Validation | None) -> Iterator[HorizonRow]:
         )
 
 
-def coherence_report(found: Coherence | Failure) -> CoherenceReport:
+def coherence_report(measured: Coherence | Failure) -> CoherenceReport:
     """Sum a coherence up over the frequencies at which a multirotor answers; or say why there is none."""
-    if isinstance(found, Failure):
-        return CoherenceReport(missing=found.reason)
+    if isinstance(measured, Failure):
+        return CoherenceReport(missing=measured.reason)
     return CoherenceReport(
         band_rad_s=BAND,
-        inputs=found.input_names,
-        averages=found.averages,
-        chance=found.threshold,
-        outputs=in_band(found) or dict.fromkeys(found.output_names, Linearity()),
+        inputs=measured.input_names,
+        averages=measured.averages,
+        chance=measured.threshold,
+        outputs=in_band(measured) or dict.fromkeys(measured.output_names, Linearity()),
     )
 
 
@@ -220,7 +220,7 @@ def compare_parameters(
     records: Sequence[sysid.Experiment], models: Sequence[ModelResult], config: AnalysisConfig, stages: Stages
 ) -> sysid.PhysicalParameters | Failure:
     """Apply every method to the records that the rigid body was fitted to."""
-    result = next((each for each in models if each.key == RIGID_BODY_KEY), None)
+    result = next((model for model in models if model.key == RIGID_BODY_KEY), None)
     body = None if result is None else result.model
 
     def compare(_: object) -> sysid.PhysicalParameters:
@@ -235,8 +235,8 @@ def compare_parameters(
     return stages.run("parameters", compare)
 
 
-def parameter_rows(found: sysid.PhysicalParameters | Failure) -> tuple[ParameterRow, ...] | None:
+def parameter_rows(parameters: sysid.PhysicalParameters | Failure) -> tuple[ParameterRow, ...] | None:
     """List physical parameters, a row for each parameter and method; None where there are none."""
-    if isinstance(found, Failure):
+    if isinstance(parameters, Failure):
         return None
-    return cleaned(found.table.reset_index().to_dict("records"), tuple[ParameterRow, ...])
+    return cleaned(parameters.table.reset_index().to_dict("records"), tuple[ParameterRow, ...])

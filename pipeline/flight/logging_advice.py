@@ -36,10 +36,10 @@ _FAST = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "y
 _TABLES = {"imu": "the IMU", "attitude": "attitude"}
 
 
-def logging(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+def logging(flights: Sequence[FlightEntry], determined: Collection[str]) -> Iterator[Advice]:
     """Advise on logging."""
     yield from _on_board(flights)
-    yield from _settings(flights, told)
+    yield from _settings(flights, determined)
     yield from _lost(flights)
     yield from _esc(flights)
 
@@ -54,18 +54,18 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
         for table in ("imu", "attitude")
         if (rates := [rate for flight in radio if (rate := _rate(flight, table)) is not None])
     }
-    told = " and ".join(f"{_TABLES[table]} at {rate:.2g} Hz" for table, rate in slowest.items())
+    logged = " and ".join(f"{_TABLES[table]} at {rate:.2g} Hz" for table, rate in slowest.items())
     yield Advice(
         id="use-on-board-log",
         rank=12,
         do="Give the autopilot's own log",
-        why=f"{names_of(radio, len(flights))} came by radio" + (f", with {told}" if told else ""),
+        why=f"{names_of(radio, len(flights))} came by radio" + (f", with {logged}" if logged else ""),
         gain="the IMU at 25 Hz or more to integrate, and nothing lost on the link",
         flights=tuple(flight.name for flight in radio),
     )
 
 
-def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator[Advice]:
+def _settings(flights: Sequence[FlightEntry], determined: Collection[str]) -> Iterator[Advice]:
     """Put all that was lacking into one value of the parameter that the autopilot has for it.
 
     `logparse.craft.log_settings` has decided which bits log it, and the findings carry them.
@@ -82,9 +82,9 @@ def _settings(flights: Sequence[FlightEntry], told: Collection[str]) -> Iterator
     for parameter, bits in asked.items():
         ordered = tuple(bits[number][0] for number in sorted(bits))
         setting = LogSetting(parameter, _present(flights, parameter), ordered)
-        lacking = [each for bit in setting.added for each in bits[bit.number][1]]
+        lacking = [lack for bit in setting.added for lack in bits[bit.number][1]]
         lacked = {what for what, _ in lacking}
-        if not lacked or (lacked == {"fast rates"} and set(_FAST) <= set(told)):
+        if not lacked or (lacked == {"fast rates"} and set(_FAST) <= set(determined)):
             # The rates logged were enough.
             continue
         named = list({flight.name: flight for _, flight in lacking}.values())
@@ -116,7 +116,9 @@ def _lost(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     """Ask for a faster card where the autopilot's own log has gaps in flight."""
     # Gaps may be flight on wings, or bytes that the file lost after the card had taken them.
     otherwise = having(flights, "wing-borne", "file-damaged")
-    gaps = [each for each in having(flights, "log-gaps") if each.format not in TELEMETRY and each not in otherwise]
+    gaps = [
+        flight for flight in having(flights, "log-gaps") if flight.format not in TELEMETRY and flight not in otherwise
+    ]
     if not gaps:
         return
     px4 = all(flight.format == "ulog" for flight in gaps)

@@ -45,19 +45,19 @@ def for_craft(
 ) -> tuple[Advice, ...]:
     """Advise on the next flights of a craft."""
     flights = in_order(entries)
-    told = {row.parameter for flight in flights for row in flight.parameters}
+    determined = {row.parameter for flight in flights for row in flight.parameters}
     if parameters is not None:
-        told |= _determined(parameters)
-    found = [*logging(flights, told), *flying(flights, envelope, told), *_craft(flights, drift)]
-    return tuple(sorted(found, key=lambda advice: advice.rank)[:MOST])
+        determined |= _determined(parameters)
+    recommended = [*logging(flights, determined), *flying(flights, envelope, determined), *_craft(flights, drift)]
+    return tuple(sorted(recommended, key=lambda advice: advice.rank)[:MOST])
 
 
 def for_flight(result: FlightResult) -> tuple[Advice, ...]:
     """Advise on repeating one flight better; nothing of a craft for which there are no models."""
     if result.vehicle.other_craft:
         return ()
-    found = for_craft([flight_entry(result)])
-    return tuple(sorted([*found, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
+    recommended = for_craft([flight_entry(result)])
+    return tuple(sorted([*recommended, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
 
 
 def _determined(parameters: PhysicalParameters) -> set[str]:
@@ -78,7 +78,9 @@ def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advi
             if finding.id == "motor-weakening"
             else "a model of one craft instead of a mean over two",
         )
-    if flights and all(any(found.evidence.get("what") == "mass" for found in each.findings) for each in flights):
+    if flights and all(
+        any(finding.evidence.get("what") == "mass" for finding in flight.findings) for flight in flights
+    ):
         yield Advice(
             id="weigh-the-craft",
             rank=40,
@@ -153,14 +155,14 @@ _TELLS = {
 }
 
 
-def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, told: Collection[str]) -> Iterator[Advice]:
+def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, determined: Collection[str]) -> Iterator[Advice]:
     """Advise on flying."""
     lost = _lost(flights)
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
     yield from _repeat(flights, lost)
-    yield from _drag(measured, len(flights), told)
-    yield from _turns(measured, len(flights), told)
-    yield from _axes(len(flights), told)
+    yield from _drag(measured, len(flights), determined)
+    yield from _turns(measured, len(flights), determined)
+    yield from _axes(len(flights), determined)
     if envelope is not None:
         yield from _extrapolated(envelope)
         yield from _more(envelope)
@@ -198,7 +200,9 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
     still = [
         flight
         for flight in flights
-        if flight not in lost and (found := exclusion_of(flight)) and found.exclusion is Exclusion.LITTLE_EXCITATION
+        if flight not in lost
+        and (exclusion := exclusion_of(flight))
+        and exclusion.exclusion is Exclusion.LITTLE_EXCITATION
     ]
     if still:
         yield Advice(
@@ -211,9 +215,9 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
         )
 
 
-def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _drag(flights: Sequence[FlightEntry], total: int, determined: Collection[str]) -> Iterator[Advice]:
     """Recommend a speed at which drag stands out from unmeasured wind."""
-    if not flights or _DRAG & set(told):
+    if not flights or _DRAG & set(determined):
         return
     windy = {
         flight.name: known for flight in flights if (known := flight.coverage) is not None and known.wind is not None
@@ -240,9 +244,9 @@ def _drag(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> 
     )
 
 
-def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) -> Iterator[Advice]:
+def _turns(flights: Sequence[FlightEntry], total: int, determined: Collection[str]) -> Iterator[Advice]:
     """Ask for turns on the spot where wind stays uncertain, though drag is known, and the nose pointed one way."""
-    if not _DRAG & set(told):
+    if not _DRAG & set(determined):
         return
     held = [
         flight
@@ -270,9 +274,9 @@ def _turns(flights: Sequence[FlightEntry], total: int, told: Collection[str]) ->
     )
 
 
-def _axes(total: int, told: Collection[str]) -> Iterator[Advice]:
+def _axes(total: int, determined: Collection[str]) -> Iterator[Advice]:
     """Ask for stick inputs on axes of which neither inertia nor effectiveness is determined."""
-    unknown = [axis for axis, tells in _TELLS.items() if not {tells, f"{axis} effectiveness"} & set(told)]
+    unknown = [axis for axis, tells in _TELLS.items() if not {tells, f"{axis} effectiveness"} & set(determined)]
     if not unknown or not total:
         return
     names = joined(unknown)
@@ -288,17 +292,19 @@ def _axes(total: int, told: Collection[str]) -> Iterator[Advice]:
 
 def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
     """Name what judging flights did that no training flight did."""
-    quantities = list(dict.fromkeys(each.quantity for each in envelope.outside))
+    quantities = list(dict.fromkeys(excursion.quantity for excursion in envelope.outside))
     if not quantities:
         return
-    told, flights = [], []
+    ranges, flights = [], []
     for name in quantities:
-        out = [each for each in envelope.outside if each.quantity == name]
+        out = [excursion for excursion in envelope.outside if excursion.quantity == name]
         flown = envelope.quantities[name]
-        furthest = max(out, key=lambda each: max(each.reach - each.fitted[1], each.fitted[0] - each.reach))
-        flights += [each.flight for each in out]
+        furthest = max(
+            out, key=lambda excursion: max(excursion.reach - excursion.fitted[1], excursion.fitted[0] - excursion.reach)
+        )
+        flights += [excursion.flight for excursion in out]
         low, high = furthest.fitted
-        told.append(
+        ranges.append(
             f"{flown.title} {readable(flown.unit, furthest.reach)} (fitted {readable(flown.unit, low)} to "
             f"{readable(flown.unit, high)})"
         )
@@ -308,7 +314,7 @@ def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
         rank=15,
         do=f"Let {'one of ' if len(flights) > 1 else ''}{listed(flights, 4)} train (--training), or fly a training "
         "flight there",
-        why=f"flights that judge leave what the models were fitted to: {', '.join(told[:4])}",
+        why=f"flights that judge leave what the models were fitted to: {', '.join(ranges[:4])}",
         gain="errors of interpolation instead of extrapolation over that range",
         flights=tuple(flights),
     )

@@ -53,17 +53,17 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
     within = (sound.start, sound.stop)
     unfit = _unfit(log)
     contradicted = {} if unfit else {axis: reason for axis in AXES if (reason := _contradiction(log, axis))}
-    found = survey(log, (*AXES, "vertical"), within)
-    *turning, vertical = found.axes
+    surveyed = survey(log, (*AXES, "vertical"), within)
+    *turning, vertical = surveyed.axes
     axes = tuple(_axis(log, axis, within, unfit or contradicted.get(axis.axis, "")) for axis in turning)
     limits = [finding for axis in turning if axis.response is not None for finding in axis.response.findings]
     return RotationResult(
         axes=axes,
         vertical=turning_of(vertical),
-        couplings=tuple(map(coupling_of, found.couplings)),
+        couplings=tuple(map(coupling_of, surveyed.couplings)),
         findings=(
             *(_not_flown(axis, reason) for axis, reason in contradicted.items()),
-            *{(each.id, each.reason): each for each in limits}.values(),
+            *{(limit.id, limit.reason): limit for limit in limits}.values(),
             *_findings(axes),
         ),
     )
@@ -97,29 +97,29 @@ def _not_flown(axis: str, reason: str) -> Finding:
     )
 
 
-def _axis(log: FlightLog, found: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
-    turning = turning_of(found)
+def _axis(log: FlightLog, axis_survey: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
+    turning = turning_of(axis_survey)
     if unfit:
         return replace(turning, loop_reason=unfit)
     try:
-        return replace(turning, loop=_loop(log, found, within))
+        return replace(turning, loop=_loop(log, axis_survey, within))
     except RotoridError as error:
         return replace(turning, loop_reason=str(error))
 
 
-def turning_of(found: AxisSurvey) -> AxisRotation:
+def turning_of(axis_survey: AxisSurvey) -> AxisRotation:
     """Return what a survey tells of an axis as part of a result, without its loop."""
-    following = found.attitude
+    following = axis_survey.attitude
     return AxisRotation(
-        axis=found.axis,
+        axis=axis_survey.axis,
         rate=None
-        if found.response is None
+        if axis_survey.response is None
         else replace(
-            fitted_response(found.response, found.fit),
-            check=None if found.check is None else _check(found.check),
-            check_reason=found.check_reason,
+            fitted_response(axis_survey.response, axis_survey.fit),
+            check=None if axis_survey.check is None else _check(axis_survey.check),
+            check_reason=axis_survey.check_reason,
         ),
-        reason=found.reason,
+        reason=axis_survey.reason,
         attitude=None
         if following is None
         else AttitudeFollowing(
@@ -128,22 +128,30 @@ def turning_of(found: AxisSurvey) -> AxisRotation:
             peak=following.peak,
             response=fitted_response(following.frf, following.fit),
         ),
-        attitude_reason=found.attitude_reason,
+        attitude_reason=axis_survey.attitude_reason,
     )
 
 
-def coupling_of(found: Coupling) -> AxisCoupling:
+def coupling_of(coupling: Coupling) -> AxisCoupling:
     """Return a coupling without the response that it was read from."""
-    return AxisCoupling(axis=found.axis, other=found.other, ratio=found.ratio, significant=found.significant)
+    return AxisCoupling(
+        axis=coupling.axis, other=coupling.other, ratio=coupling.ratio, significant=coupling.significant
+    )
 
 
-def curve_of(found: FittedResponse, flight: str) -> ResponseCurve:
+def curve_of(response: FittedResponse, flight: str) -> ResponseCurve:
     """Return the coherent part of a response, to be laid over those of other flights."""
-    rows = zip(found.hz, found.gain_db, found.phase_deg, found.coherence, strict=True)
-    known = [each[:3] for each in rows if None not in each and (each[3] or 0.0) >= COHERENT]
+    rows = zip(response.hz, response.gain_db, response.phase_deg, response.coherence, strict=True)
+    known = [row[:3] for row in rows if None not in row and (row[3] or 0.0) >= COHERENT]
     hz, gain, phase = (tuple(float(row[k] or 0.0) for row in known) for k in range(3))
     return ResponseCurve(
-        flight=flight, axis=found.axis, unit=found.unit, source=found.source, hz=hz, gain_db=gain, phase_deg=phase
+        flight=flight,
+        axis=response.axis,
+        unit=response.unit,
+        source=response.source,
+        hz=hz,
+        gain_db=gain,
+        phase_deg=phase,
     )
 
 
@@ -151,7 +159,7 @@ def fitted_response(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedR
     """Return a measured response, and the model fitted to it, as numbers over frequency."""
     good = frf.hz[frf.usable]
     known = np.isfinite(frf.sigma)
-    found = FittedResponse(
+    response = FittedResponse(
         axis=frf.axis,
         input=frf.input,
         output=frf.output,
@@ -170,9 +178,9 @@ def fitted_response(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedR
         direct=_gain_and_phase(frf.direct, known) if frf.method == "instrument" else (),
     )
     if fit is None:
-        return found
+        return response
     return replace(
-        found,
+        response,
         model=_gain_and_phase(fit.response(frf.hz)),
         structure=fit.structure[0].name,
         parameters=dict(fit.parameters),
@@ -192,32 +200,32 @@ def _gain_and_phase(response: NDArray[np.complex128], known: NDArray[np.bool_] |
 
 
 def _numbers(values: NDArray[np.float64]) -> Numbers:
-    return tuple(each if np.isfinite(each) else None for each in values.tolist())
+    return tuple(number if np.isfinite(number) else None for number in values.tolist())
 
 
-def _check(found: Verification) -> Check:
-    residuals = "" if found.residuals is None else found.residuals.sentence
+def _check(verification: Verification) -> Check:
+    residuals = "" if verification.residuals is None else verification.residuals.sentence
     return Check(
-        seconds=found.seconds,
-        fit_percent=found.fit_percent,
-        theil=found.theil,
-        correlation=found.correlation,
+        seconds=verification.seconds,
+        fit_percent=verification.fit_percent,
+        theil=verification.theil,
+        correlation=verification.correlation,
         residuals=residuals.partition(":")[0].partition(";")[0],
-        verdict=found.verdict,
+        verdict=verification.verdict,
     )
 
 
-def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> AxisMargins:
+def _loop(log: FlightLog, axis_survey: AxisSurvey, within: tuple[float, float]) -> AxisMargins:
     """Compute the margins of a loop: from chirps, in two ways where the log allows it, else from the craft's model.
 
     RotoridError where the loop cannot be had, or what the log shows of it does not carry margins.
     """
-    axis = found.axis
+    axis = axis_survey.axis
     oscillating = oscillation(log, axis)
     if oscillating:
         raise LoopError(oscillating)
     if not any(chirp.at_mixer and chirp.axis == axis for chirp in find_chirps(log, within)):
-        return _ordinary(log, found)
+        return _ordinary(log, axis_survey)
     loop = rate_loop(log, axis, within)
     # Without PID messages neither limits nor the second way are seen; the margins stand, with that said.
     logged = f"PID{axis_of(axis).letter}" in log.messages
@@ -235,16 +243,16 @@ def _loop(log: FlightLog, found: AxisSurvey, within: tuple[float, float]) -> Axi
     )
 
 
-def _ordinary(log: FlightLog, found: AxisSurvey) -> AxisMargins:
+def _ordinary(log: FlightLog, axis_survey: AxisSurvey) -> AxisMargins:
     """Compute the margins of an axis without chirps from what sticks told of the craft; RotoridError if too little."""
-    if found.response is None or found.fit is None:
-        raise LoopError(unfit_log(log) or found.reason)
-    frf = found.response
+    if axis_survey.response is None or axis_survey.fit is None:
+        raise LoopError(unfit_log(log) or axis_survey.reason)
+    frf = axis_survey.response
     try:
-        settings = read_settings(log, found.axis)
+        settings = read_settings(log, axis_survey.axis)
     except LoopError as error:
         raise LoopError(unfit_log(log) or str(error)) from error
-    loop = ordinary_loop(log.path.name, frf, found.fit, settings)
+    loop = ordinary_loop(log.path.name, frf, axis_survey.fit, settings)
     remark = (
         f"from ordinary flying: the craft's model, known from {frf.hz[frf.usable][0]:.2g} to "
         f"{frf.hz[frf.usable][-1]:.2g} Hz, through the controller of the log's parameters"

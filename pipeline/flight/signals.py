@@ -80,7 +80,7 @@ def thin(t: Floats, y: Floats, most: int = _MOST) -> tuple[Floats, Floats]:
         np.where(np.isnan(stretches), np.inf, stretches).argmin(axis=1),
         np.where(np.isnan(stretches), -np.inf, stretches).argmax(axis=1),
     )
-    rows = np.unique(np.concatenate([begins + each for each in kept]))
+    rows = np.unique(np.concatenate([begins + offsets for offsets in kept]))
     return t[rows], y[rows]
 
 
@@ -107,8 +107,8 @@ def _asked_and_flown(
 ) -> tuple[Panel, ...]:
     panels: tuple[Panel, ...] = ()
     for title, columns in names.items():
-        found = [None if each is None else each.dropna() for each in map(tables.column, sources, columns)]
-        asked, flown = found if title != "yaw" else _turning(found[0], found[1], flight)
+        curves = [None if column is None else column.dropna() for column in map(tables.column, sources, columns)]
+        asked, flown = curves if title != "yaw" else _turning(curves[0], curves[1], flight)
         if flown is None:
             continue
         line = _line("flown", flown, flight)
@@ -167,14 +167,14 @@ _PX4 = {"vel": "velocity", "pos": "position", "hgt": "height", "hdg": "heading",
 
 
 def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, ...]:
-    name = next((each for each in ("XKF4", "NKF4", "estimator_status") if each in messages), "")
+    name = next((message for message in ("XKF4", "NKF4", "estimator_status") if message in messages), "")
     if not name:
         return ()
     frame, px4 = messages[name], name == "estimator_status"
     lane = next((column for column in ("C", "Core") if column in frame), None)
     if lane is not None:
         frame = frame[frame[lane] == frame[lane].min()]
-    columns = {f"{each}_test_ratio": title for each, title in _PX4.items()} if px4 else _ARDUPILOT
+    columns = {f"{quantity}_test_ratio": title for quantity, title in _PX4.items()} if px4 else _ARDUPILOT
     lines = [_line(title, frame[column], flight) for column, title in columns.items() if column in frame]
     return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": _RATIO})
 

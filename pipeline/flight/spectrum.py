@@ -53,7 +53,7 @@ def vibration_spectrum(tables: Tables, flight: Span, parameters: Mapping[str, fl
     hz, width = windows.hz[shown], float(windows.hz[1] - windows.hz[0])
     amplitudes = {axis: np.sqrt(2.0 * power.mean(axis=0)[shown] * width) for axis, power in windows.power.items()}
     rotors = rotor_speeds(tables, flight)
-    notches = tuple(each for each in _notches(parameters, tables, flight, rotors) if each.low <= hz[-1])
+    notches = tuple(notch for notch in _notches(parameters, tables, flight, rotors) if notch.low <= hz[-1])
     cutoff = next((parameters[name] for name in ("INS_GYRO_FILTER", "IMU_GYRO_CUTOFF") if name in parameters), 0.0)
     name = "INS_GYRO_FILTER" if "INS_GYRO_FILTER" in parameters else "IMU_GYRO_CUTOFF"
     return Spectrum(
@@ -71,15 +71,19 @@ def vibration_spectrum(tables: Tables, flight: Span, parameters: Mapping[str, fl
 def _bursts(tables: Tables, flight: Span) -> _Windows | None:
     for table in tables.others("gyro_batch"):
         inside = table.loc[flight.start : flight.stop]
-        found: list[tuple[float, Floats, dict[str, Floats]]] = []
+        spectra: list[tuple[float, Floats, dict[str, Floats]]] = []
         for _, burst in inside.groupby("batch"):
             t = burst.index.to_numpy(np.float64)
             if len(t) < _BURST:
                 continue
             rate = 1.0 / float(np.median(np.diff(t)))
-            found.append((float(t.mean()), *_power(burst, rate, len(t))))
-        grids = [hz for _, hz, _ in found]
-        alike = [each for each in found if len(each[1]) == len(grids[0]) and abs(each[1][1] - grids[0][1]) < 0.5]
+            spectra.append((float(t.mean()), *_power(burst, rate, len(t))))
+        grids = [hz for _, hz, _ in spectra]
+        alike = [
+            spectrum
+            for spectrum in spectra
+            if len(spectrum[1]) == len(grids[0]) and abs(spectrum[1][1] - grids[0][1]) < 0.5
+        ]
         if alike:
             rate = 2.0 * grids[0][-1]
             return _joined(f"gyro, {len(alike)} bursts at {rate:.0f} Hz", alike)
@@ -123,10 +127,10 @@ def _power(table: pd.DataFrame, rate: float, size: int) -> tuple[Floats, dict[st
     return hz, powers
 
 
-def _joined(source: str, found: list[tuple[float, Floats, dict[str, Floats]]]) -> _Windows:
-    times = np.array([t for t, _, _ in found])
+def _joined(source: str, spectra: list[tuple[float, Floats, dict[str, Floats]]]) -> _Windows:
+    times = np.array([t for t, _, _ in spectra])
     return _Windows(
-        source, times, found[0][1], {axis: np.array([power[axis] for _, _, power in found]) for axis in _AXES}
+        source, times, spectra[0][1], {axis: np.array([power[axis] for _, _, power in spectra]) for axis in _AXES}
     )
 
 
@@ -145,7 +149,9 @@ def _notches(
     """Yield the bands of enabled notches: fixed ones, and those that follow throttle or ESC telemetry."""
     asked = tables.column("setpoints", "throttle")
     throttle = np.zeros(0) if asked is None else asked.iloc[flight.rows(asked.index)].dropna().to_numpy(np.float64)
-    throttles = [float(each) for each in np.percentile(throttle, [5.0, 95.0]).clip(0.0)] if len(throttle) > 10 else None
+    throttles = (
+        [float(value) for value in np.percentile(throttle, [5.0, 95.0]).clip(0.0)] if len(throttle) > 10 else None
+    )
     for prefix in ("INS_NOTCH_", *NOTCHES, "IMU_GYRO_NF0_", "IMU_GYRO_NF1_"):
         px4 = prefix.startswith("IMU")
         enabled = px4 or any(parameters.get(f"{prefix}{word}", 0.0) > 0.0 for word in ("ENABLE", "ENA"))
@@ -154,7 +160,7 @@ def _notches(
             continue
         width = parameters.get(f"{prefix}BW", 0.5 * centre) / centre
         followed = zip(throttles or (None, None), rotors or (None, None), strict=True)
-        low, high = (centre if px4 else notch_frequency(parameters, prefix, *each) for each in followed)
+        low, high = (centre if px4 else notch_frequency(parameters, prefix, *pair) for pair in followed)
         bits = round(parameters.get(f"{prefix}HMNCS", 1.0)) if prefix in NOTCHES else 1
         name = prefix.rstrip("_")
         for multiple in (k + 1 for k in range(8) if bits >> k & 1):
@@ -171,22 +177,22 @@ def _peaks(
     notches: tuple[Notch, ...],
 ) -> tuple[Peak, ...]:
     """Find what stands out of its neighbourhood on any axis, the strongest first, and name what it comes from."""
-    found: list[tuple[float, float, str]] = []
+    candidates: list[tuple[float, float, str]] = []
     for axis, amplitude in amplitudes.items():
         for k in range(1, len(hz) - 1):
             if hz[k] < _LOWEST or amplitude[k] < max(_LEAST, amplitude[k - 1], amplitude[k + 1]):
                 continue
             near = np.abs(hz - hz[k]) <= _NEIGHBOURS * hz[k]
             if amplitude[k] >= _STANDS_OUT * float(np.median(amplitude[near])):
-                found.append((float(amplitude[k]), float(hz[k]), axis))
+                candidates.append((float(amplitude[k]), float(hz[k]), axis))
     width = max(3.0 * float(hz[1] - hz[0]), 2.0)
     peaks: list[Peak] = []
-    for strength, where, axis in sorted(found, reverse=True):
+    for strength, where, axis in sorted(candidates, reverse=True):
         if len(peaks) < _MOST and all(abs(where - peak.hz) > width for peak in peaks):
             multiple = _multiple(where, rotors, width)
             if not multiple and rotors is None and _follows(where, axis, windows, tables):
                 multiple = 1
-            covered = next((each.name for each in notches if each.low <= where <= each.high), "")
+            covered = next((notch.name for notch in notches if notch.low <= where <= notch.high), "")
             peaks.append(Peak(hz=where, amplitude=strength, axis=axis, rotor_multiple=multiple, notch=covered))
     return tuple(peaks)
 

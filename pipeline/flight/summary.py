@@ -49,7 +49,7 @@ def flight_entry(
 ) -> FlightEntry:
     """Return a flight in short, with where its products are."""
     log, vehicle = result.log, result.vehicle
-    models = {each.key: each.report.missing for each in result.models if each.report.missing}
+    models = {model.key: model.report.missing for model in result.models if model.report.missing}
     return FlightEntry(
         name=result.name,
         number=log.flight_number,
@@ -88,8 +88,8 @@ def flight_entry(
 
 def _findings(result: FlightResult) -> tuple[Finding, ...]:
     """List what the log and the fits had to say, each once."""
-    found = apart([*result.findings, *(each for model in result.models for each in model.report.findings)])
-    return tuple({(finding.id, finding.reason): finding for finding in found}.values())
+    findings = apart([*result.findings, *(finding for model in result.models for finding in model.report.findings)])
+    return tuple({(finding.id, finding.reason): finding for finding in findings}.values())
 
 
 def partition(craft: str, frame_class: str | None) -> str:
@@ -133,9 +133,9 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
     is without that of the thrust curve in the parameters, which is the same in all flights.
     """
     rows: list[FlightParameter] = []
-    found = result.parameters
-    if not isinstance(found, Failure):
-        for key, row in zip(found.table.index, found.table.to_dict("records"), strict=True):
+    physical = result.parameters
+    if not isinstance(physical, Failure):
+        for key, row in zip(physical.table.index, physical.table.to_dict("records"), strict=True):
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
             # The headline is one of the methods' own.
@@ -143,7 +143,7 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
                 continue
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
-            thrust = None if found.thrust is None else found.thrust.common
+            thrust = None if physical.thrust is None else physical.thrust.common
             if method == METHODS[0] and thrust is not None and thrust.per_mass and thrust.sigma is not None:
                 # All flights of a craft have the error of the curve in its parameters in common.
                 sigma = thrust.sigma * value / thrust.per_mass
@@ -163,14 +163,19 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
         source = rate.source or "rate controller"
         known = rate.parameters
         late = known["effective_delay"]
-        for name, each in (("effectiveness", known["gain"]), ("delay", late)):
-            if each is not None and each.value is not None and each.sigma is not None and each.sigma > 0.0:
+        for name, parameter in (("effectiveness", known["gain"]), ("delay", late)):
+            if (
+                parameter is not None
+                and parameter.value is not None
+                and parameter.sigma is not None
+                and parameter.sigma > 0.0
+            ):
                 yield FlightParameter(
                     parameter=f"{axis} {name}",
                     method=f"frequency response, {source}",
-                    value=each.value,
-                    sigma=each.sigma,
-                    unit=each.unit,
+                    value=parameter.value,
+                    sigma=parameter.sigma,
+                    unit=parameter.unit,
                 )
 
 
@@ -190,7 +195,7 @@ def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:
 
 def flight_report(result: FlightResult) -> FlightReport:
     """Gather what is known of one log; whatever is not finite becomes None."""
-    models = tuple(each.report for each in result.models)
+    models = tuple(model.report for model in result.models)
     return cleaned(
         FlightReport(
             rotorid=version("rotorid"),
@@ -223,10 +228,10 @@ def models_file(report: FlightReport | CraftReport, models: Sequence[ModelResult
     """Gather the fitted models with every coefficient and its covariance: what models.json holds."""
     owned = OwnedModels(
         name=report.name,
-        models={each.key: each.model.record() for each in models if not isinstance(each.model, Failure)},
+        models={model.key: model.model.record() for model in models if not isinstance(model.model, Failure)},
         thrust=report.thrust,
         parameters=report.parameters,
-        missing={each.key: each.report.missing for each in models if isinstance(each.model, Failure)}
+        missing={model.key: model.report.missing for model in models if isinstance(model.model, Failure)}
         | {key: report.missing[key] for key in ("experiment", "thrust", "parameters") if key in report.missing},
     )
     own = isinstance(report, FlightReport)
@@ -239,7 +244,7 @@ def _flown(result: FlightResult) -> FlownReport | None:
     if isinstance(span, Failure):
         return None
     read = [None] * 3 if account is None else [account.height, account.distance, account.ground_speed]
-    height, distance, speed = (None if each is None else each.value for each in read)
+    height, distance, speed = (None if reading is None else reading.value for reading in read)
     return FlownReport(
         start_s=span.start,
         stop_s=span.stop,

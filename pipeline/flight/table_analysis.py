@@ -111,13 +111,16 @@ def _ahead(verdict: StateVerdict) -> AnswerLine:
 
 def _known(asked: str, parameters: Sequence[BodyParameter], motors: bool) -> AnswerLine:
     """Answer with the first parameter that is determined, in SI where it is known; `motors` are single ones."""
-    for each in parameters:
-        for value, sigma, unit in ((each.si_value, each.si_sigma, each.si_unit), (each.value, each.sigma, each.unit)):
+    for parameter in parameters:
+        for value, sigma, unit in (
+            (parameter.si_value, parameter.si_sigma, parameter.si_unit),
+            (parameter.value, parameter.sigma, parameter.unit),
+        ):
             if value is not None and sigma is not None:
                 bare, _, condition = unit.replace("^2", "²").partition(" at ")
                 # Motion alone knows forces by the mass only, and turning by the inertia: accelerations.
-                mass = "over mass, " if each.name not in ("roll_gain", "pitch_gain") and bare[0] != "N" else ""
-                text = f"{mass}{_spoken(each.name, motors)} {f'at {condition}' if condition else ''}".strip()
+                mass = "over mass, " if parameter.name not in ("roll_gain", "pitch_gain") and bare[0] != "N" else ""
+                text = f"{mass}{_spoken(parameter.name, motors)} {f'at {condition}' if condition else ''}".strip()
                 return AnswerLine(
                     purpose=asked, word="known", tone=Tone.GOOD, text=text, value=value, sigma=sigma, unit=bare
                 )
@@ -160,11 +163,11 @@ class TablesReport:
     @property
     def horizons(self) -> tuple[float, ...]:
         """How far ahead it was judged, s."""
-        return tuple(sorted({each.horizon for each in self.errors}))
+        return tuple(sorted({error.horizon for error in self.errors}))
 
     def mean(self, state: str, horizon: float, which: str) -> float | None:
         """Return the mean over records of the errors of the model, or of one of the guesses without it."""
-        values = [getattr(each, which) for each in self.errors if each.state == state and each.horizon == horizon]
+        values = [getattr(error, which) for error in self.errors if error.state == state and error.horizon == horizon]
         known = [float(value) for value in values if value is not None]
         return sum(known) / len(known) if known else None
 

@@ -160,10 +160,10 @@ class Account:
         """What happened in a few words, as a table of flights has room for."""
         if self.flight is None:
             return "no flight"
-        told = self.story or self.notable[:1]
-        if not told:
+        happenings = self.story or self.notable[:1]
+        if not happenings:
             return "partly logged" if self.unseen else "uneventful"
-        names = [str(each.evidence.get("what") or each.id.replace("-", " ")) for each in told]
+        names = [str(finding.evidence.get("what") or finding.id.replace("-", " ")) for finding in happenings]
         return ", ".join(dict.fromkeys((names[0], names[-1])))
 
     @property
@@ -175,7 +175,7 @@ class Account:
     @property
     def notable(self) -> tuple[Finding, ...]:
         """Happenings that a healthy flight does not have, the gravest first."""
-        return tuple(each for each in self.happenings if each.notable)
+        return tuple(happening for happening in self.happenings if happening.notable)
 
     @property
     def severity(self) -> Severity:

@@ -79,7 +79,7 @@ class Answer:
 
     def line(self, purpose: str) -> AnswerLine | None:
         """Return the answer for a purpose; None where there is none."""
-        return next((each for each in self.lines if each.purpose == purpose), None)
+        return next((line for line in self.lines if line.purpose == purpose), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

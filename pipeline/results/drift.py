@@ -118,8 +118,8 @@ class History:
     @property
     def change(self) -> Trend | Step | None:
         """The significant change, the likelier where slope and step both are; None without one."""
-        found = [each for each in (self.trend, self.step) if each is not None and each.significant]
-        return min(found, key=lambda each: each.p, default=None)
+        significant = [change for change in (self.trend, self.step) if change is not None and change.significant]
+        return min(significant, key=lambda change: change.p, default=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

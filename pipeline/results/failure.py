@@ -24,7 +24,7 @@ def present(value: T | Failure | None) -> T | None:
 
 def reasons(*results: object) -> Mapping[str, str]:
     """Return the reasons of those results that are failures, by stage."""
-    return {each.stage: each.reason for each in results if isinstance(each, Failure)}
+    return {result.stage: result.reason for result in results if isinstance(result, Failure)}
 
 
 class _Found(Protocol):
@@ -34,5 +34,5 @@ class _Found(Protocol):
 
 def findings_of(*results: _Found | Failure | None) -> tuple[Finding, ...]:
     """Return what those results that there are have found."""
-    there = (each for each in results if each is not None and not isinstance(each, Failure))
-    return tuple(finding for each in there for finding in each.findings)
+    there = (result for result in results if result is not None and not isinstance(result, Failure))
+    return tuple(finding for result in there for finding in result.findings)

@@ -57,7 +57,7 @@ class GroupResult(Summarised):
             "craft": self.report.name,
             "training": listed(self.report.training),
             "held out": listed(self.report.held_out),
-            "models": listed([each.title for each in self.models if not isinstance(each.model, Failure)]) or "none",
+            "models": listed([model.title for model in self.models if not isinstance(model.model, Failure)]) or "none",
         }
 
 

@@ -96,10 +96,10 @@ class ModelResult(Summarised):
         """Return the few facts by which a reader knows this result."""
         judged = present(self.validation)
         fitted = "fitted" if self.validation is None else "fitted and validated"
-        found = {"model": self.title, "is": self.report.missing or fitted}
+        summary = {"model": self.title, "is": self.report.missing or fitted}
         if judged is not None:
-            found["free-run RMSE"] = ", ".join(f"{output} {value:.3g}" for output, value in judged.average.items())
-        return found
+            summary["free-run RMSE"] = ", ".join(f"{output} {value:.3g}" for output, value in judged.average.items())
+        return summary
 
 
 #: In the place of what is made of all the rest.
@@ -156,7 +156,7 @@ class FlightResult(Summarised):
             "log": f"{self.name} ({self.log.format}, {self.log.duration_s or 0.0:.0f} s)",
             "flight": flown,
             "trajectory": "none" if isinstance(self.trajectory, Failure) else self.trajectory.method,
-            "models": listed([each.title for each in self.models if not isinstance(each.model, Failure)]) or "none",
+            "models": listed([model.title for model in self.models if not isinstance(model.model, Failure)]) or "none",
             "findings": listed(list(dict.fromkeys(finding.id for finding in self.findings))) or "none",
             "missing": "; ".join(f"{stage}: {reason}" for stage, reason in self.missing.items()) or "nothing",
         }
@@ -164,10 +164,10 @@ class FlightResult(Summarised):
     @property
     def experiment(self) -> Experiment | Failure:
         """The airborne segment, with the inputs of the first kind of model that it can serve."""
-        for each in self.experiments.values():
-            return each
+        for experiment in self.experiments.values():
+            return experiment
         needed = (self.flight, self.trajectory, self.thrust)
-        reasons_given = (each.reason for each in needed if isinstance(each, Failure))
+        reasons_given = (failure.reason for failure in needed if isinstance(failure, Failure))
         return Failure("experiment", next(reasons_given, "no kind of model was asked for"))
 
     @property

@@ -104,7 +104,7 @@ class FlightReport:
         """Return what tables over all flights show; the report.json in its folder has the rest."""
         coverage, account, answer = self.coverage, self.account, self.answer
         if coverage is not None:
-            quantities = {name: replace(each, seconds=()) for name, each in coverage.quantities.items()}
+            quantities = {name: replace(quantity, seconds=()) for name, quantity in coverage.quantities.items()}
             coverage = replace(coverage, quantities=quantities, map=())
         if account is not None:
             account = Account(
@@ -115,13 +115,13 @@ class FlightReport:
                 unseen=account.unseen,
             )
         if answer is not None:
-            answer = replace(answer, lines=tuple(each for each in answer.lines if each.purpose in _TABULATED))
+            answer = replace(answer, lines=tuple(line for line in answer.lines if line.purpose in _TABULATED))
         return replace(
             self,
             folder=folder,
             vehicle=replace(self.vehicle, motors=()),
             rmse=(),
-            models=tuple(each.in_short() for each in self.models),
+            models=tuple(model.in_short() for model in self.models),
             thrust=None if self.thrust is None else replace(self.thrust, per_motor={}, effort={}, findings=()),
             parameters=None,
             trajectory=None,
@@ -130,7 +130,7 @@ class FlightReport:
             rotation=None,
             answer=answer,
             advice=(),
-            findings=tuple(replace(each, reason="", advice="", evidence={}) for each in self.findings),
+            findings=tuple(replace(finding, reason="", advice="", evidence={}) for finding in self.findings),
         )
 
 

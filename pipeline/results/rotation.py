@@ -136,8 +136,8 @@ class AxisRotation:
     @property
     def gain(self) -> Parameter:
         """Return how strongly the axis answers its controller, or why that is not known."""
-        found = None if self.rate is None else self.rate.parameters.get("gain")
-        return Parameter(None, None, "", self.reason) if found is None else found
+        parameter = None if self.rate is None else self.rate.parameters.get("gain")
+        return Parameter(None, None, "", self.reason) if parameter is None else parameter
 
     @property
     def rate_determined(self) -> bool:

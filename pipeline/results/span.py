@@ -35,6 +35,6 @@ def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:
     """Return from when to when a log is about one of its flights: with half of the time on the ground beside it."""
     if flight is None:
         return Span(-math.inf, math.inf)
-    before = max((each.stop for each in flights if each.stop <= flight.start), default=-math.inf)
-    after = min((each.start for each in flights if each.start >= flight.stop), default=math.inf)
+    before = max((other.stop for other in flights if other.stop <= flight.start), default=-math.inf)
+    after = min((other.start for other in flights if other.start >= flight.stop), default=math.inf)
     return Span(0.5 * (before + flight.start), 0.5 * (flight.stop + after))

@@ -62,7 +62,7 @@ def part(dataset: str, name: str, vehicle: str, flight: str) -> str:
 def partitions(store: Store, vehicle: str, flight: str, below: str = "") -> list[str]:
     """List where in a store both datasets may have parts of a flight; those `below` another folder of the store."""
     names = [(dataset, name) for dataset in (TABLES, EXPERIMENTS) for name in store.names(f"{below}{dataset}")]
-    return [str(PurePosixPath(part(*each, vehicle, flight)).parent) for each in names]
+    return [str(PurePosixPath(part(*name, vehicle, flight)).parent) for name in names]
 
 
 def write_tables(result: FlightResult, folder: Path) -> dict[str, Path]:

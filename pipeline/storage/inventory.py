@@ -98,7 +98,9 @@ def _originals(sources: Sequence[Source], contents: Mapping[str, str | OSError],
     """
     analyzed = {record.url for record in former.logs if record.state == "analysed"}
     originals: dict[str, str] = {}
-    for source in sorted(sources, key=lambda each: (each.url not in analyzed, not each.named, not each.called_a_log)):
+    for source in sorted(
+        sources, key=lambda source: (source.url not in analyzed, not source.named, not source.called_a_log)
+    ):
         content = contents[source.url]
         # Empty files are copies of each other only by name.
         if source.size and isinstance(content, str):
@@ -130,7 +132,7 @@ def flight_names(urls: Sequence[str], known: Mapping[str, str] | None = None) ->
     names = {url: known[url] for url in urls if url in known} if known else {}
     taken = {name.casefold() for name in names.values()}
     stems = Counter(_stem(url).casefold() for url in urls if called_a_log(file_name(url)))
-    for url in sorted(urls, key=lambda each: not called_a_log(file_name(each))):
+    for url in sorted(urls, key=lambda url: not called_a_log(file_name(url))):
         if url in names:
             continue
         base = _stem(url) if stems[_stem(url).casefold()] <= 1 else file_name(url)

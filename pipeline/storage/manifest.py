@@ -136,7 +136,7 @@ def _fingerprint(packages: Iterable[str]) -> str:
             continue
         folder = Path(spec.origin).parent
         # What was compiled of them comes and goes.
-        for file in sorted(each for each in folder.rglob("*") if each.is_file() and "__pycache__" not in each.parts):
+        for file in sorted(path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts):
             sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
             sources.update(file.read_bytes())
     return sources.hexdigest()

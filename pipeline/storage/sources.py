@@ -150,11 +150,11 @@ class _Search:
                 files, root = fsspec.url_to_fs(url)
                 # Over HTTP a page with links would pass for a folder.
                 folder = not url.startswith(("http:", "https:")) and files.isdir(root)
-                found: dict[str, Any] = files.find(root, detail=True) if folder else {root: files.info(root)}
+                listing: dict[str, Any] = files.find(root, detail=True) if folder else {root: files.info(root)}
         except OSError as error:
             self._unusable(url, f"cannot be opened: {error.strerror or error}", named=True)
             return
-        for path, facts in sorted(found.items()):
+        for path, facts in sorted(listing.items()):
             inner = PurePosixPath(path).relative_to(root).parts if folder else ()
             if any(part.startswith(".") for part in inner):
                 continue

@@ -83,7 +83,7 @@ class Store:
             if error.errno != errno.EXDEV:
                 raise
             _copy(file, target)
-        for folder in {target.parent, *(each.parent for each in made)}:
+        for folder in {target.parent, *(path.parent for path in made)}:
             sync(folder)
 
     def get(self, path: str, file: Path) -> None:
@@ -92,10 +92,10 @@ class Store:
 
     def files(self, path: str) -> Iterator[tuple[str, datetime]]:
         """List all files below a folder, and when each was written."""
-        for each in (self._root / path).rglob("*"):
+        for file in (self._root / path).rglob("*"):
             with suppress(FileNotFoundError):  # removed at this moment
-                if each.is_file():
-                    yield each.relative_to(self._root).as_posix(), datetime.fromtimestamp(each.stat().st_mtime, UTC)
+                if file.is_file():
+                    yield file.relative_to(self._root).as_posix(), datetime.fromtimestamp(file.stat().st_mtime, UTC)
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
@@ -111,8 +111,8 @@ class Store:
         """Keep a folder of `scratch` under `path`, whole, in place of what was there."""
         target = self._root / path
         target.parent.mkdir(parents=True, exist_ok=True)
-        for each in (*folder.rglob("*"), folder):
-            sync(each)
+        for entry in (*folder.rglob("*"), folder):
+            sync(entry)
         replaced = folder.with_name(f"{folder.name}-replaced-{uuid.uuid4().hex}")
         while True:
             try:
@@ -146,7 +146,7 @@ class Store:
     def names(self, path: str) -> list[str]:
         """List what is in a folder; nothing where there is none."""
         folder = self._root / path
-        return sorted(each.name for each in folder.iterdir()) if folder.is_dir() else []
+        return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
 
     def prepare(self) -> None:
         """Make the folder and try to write there."""
@@ -250,10 +250,10 @@ class ObjectStore(Store):
         try:
             with as_os_error():
                 self._files.invalidate_cache()  # others write there as well
-                found = self._files.find(str(self._base / path), detail=True)
+                listing = self._files.find(str(self._base / path), detail=True)
         except FileNotFoundError:
             return {}
-        return {str(PurePosixPath(each).relative_to(self._base)): facts for each, facts in found.items()}
+        return {str(PurePosixPath(name).relative_to(self._base)): facts for name, facts in listing.items()}
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
@@ -264,8 +264,8 @@ class ObjectStore(Store):
     def commit(self, folder: Path, path: str) -> None:
         """Keep a folder of `scratch` under `path`: its entry is removed first and comes back last."""
         self.remove(f"{path}/{ENTRY}")
-        files = sorted(each for each in folder.rglob("*") if each.is_file())
-        new = {each.relative_to(folder).as_posix(): each for each in files}
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        new = {file.relative_to(folder).as_posix(): file for file in files}
         for old in self._below(path):
             if old.removeprefix(f"{path}/") not in new:
                 self.remove(old)
@@ -293,10 +293,10 @@ class ObjectStore(Store):
         try:
             with as_os_error():
                 self._files.invalidate_cache()
-                found = self._files.ls(str(self._base / path), detail=False)
+                listing = self._files.ls(str(self._base / path), detail=False)
         except FileNotFoundError:
             return []
-        return sorted(PurePosixPath(each).name for each in found)
+        return sorted(PurePosixPath(name).name for name in listing)
 
     def prepare(self) -> None:
         """Try to write there."""

@@ -262,7 +262,7 @@ def _one_flight(
             compile_missing(progress)  # half a minute on a new computer: what happened is told before it
 
         try:
-            (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, told=told)
+            (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, announce=told)
         except RotoridError as error:
             for begun in announced:  # its page must not say that models follow
                 write_account(begun, out, str(error))
@@ -351,7 +351,7 @@ def _several_logs(
         rest = part_of(progress, begun, 1.0)
         announce = None if as_json else partial(_announce_flight, out)
         fleet = pipeline.analyze_fleet(
-            files, config, executor, rest, store=out, publish=publish, redo=redo, told=announce
+            files, config, executor, rest, store=out, publish=publish, redo=redo, announce=announce
         )
         try:
             if not fleet.reported:

@@ -49,8 +49,8 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     nowhere = Span(float("inf"), float("inf"))
     readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
     noted = gravest_first(list(reported_happenings(readings)))
-    told = _on_the_ground(noted, other=log.vehicle.other_craft, high=any(heights(log.tables)))
-    return Account(flight=None, happenings=noted, headline=told, unknown=_unknown(log.tables))
+    sentence = _on_the_ground(noted, other=log.vehicle.other_craft, high=any(heights(log.tables)))
+    return Account(flight=None, happenings=noted, headline=sentence, unknown=_unknown(log.tables))
 
 
 def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]]:
@@ -67,12 +67,12 @@ def account_of(readings: Readings) -> Account:
     happenings = _ended(_happenings(readings), flight)
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
-    lost = next((each.t for each in story if each.id in _ENDING or each.id == "control-lost"), None)
+    lost = next((finding.t for finding in story if finding.id in _ENDING or finding.id == "control-lost"), None)
     height = state.height(readings)
     doubtful = tuple(
-        Span(each.t - 1.0, (each.end or each.t) + RECOVERS)
-        for each in ordered
-        if each.t is not None and _GPS_WRONG & {each.id, each.evidence.get("subsystem")}
+        Span(finding.t - 1.0, (finding.end or finding.t) + RECOVERS)
+        for finding in ordered
+        if finding.t is not None and _GPS_WRONG & {finding.id, finding.evidence.get("subsystem")}
     )
     distance, speed = state.distance(readings, doubtful), state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
@@ -85,7 +85,7 @@ def account_of(readings: Readings) -> Account:
         unknown = (*unknown, "attitude or its target too slow: whether it followed")
     seen = tables.has("imu") or tables.has("attitude")
     begun, cuts = begins_in_the_air(readings), tuple(unseen(readings))
-    told = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)
+    sentence = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)
     return Account(
         flight=flight,
         phases=_phases(readings, story),
@@ -102,7 +102,7 @@ def account_of(readings: Readings) -> Account:
         motors=state.motors(readings),
         happenings=ordered,
         story=story,
-        headline=" ".join((told, *cuts)),
+        headline=" ".join((sentence, *cuts)),
         unseen=cuts,
         unknown=unknown,
         sound=_sound(flight, ordered, story),
@@ -115,53 +115,55 @@ def _unknown(tables: Tables) -> tuple[str, ...]:
 
 def _happenings(readings: Readings) -> list[Finding]:
     """Everything that happened, each kind by its own reading."""
-    found = [*attitude_happenings(readings), *power_happenings(readings)]
+    findings = [*attitude_happenings(readings), *power_happenings(readings)]
     stop, touch = readings.flight.stop, contact(readings)
     down = stop if touch is None else min(stop, touch.t)
     late = [
-        each for each in found if each.t is not None and each.t < down + _END and (each.end or each.t) > down - _END
+        finding
+        for finding in findings
+        if finding.t is not None and finding.t < down + _END and (finding.end or finding.t) > down - _END
     ]
     touched = list(
         ground_happenings(
             readings,
             touch,
-            out_of_control=any(each.id in ("control-lost", "yaw-lost") for each in late),
-            sank=any(each.id == "lift-lost" for each in late),
+            out_of_control=any(finding.id in ("control-lost", "yaw-lost") for finding in late),
+            sank=any(finding.id == "lift-lost" for finding in late),
         )
     )
-    found += touched
-    found += motor_happenings(
-        readings, until=min([stop, *(each.t for each in found if each.id in _UNTRIMMED and each.t)])
+    findings += touched
+    findings += motor_happenings(
+        readings, until=min([stop, *(finding.t for finding in findings if finding.id in _UNTRIMMED and finding.t)])
     )
-    return found + list(sensor_happenings(readings)) + list(reported_happenings(readings))
+    return findings + list(sensor_happenings(readings)) + list(reported_happenings(readings))
 
 
 def _ended(happenings: Iterable[Finding], flight: Span) -> list[Finding]:
     """Leave out what only follows from a crash, after which all sensors and loops are wrong."""
-    found = list(happenings)
-    crash = min((each.t for each in found if each.id == "crash" and each.t is not None), default=None)
+    findings = list(happenings)
+    crash = min((finding.t for finding in findings if finding.id == "crash" and finding.t is not None), default=None)
     if crash is None:
-        return found
+        return findings
     return [
-        each
-        for each in found
-        if each.t is None or each.t <= crash or each.id in ("crash", "failsafe", "autopilot-error")
+        finding
+        for finding in findings
+        if finding.t is None or finding.t <= crash or finding.id in ("crash", "failsafe", "autopilot-error")
     ]
 
 
 def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...]) -> Span:
     """Return the part of the flight before it broke; a crash begins with the first of its story."""
-    broke = [each for each in ordered if each.id in _ENDING and each.notable]
+    broke = [finding for finding in ordered if finding.id in _ENDING and finding.notable]
     if story and story[-1].id in _ENDING:
-        broke += [each for each in story if each.id in ("control-lost", "lift-lost", "yaw-lost")]
-    stop = min([flight.stop, *(each.t - _MARGIN for each in broke if each.t is not None)])
+        broke += [finding for finding in story if finding.id in ("control-lost", "lift-lost", "yaw-lost")]
+    stop = min([flight.stop, *(finding.t - _MARGIN for finding in broke if finding.t is not None)])
     return Span(flight.start, max(stop, flight.start))
 
 
 def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
     flight, belongs = readings.flight, readings.belongs
-    fall = next((each.t for each in story if each.id in ("control-lost", "lift-lost")), None)
-    crashed = any(each.id == "crash" for each in story)
+    fall = next((finding.t for finding in story if finding.id in ("control-lost", "lift-lost")), None)
+    crashed = any(finding.id == "crash" for finding in story)
     down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
     phases = [Phase(PhaseKind.GROUND, _end(belongs.start), flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
     if down < flight.stop:
@@ -179,6 +181,6 @@ def _on_the_ground(noted: tuple[Finding, ...], *, other: bool, high: bool) -> st
         if other
         else f"The log shows {'no flight' if high else 'no height: whether the craft flew is not known'}"
     )
-    last = max(noted, key=lambda each: each.t or 0.0, default=None)
+    last = max(noted, key=lambda finding: finding.t or 0.0, default=None)
     said = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
     return f"{shown}.{said}"

@@ -104,7 +104,7 @@ def _oscillations(readings: Readings) -> Iterator[Finding]:
         t, hz, amplitude = lines.T
         swinging = (amplitude > 0.0) & ~readings.chirped(t)
         for first, last, rows in stretches(t, swinging, join=1.1 * _WINDOW, shortest=_LASTING):
-            strength, frequency = (float(np.median(each[rows][amplitude[rows] > 0.0])) for each in (amplitude, hz))
+            strength, frequency = (float(np.median(series[rows][amplitude[rows] > 0.0])) for series in (amplitude, hz))
             yield finding(
                 "oscillation",
                 f"The craft oscillated in {name} at {frequency:.1f} Hz with {np.degrees(strength):.0f}°/s.",
@@ -119,10 +119,10 @@ def _oscillations(readings: Readings) -> Iterator[Finding]:
 def _rate(readings: Readings, axis: str) -> tuple[Floats, Floats] | None:
     """Time and angular rate of an axis from the fastest table that has it."""
     for table, column in (("rates", f"w_{axis}"), ("imu", f"gyro_{axis}")):
-        found = next(readings.tables.columns(table, (column,)), None)
-        if found is None:
+        frame = next(readings.tables.columns(table, (column,)), None)
+        if frame is None:
             continue
-        inside = found.loc[readings.flight.start + 1.0 : readings.flight.stop - 0.5].dropna()
+        inside = frame.loc[readings.flight.start + 1.0 : readings.flight.stop - 0.5].dropna()
         t = inside.index.to_numpy(np.float64)
         if len(t) > 10 and 1.0 / float(np.median(np.diff(t))) >= _SLOWEST:
             return np.asarray(t), np.asarray(inside.to_numpy(np.float64))
@@ -163,8 +163,8 @@ def _lines(readings: Readings, t: Floats, flown: Floats, axis: str) -> Floats:
     amplitude[edge | (amplitude < _AMPLITUDE) | (line < _PURITY * np.sum(power, axis=1))] = 0.0
     asked, order = _asked(readings, axis) if amplitude.any() else (None, 0)
     # Slower swings than a pilot's may be asked for where nothing tells what was.
-    told = 0.0 if asked is None else 0.4 / float(np.median(np.diff(asked.index.to_numpy(np.float64))))
-    amplitude[(peak < _STICKS) & (peak > told)] = 0.0
+    resolved = 0.0 if asked is None else 0.4 / float(np.median(np.diff(asked.index.to_numpy(np.float64))))
+    amplitude[(peak < _STICKS) & (peak > resolved)] = 0.0
     if asked is not None:
         wanted = _spectra(np.interp(grid, asked.index.to_numpy(np.float64), asked.to_numpy(np.float64)), size, count)
         wanted *= (2.0 * np.pi * hz) ** (2 * order)

@@ -102,7 +102,7 @@ def _rest(readings: Readings, after: Span) -> float:
     if axes is not None and len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) > 2:
         x, y, z = np.median(rest, axis=0)
         leans.append(float(np.arctan2(np.hypot(x, y), -z)))
-    return min((each for each in leans if np.isfinite(each)), default=np.nan)
+    return min((lean for lean in leans if np.isfinite(lean)), default=np.nan)
 
 
 def _down(readings: Readings) -> float:

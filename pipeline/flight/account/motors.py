@@ -21,7 +21,7 @@ def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
     except MissingDataError:
         return
     for fault in faults:
-        again = sum(each.motor == fault.motor and each.kind == "pulse" for each in faults)
+        again = sum(other.motor == fault.motor and other.kind == "pulse" for other in faults)
         yield finding(
             "motor-fault",
             f"{_sentence(fault, again)}: {fault.evidence}.",

@@ -71,8 +71,8 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
 
 def _climb_asked(readings: Readings, first: float, last: float) -> bool | None:
     """Return whether rate or height of the target rose in a stretch; None where neither was logged."""
-    targets = (each.loc[first:last].dropna() for each in readings.tables.columns("setpoints", ("v_d", "p_d")))
-    known = {str(each.name): each for each in targets if len(each)}
+    targets = (column.loc[first:last].dropna() for column in readings.tables.columns("setpoints", ("v_d", "p_d")))
+    known = {str(target.name): target for target in targets if len(target)}
     rates = [known["v_d"].median()] if "v_d" in known else []
     if "p_d" in known:
         rates.append((known["p_d"].iloc[-1] - known["p_d"].iloc[0]) / (last - first))
@@ -88,7 +88,7 @@ def _estimate_off(readings: Readings, first: float, last: float) -> float | None
     if not len(height) or not len(barometer):
         return None
     begin = max(readings.flight.start, first - 2.0)
-    gains = [float(at(last, each) - at(begin, each)) for each in (height, barometer)]
+    gains = [float(at(last, column) - at(begin, column)) for column in (height, barometer)]
     return gains[1] - gains[0] if gains[0] < 0.0 else None
 
 

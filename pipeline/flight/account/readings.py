@@ -98,7 +98,7 @@ class Readings:
     def heights(self) -> list[tuple[str, pd.Series[float]]]:
         """Heights by source, the most credible first, those that did not come back or stopped last."""
         wrong = {*self.stayed, *(("baro",) if self.barometer_stopped is not None else ())}
-        return sorted(heights(self.tables), key=lambda each: each[0] in wrong)
+        return sorted(heights(self.tables), key=lambda height: height[0] in wrong)
 
     @cached_property
     def height(self) -> pd.Series[float] | None:
@@ -144,7 +144,7 @@ class Readings:
     def outputs(self) -> pd.DataFrame | None:
         """Motor outputs between their limits in flight, 0 at MOT_SPIN_MIN and 1 at MOT_SPIN_MAX."""
         motors = self.tables.motors
-        low, high = (self.limits.pwm(each) for each in (self.limits.spin_min, self.limits.spin_max))
+        low, high = (self.limits.pwm(spin) for spin in (self.limits.spin_min, self.limits.spin_max))
         if motors is None or not high > low:
             return None
         inside = motors.loc[self.flight.start : self.flight.stop].dropna(how="all")
@@ -272,8 +272,8 @@ def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> lis
     apart = max(join, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else join
     cuts = np.flatnonzero(np.diff(t[rows]) > apart)
     ends = zip(rows[np.r_[0, cuts + 1]].tolist(), rows[np.r_[cuts, len(rows) - 1]].tolist(), strict=True)
-    found = [Stretch(float(t[first]), float(t[last]), slice(first, last + 1)) for first, last in ends]
-    return [each for each in found if each.last - each.first >= shortest]
+    candidates = [Stretch(float(t[first]), float(t[last]), slice(first, last + 1)) for first, last in ends]
+    return [stretch for stretch in candidates if stretch.last - stretch.first >= shortest]
 
 
 def within(t: Floats, spans: list[tuple[float, float]]) -> Mask:

@@ -77,7 +77,7 @@ def reported_happenings(readings: Readings) -> Iterator[Finding]:
     for report in _reports(readings):
         by_kind.setdefault(report.subsystem, []).append(report)
     for subsystem, several in by_kind.items():
-        flown = [each for each in several if readings.flight.start - 0.5 <= each.t <= readings.flight.stop + 0.5]
+        flown = [report for report in several if readings.flight.start - 0.5 <= report.t <= readings.flight.stop + 0.5]
         yield _told(subsystem, flown or several, flying=bool(flown))
 
 

@@ -101,7 +101,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
     for k in np.flatnonzero(np.diff(inside) > limit):
         begin, end = float(inside[k]), float(inside[k + 1])
         # Where another table stops too, it is the log that is silent.
-        silent = max(float(np.max(np.diff([begin, *each[(each > begin) & (each < end)], end]))) for each in others)
+        silent = max(float(np.max(np.diff([begin, *times[(times > begin) & (times < end)], end]))) for times in others)
         if silent > 0.5 * (end - begin) or any(a <= end and b >= begin for a, b, _ in losses):
             continue
         yield finding(

@@ -137,7 +137,7 @@ def battery(readings: Readings) -> BatteryReading | None:
         lowest=float(inside.min()),
         lowest_t=float(inside.index[int(np.argmin(inside.to_numpy()))]),
         cells=math.ceil(max(start, end) / _FULL),
-        sag=sag_resistance(*(each.to_numpy(np.float64) for each in columns)) if columns else None,
+        sag=sag_resistance(*(column.to_numpy(np.float64) for column in columns)) if columns else None,
     )
 
 
@@ -150,7 +150,7 @@ def worst_vibration(readings: Readings) -> VibrationReading | None:
     if not inside.any():
         return None
     axes, t = np.nan_to_num(measured.axes[inside]), measured.t[inside]
-    row, axis = (int(each) for each in np.unravel_index(int(np.argmax(axes)), axes.shape))
+    row, axis = (int(index) for index in np.unravel_index(int(np.argmax(axes)), axes.shape))
     return VibrationReading(
         worst=float(axes[row, axis]),
         p95=float(np.percentile(measured.level[inside], 95.0)),

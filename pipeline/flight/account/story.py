@@ -23,25 +23,31 @@ _LED_TO = 3.0
 
 def gravest_first(happenings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Order what happened by severity, then by gravity of its kind, then by time."""
-    return tuple(sorted(happenings, key=lambda each: (WORST_FIRST.index(each.severity), gravity(each), each.t or 0.0)))
+    return tuple(
+        sorted(
+            happenings, key=lambda finding: (WORST_FIRST.index(finding.severity), gravity(finding), finding.t or 0.0)
+        )
+    )
 
 
 def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
     """Return the gravest happening with what led to it, causes first; empty where nothing notable happened."""
-    gravest = next((each for each in ordered if not _is_remark(each)), None)
+    gravest = next((finding for finding in ordered if not _is_remark(finding)), None)
     if gravest is None or not gravest.notable:
         return ()
     chain = [gravest]
     while chain[0].id in _CONSEQUENCES:
         before = [
-            each
-            for each in ordered
-            if each.id in _CAUSES and each.notable and not _is_remark(each) and _leads(each, chain[0])
+            finding
+            for finding in ordered
+            if finding.id in _CAUSES and finding.notable and not _is_remark(finding) and _leads(finding, chain[0])
         ]
         if not before:
             break
         # The first of the severest, for it began what followed; of the same moment the graver.
-        chain.insert(0, min(before, key=lambda each: (WORST_FIRST.index(each.severity), each.t, gravity(each))))
+        chain.insert(
+            0, min(before, key=lambda finding: (WORST_FIRST.index(finding.severity), finding.t, gravity(finding)))
+        )
     return tuple(chain)
 
 
@@ -95,7 +101,7 @@ def headline(story: Sequence[Finding], flight: Span | None) -> str:
     first, *rest = story
     assert first.t is not None
     parts = [f"At {_clock(first.t, flight)} {_clause(first.reason)}"]
-    parts += [f"{_clause(each.reason)} at {_short_clock(each.t or 0.0, flight)}" for each in rest]
+    parts += [f"{_clause(finding.reason)} at {_short_clock(finding.t or 0.0, flight)}" for finding in rest]
     return "; ".join(parts) + "."
 
 
