@@ -67,7 +67,7 @@ def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
         told.append(entry.name)
         assert (out / "flights" / entry.folder / "entry.json").is_file()
 
-    first, analyzed = run(logs, out, told=tell)
+    first, analyzed = run(logs, out, announce=tell)
     assert sorted(analyzed) == sorted(told) == ["octa1", "octa2", "octa3", "quad"]
     assert fitted(first) == ["ArduCopter quad plus"]
     written = (out / "manifest.json").stat().st_mtime_ns
