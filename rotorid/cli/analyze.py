@@ -255,14 +255,14 @@ def _one_flight(
             return
         announced: list[FlightResult] = []
 
-        def told(begun: "FlightResult") -> None:
+        def announce(begun: "FlightResult") -> None:
             if not as_json:
                 announced.append(begun)
                 _announce(begun, out)
             compile_missing(progress)  # half a minute on a new computer: what happened is told before it
 
         try:
-            (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, announce=told)
+            (result,) = pipeline.analyze_flights(logs, config, advance, alone=True, announce=announce)
         except RotoridError as error:
             for begun in announced:  # its page must not say that models follow
                 write_account(begun, out, str(error))

@@ -137,7 +137,7 @@ def _height(readings: Readings) -> Iterator[Finding]:
     if own is None or readings.own_height:
         return
     source, credible = readings.heights[0]
-    height, other = (smoothed(each.loc[flight.start : flight.stop]) for each in (own, credible))
+    height, other = (smoothed(series.loc[flight.start : flight.stop]) for series in (own, credible))
     if len(height) < 10 or len(other) < 10:
         return
     t = height.index.to_numpy(np.float64)
