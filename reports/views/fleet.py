@@ -32,7 +32,8 @@ def title(numbers: FleetReport) -> str:
     """Name the report: by its craft where all flights are of one, else by its logs."""
     if not numbers.flights:
         return "No flight"
-    flights, crafts = counted(len(numbers.flights), "flight"), numbers.groups
+    # Two recordings of a flight are one flight, here as in the first sentence.
+    flights, crafts = counted(len(numbers.flights) - len(numbers.again), "flight"), numbers.groups
     names = {flight.log.file for flight in numbers.flights}
     if len(names) == 1 and _logs(numbers) == 1:
         return f"{names.pop()}: {flights}"

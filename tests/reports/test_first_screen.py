@@ -26,7 +26,7 @@ from reports.figures.flight import first_figures
 from reports.pages.fleet import fleet_page
 from reports.terminal.summary import overview
 from reports.views import summary
-from reports.views.fleet import fleet_answer
+from reports.views.fleet import fleet_answer, title
 from sysid import Experiment, fit_thrust
 from sysid.loops.known_margins import Margins
 from sysid.records.motor_scaling import motor_commands
@@ -341,7 +341,9 @@ def test_a_flight_that_was_recorded_twice_is_counted_once(kinds):
         dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name=name) for name in ("bin", "tlog")
     ]
     assert fleet_answer(made(FleetReport, flights=flights))[0].text == "Nothing happened in 2 flights."
-    assert fleet_answer(made(FleetReport, flights=flights, again=("tlog",)))[0].text.endswith(" in 1 flight.")
+    once = made(FleetReport, flights=flights, again=("tlog",))
+    assert fleet_answer(once)[0].text.endswith(" in 1 flight.")
+    assert title(once).endswith("1 flight")
 
 
 def test_reasons_that_differ_in_numbers_only_are_one_with_their_range():
