@@ -7,10 +7,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from core.lazy import lazy
+
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     import pandas as pd
 
     from logparse import Flight
+else:
+    np = lazy("numpy")  # a report is read without it
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +35,14 @@ class Span:
         """Return the rows of an ordered index that lie within; looking labels up leaves a hash table of long ones."""
         times = index.to_numpy()
         return slice(int(times.searchsorted(self.start)), int(times.searchsorted(self.stop, side="right")))
+
+
+def within(t: npt.NDArray[np.float64], spans: Iterable[Span]) -> npt.NDArray[np.bool_]:
+    """Return which times lie in one of the spans, bounds included."""
+    inside = np.zeros(len(t), dtype=bool)
+    for span in spans:
+        inside |= (t >= span.start) & (t <= span.stop)
+    return inside
 
 
 def around(flight: Span | None, flights: Iterable[Span | Flight]) -> Span:

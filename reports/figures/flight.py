@@ -24,7 +24,7 @@ from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
 from pipeline.results.signals import Panel, SignalLine
-from pipeline.results.span import Span
+from pipeline.results.span import Span, within
 from reports.figures.figure import (
     MOST_POINTS,
     Drawn,
@@ -251,8 +251,7 @@ def _gps_offsets(result: FlightResult, doubtful: Sequence[Span] = ()) -> tuple[F
     if result.gps is None:
         return None
     table = _within(result.gps[["lat", "lon"]], present(result.flight)).dropna()
-    for span in doubtful:
-        table = table[(table.index < span.start) | (table.index > span.stop)]
+    table = table[~within(table.index.to_numpy(dtype=float), doubtful)]
     if len(table) < 2:
         return None
     lat, lon = table["lat"].to_numpy(dtype=float), table["lon"].to_numpy(dtype=float)

@@ -27,7 +27,7 @@ from logparse.heights import (
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
-from pipeline.results.span import Span, around
+from pipeline.results.span import Span, around, within
 
 Mask = NDArray[np.bool_]
 
@@ -205,7 +205,7 @@ class Readings:
         modes = self.tables.modes
         changes = np.empty(0) if modes is None else modes.index.to_numpy(np.float64)
         return within(
-            t, [(hole.start, float(min(changes[changes >= hole.stop], default=np.inf))) for hole in self.holes]
+            t, (Span(hole.start, float(min(changes[changes >= hole.stop], default=np.inf))) for hole in self.holes)
         )
 
     def in_modes(self, t: Floats, names: frozenset[str]) -> Mask:
@@ -223,7 +223,7 @@ class Readings:
             return np.zeros(len(t), dtype=bool)
         moving = np.isfinite(chirp["target"].to_numpy(np.float64))
         times = chirp.index.to_numpy(np.float64)
-        return within(t, [(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0)])
+        return within(t, (Span(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0)))
 
     def idle(self, t: Floats) -> Mask:
         """Return which times lie within a second after a closed throttle, which leaves motors nothing to turn with."""
@@ -274,14 +274,6 @@ def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> lis
     ends = zip(rows[np.r_[0, cuts + 1]].tolist(), rows[np.r_[cuts, len(rows) - 1]].tolist(), strict=True)
     candidates = [Stretch(float(t[first]), float(t[last]), slice(first, last + 1)) for first, last in ends]
     return [stretch for stretch in candidates if stretch.last - stretch.first >= shortest]
-
-
-def within(t: Floats, spans: list[tuple[float, float]]) -> Mask:
-    """Return which times lie in one of the spans, bounds included."""
-    inside = np.zeros(len(t), dtype=bool)
-    for first, last in spans:
-        inside |= (t >= first) & (t <= last)
-    return inside
 
 
 def at(t: float | Floats, series: pd.Series[float]) -> Floats:

@@ -19,10 +19,10 @@ from pipeline.flight.account.readings import (
     Stretch,
     at,
     stretches,
-    within,
 )
 from pipeline.flight.account.state import GLITCH_RADIUS, SILENT, SOURCES, steps
 from pipeline.flight.account.vibration import Floats
+from pipeline.results.span import Span, within
 
 #: Time [s] for which a loss is no danger.
 _BRIEF = 5.0
@@ -68,7 +68,7 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
         )
     yield from _silence(readings, t, losses)
     _, _, jump = steps(gps)
-    near = within(t, [(first - 1.0, last + SILENT) for first, last, _ in losses])
+    near = within(t, (Span(first - 1.0, last + SILENT) for first, last, _ in losses))
     for first, last, rows in stretches(t, (jump > GLITCH_RADIUS) & flying & ~near, join=RECOVERS):
         worst = float(jump[rows].max())
         yield finding(

@@ -11,10 +11,10 @@ import pandas as pd
 from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
 from pipeline.flight.account.power import real_voltage
-from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, SATELLITES, Readings, within
+from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, SATELLITES, Readings
 from pipeline.flight.account.vibration import Floats
 from pipeline.results.account import BatteryReading, GpsReading, HoverReading, MotorsReading, Reading, VibrationReading
-from pipeline.results.span import Span
+from pipeline.results.span import Span, within
 from sysid.rotors.battery import sag_resistance
 
 #: Steady hover: climb [m/s] and lean [rad] below these; the first and last of it [s] that are compared, and the least.
@@ -91,7 +91,7 @@ def _fixes(readings: Readings, doubtful: Sequence[Span]) -> pd.DataFrame:
         return pd.DataFrame(columns=["lat", "lon", "v_n", "v_e", "satellites"], dtype=float)
     rows = gps.loc[readings.flight.start : readings.flight.stop]
     good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)
-    return rows[good & ~within(rows.index.to_numpy(np.float64), [(span.start, span.stop) for span in doubtful])]
+    return rows[good & ~within(rows.index.to_numpy(np.float64), doubtful)]
 
 
 def _largest(values: pd.Series, unit: str) -> Reading | None:
