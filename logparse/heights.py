@@ -6,7 +6,7 @@ Where the autopilot takes its height from a camera or motion capture, its own is
 to a barometer indoors.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +14,9 @@ import pandas as pd
 
 from core.units import EARTH_RADIUS
 from logparse.tables import Tables
+
+#: Heights by source, as `heights` yields them.
+_Heights = Mapping[str, "pd.Series[float]"]
 
 
 class _Interval(Protocol):
@@ -41,7 +44,7 @@ _MEDIAN, _GROUND = 0.5, 2.0
 def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
     """Yield the heights [m, up] of a log by source (baro, autopilot, gps), the most credible first."""
     seen = any(tables.parameters.get(name) == value for name, value in _SEEN.items())
-    for source in sorted(_SOURCES, key=lambda each: each != "autopilot") if seen else _SOURCES:
+    for source in sorted(_SOURCES, key=lambda source: source != "autopilot") if seen else _SOURCES:
         table, column, sign = _SOURCES[source]
         frame = getattr(tables, table)
         if frame is None:
@@ -55,9 +58,8 @@ def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
             yield source, height
 
 
-def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
+def not_returned(known: _Heights, gps: pd.DataFrame | None, flight: "_Interval") -> dict[str, float]:
     """Return how far above the ground [m] sources of height stayed where others came back with a craft that did."""
-    gps = tables.gps
     if gps is None:
         return {}
     fixes = gps.loc[gps["fix"] >= 3.0, ["lat", "lon"]]
@@ -66,7 +68,7 @@ def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
     if not np.hypot(north, east) < _SAME_PLACE:
         return {}
     left = {}
-    for source, height in heights(tables):
+    for source, height in known.items():
         before, after = (_level(height.loc[start:stop]) for start, stop in _beside(flight))
         if before is not None and after is not None:
             left[source] = after - before
@@ -74,20 +76,19 @@ def not_returned(tables: Tables, flight: "_Interval") -> dict[str, float]:
     return stayed if len(stayed) < len(left) else {}
 
 
-def barometer_stopped(tables: Tables, flight: "_Interval") -> float | None:
+def barometer_stopped(known: _Heights, flight: "_Interval") -> float | None:
     """Return since when [s] a barometer repeated one value in flight while another height changed; None if it did not.
 
     Pressure is never the same for seconds; where it was simulated without noise, nothing else changes either.
     """
-    known = {source: height.loc[flight.start : flight.stop] for source, height in heights(tables)}
-    own = known.pop("baro", None)
-    if own is None or len(own) < 2:
+    if "baro" not in known or len(own := known["baro"].loc[flight.start : flight.stop]) < 2:
         return None
     t, begins = own.index.to_numpy(np.float64), np.flatnonzero(np.diff(own.to_numpy(np.float64), prepend=np.nan) != 0.0)
     ends = t[np.append(begins[1:], len(t)) - 1]
     longest = int(np.argmax(ends - t[begins]))
     first, last = float(t[begins[longest]]), float(ends[longest])
-    moved = [float(np.ptp(part)) for each in known.values() if len(part := smoothed(each).loc[first:last])]
+    others = (height.loc[flight.start : flight.stop] for source, height in known.items() if source != "baro")
+    moved = [float(np.ptp(part)) for height in others if len(part := smoothed(height).loc[first:last])]
     return first if last - first > _STOPPED and max(moved, default=0.0) > WRONG else None
 
 

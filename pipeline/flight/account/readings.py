@@ -85,20 +85,24 @@ class Readings:
         return pwm_range(self.tables.parameters)
 
     @cached_property
+    def _logged_heights(self) -> dict[str, pd.Series[float]]:
+        return dict(heights(self.tables))
+
+    @cached_property
     def stayed(self) -> dict[str, float]:
         """How far above the ground [m] sources of height stayed where others came back with the craft."""
-        return not_returned(self.tables, self.flight)
+        return not_returned(self._logged_heights, self.tables.gps, self.flight)
 
     @cached_property
     def barometer_stopped(self) -> float | None:
         """When the barometer stopped in flight, s; None for one that did not."""
-        return barometer_stopped(self.tables, self.flight)
+        return barometer_stopped(self._logged_heights, self.flight)
 
     @cached_property
     def heights(self) -> list[tuple[str, pd.Series[float]]]:
         """Heights by source, the most credible first, those that did not come back or stopped last."""
         wrong = {*self.stayed, *(("baro",) if self.barometer_stopped is not None else ())}
-        return sorted(heights(self.tables), key=lambda height: height[0] in wrong)
+        return sorted(self._logged_heights.items(), key=lambda height: height[0] in wrong)
 
     @cached_property
     def height(self) -> pd.Series[float] | None:
