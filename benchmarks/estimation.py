@@ -10,7 +10,7 @@ from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
 from estimation import estimate
 from estimation._kernels import ForwardPass
 from estimation.alignment import align
-from estimation.filter import Problem, assemble
+from estimation.filter import FilterSegment, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe
 from estimation.place import LocalFrame, World, world_field
@@ -30,7 +30,7 @@ MEASURES = {
 }
 
 
-def problem_of(tables: Tables, rate: float) -> Callable[[], Problem]:
+def problem_of(tables: Tables, rate: float) -> Callable[[], FilterSegment]:
     """Lay out the whole log, as `estimate` does after tuning."""
     noise = SensorNoise()
     frame = LocalFrame.at(PLACE)
@@ -42,7 +42,7 @@ def problem_of(tables: Tables, rate: float) -> Callable[[], Problem]:
     return lambda: assemble(signal, observations, outputs, start.x, start.P, world, noise)
 
 
-def forward_and_back(lay_out: Callable[[], Problem]) -> Callable[[], object]:
+def forward_and_back(lay_out: Callable[[], FilterSegment]) -> Callable[[], object]:
     def work() -> object:
         problem = lay_out()
         return smooth(problem, filter_forward(problem))
@@ -50,7 +50,7 @@ def forward_and_back(lay_out: Callable[[], Problem]) -> Callable[[], object]:
     return work
 
 
-def filterpy_seconds(problem: Problem, result: ForwardPass) -> float:
+def filterpy_seconds(problem: FilterSegment, result: ForwardPass) -> float:
     """Time filterpy on the same nodes, with the same F, Q, H and R given for nothing."""
     from filterpy.kalman import KalmanFilter
 

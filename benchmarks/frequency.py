@@ -19,7 +19,7 @@ from logparse import FlightLog
 from pipeline.fleet.history import history
 from pipeline.fleet.meta_analysis import ALPHA, holm
 from pipeline.results.drift import FlightPoint
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis, write_rate_log
 from sysid import Experiment, frequency
 from sysid.frequency.structures import low_pass
 from sysid.frequency.survey import survey
@@ -121,7 +121,7 @@ def made_craft(number: int, scratch: Path, *, sticks: bool, flight: int = 0) -> 
         flex_damping=float(rng.uniform(0.02, 0.06)),
         flex_share=float(rng.uniform(0.1, 0.4)) if flexible else 0.0,
     )
-    excitation = Excitation(
+    excitation = Shaking(
         duration=70.0,
         chirp=(0.4, 40.0, 0.0 if sticks else 25.0 / plant.gain),
         chirp_seconds=69.8,
@@ -207,7 +207,7 @@ def _speed(scratch: Path) -> Iterator[Row]:
         turning = axis != "vertical"
         plant = AxisPlant(gain=300.0 if turning else 30.0, lag=0.03, integrates=turning)
         magnitude = 0.08 if turning else 0.05
-        excitation = Excitation(
+        excitation = Shaking(
             duration=70.0, chirp=(0.4, 40.0, magnitude), chirp_seconds=69.8, sid_axis=10 + k, gust=0.5, noise=0.005
         )
         plants[axis] = plant

@@ -17,8 +17,8 @@ from logparse import FlightLog, RotoridError, read_log
 from simulation.axis_loop import (
     AxisPlant,
     AxisRun,
-    Excitation,
     LoopGains,
+    Shaking,
     gains_of,
     random_axis,
     run_axis,
@@ -188,7 +188,7 @@ def _sticks(path: Path, count: int = 40) -> list[Row]:
         if not before["stable"]:
             continue
         tried += 1
-        run = run_axis(axis, gains, Excitation(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015), tried)
+        run = run_axis(axis, gains, Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015), tried)
         write_rate_log(path, {"roll": run}, rate=50.0, filter_hz=axis.filter_hz, gains={"roll": gains})
         for item in tune(read_log(path)).axes[:1]:
             truths.add(axis, before, item)
@@ -230,7 +230,7 @@ def _long_log(path: Path) -> list[Row]:
     for k, (name, gain, p) in enumerate((("roll", 300.0, 0.08), ("pitch", 220.0, 0.11), ("yaw", 40.0, 0.35))):
         axis = AxisPlant(gain=gain, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
         flown[name] = LoopGains(P=p, I=p if k < 2 else 0.1 * p, D=0.025 * p if k < 2 else 0.0)
-        shaken = Excitation(
+        shaken = Shaking(
             duration=180.0,
             chirp=(0.5, 40.0, 0.08),
             chirp_start=20.0 + 45.0 * k,

@@ -14,7 +14,7 @@ from core.units import STANDARD_GRAVITY
 from estimation import estimate
 from logparse import read_log
 from simulation.elhesasy2024 import octocopter
-from simulation.mission import Chirp, GoTo, Mission, Turn
+from simulation.mission import FlownChirp, GoTo, Mission, Turn
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from tests.sysid.flown_craft import flown as flown_craft
@@ -40,9 +40,9 @@ def flown() -> Experiment:
         GoTo(0.0, 0.0, 8.0, 2.0),
         GoTo(0.0, 0.0, 30.0, 3.0),
         GoTo(0.0, 0.0, 8.0, 5.0),
-        Chirp("roll", 0.08, 0.5, 6.0, 12.0),
-        Chirp("pitch", 0.08, 0.5, 6.0, 12.0),
-        Chirp("yaw", 0.15, 0.5, 4.0, 10.0),
+        FlownChirp("roll", 0.08, 0.5, 6.0, 12.0),
+        FlownChirp("pitch", 0.08, 0.5, 6.0, 12.0),
+        FlownChirp("yaw", 0.15, 0.5, 4.0, 10.0),
         Turn(200.0),
         GoTo(20.0, 20.0, 25.0, 6.0),
         GoTo(0.0, 0.0, 8.0, 6.0),

@@ -5,7 +5,7 @@ NED. The nominal state of the filter is one array ``x`` (29 numbers: position, v
 errors of `SENSOR_ERROR_COLUMNS`), its error the 28 numbers of `states`.
 """
 
-from estimation.consistency import Comparison, compare, errors, nees
+from estimation.consistency import TrajectoryErrors, compare, errors, nees
 from estimation.estimator import estimate
 from estimation.states import SENSOR_ERROR_COLUMNS, SensorNoise
 from estimation.trajectory import SIGMA_COLUMNS, STATE_COLUMNS, Trajectory
@@ -14,9 +14,9 @@ __all__ = [
     "SENSOR_ERROR_COLUMNS",
     "SIGMA_COLUMNS",
     "STATE_COLUMNS",
-    "Comparison",
     "SensorNoise",
     "Trajectory",
+    "TrajectoryErrors",
     "compare",
     "errors",
     "estimate",

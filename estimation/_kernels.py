@@ -66,7 +66,7 @@ class Steps(NamedTuple):
     node_out: Int64s  #: shape (n,): Row of the output, -1 for nodes that nobody asked for.
 
 
-class Readings(NamedTuple):
+class Measurements(NamedTuple):
     """Groups of scalar measurements; see `observations.Observations`."""
 
     kind: Int64s
@@ -77,7 +77,7 @@ class Readings(NamedTuple):
     admitted: Flags
 
 
-class Model(NamedTuple):
+class SensorModel(NamedTuple):
     """What the filter believes of the sensors, and of the world about them."""
 
     walk: Vector
@@ -542,7 +542,9 @@ def _write_row(x: Array, P: Array, out: int, out_x: Array, out_P: Array, slow_P:
 
 
 @njit(cache=True, nogil=True)
-def forward(steps: Steps, readings: Readings, model: Model, memory: Vector, kept: ForwardPass, keep: bool) -> float:
+def forward(
+    steps: Steps, readings: Measurements, model: SensorModel, memory: Vector, kept: ForwardPass, keep: bool
+) -> float:
     """Run the filter over all nodes; return the log-likelihood without the constant, of what is refused too.
 
     State and covariance of `kept` are the start and are left at the end. ``memory`` (28,) is what else the filter knows
@@ -776,7 +778,7 @@ def _smooth_three(
 @njit(cache=True, nogil=True, fastmath=_FLAGS)
 def backward(
     steps: Steps,
-    readings: Readings,
+    readings: Measurements,
     kept: ForwardPass,
     wander_time: Vector,
     lam: Vector,

@@ -15,7 +15,7 @@ from core.findings import warning
 from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
 from estimation.attitude import euler_from_quat, matrix_from_quat
-from estimation.filter import COARSE, Problem, assemble, run
+from estimation.filter import COARSE, FilterSegment, assemble, run
 from estimation.lags import DECISIVE
 from estimation.observations import Observations
 from estimation.place import World
@@ -44,7 +44,7 @@ FEWEST = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class CompassTurn:
     """By how much the compass is turned about the craft's down axis, clockwise from above."""
 
     angle: float  #: rad
@@ -95,7 +95,7 @@ def compass_turn(
     field: np.ndarray,
     tuned: Tuned,
     noise: SensorNoise,
-) -> Turn | None:
+) -> CompassTurn | None:
     """Find the turn of the compass against the heading that all other sensors give; None where there is too little."""
     begin, stop = window(signal)
     seen = observations.between(max(begin, signal.start), min(stop, signal.stop))
@@ -109,7 +109,7 @@ def compass_turn(
     measured = seen.z[seen.start[readings][:, None] + np.arange(3)]
     rate = len(t) / max(np.ptp(t), LASTING)
 
-    def turn_from(start: Alignment) -> tuple[Turn, float, float]:
+    def turn_from(start: Alignment) -> tuple[CompassTurn, float, float]:
         """Return the turn that comes of a start, the likelihood of all but the compass, and the first heading."""
         problem = _without_compass(signal, observations, start, world, tuned, noise, t, stop)
         for _ in range(PASSES):
@@ -144,7 +144,7 @@ def _without_compass(
     noise: SensorNoise,
     t: np.ndarray,
     stop: float,
-) -> Problem:
+) -> FilterSegment:
     """Lay out the beginning of the flight without compass, with rows at the start and at times t."""
     start = with_priors(aligned, noise, tuned.noise)
     start = turned(start, float(euler_from_quat(start.x[6:10])[2]), HEADING_UNKNOWN)
@@ -167,7 +167,7 @@ def _without_compass(
     )
 
 
-def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate: float) -> Turn:
+def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate: float) -> CompassTurn:
     """Fit a turn about the body's down axis and a hard iron to readings, shape (n, 3), of which `rate` come a second.
 
     A craft that never turns cannot tell one from the other but by the hard iron's size (`SensorNoise.hard_iron`).
@@ -198,14 +198,14 @@ def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate
         step = np.linalg.solve(H, g)
         angle, iron = angle + float(step[0]), iron + complex(step[1], step[2])
     left = np.angle((z - iron) * m.conj() * np.exp(-1j * angle))
-    return Turn(
+    return CompassTurn(
         float(np.angle(np.exp(1j * angle))),
         float(np.sqrt(np.linalg.inv(H)[0, 0])),
         float(np.sqrt(np.mean(left**2))),
     )
 
 
-def turned_compass(turn: Turn) -> Finding:
+def turned_compass(turn: CompassTurn) -> Finding:
     """Report a compass that is turned: set right, or in doubt, or what withdraws the trajectory."""
     degrees, sigma = float(np.degrees(turn.angle)), float(np.degrees(turn.sigma))
     evidence = {"turn_deg": degrees, "sigma_deg": sigma}

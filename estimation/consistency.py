@@ -88,7 +88,7 @@ def _interpolate_quat(at: np.ndarray, t: np.ndarray, states: pd.DataFrame) -> np
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class TrajectoryErrors:
     """RMS errors of a trajectory against truth: m, m/s, rad."""
 
     horizontal_position: float
@@ -99,19 +99,21 @@ class Comparison:
     yaw: float
 
 
-def compare(trajectory: Trajectory, truth: pd.DataFrame) -> Comparison:
+def compare(trajectory: Trajectory, truth: pd.DataFrame) -> TrajectoryErrors:
     """Compare a trajectory with truth; see `errors`."""
     return summarize(errors(trajectory, truth))
 
 
-def summarize(error: pd.DataFrame) -> Comparison:
+def summarize(error: pd.DataFrame) -> TrajectoryErrors:
     """RMS of a table of error states, over the rows that are known."""
 
     def rms(*columns: str) -> float:
         squared = (error[list(columns)].to_numpy(float) ** 2).sum(axis=1)
         return float(np.sqrt(np.nanmean(squared)))
 
-    return Comparison(rms("p_n", "p_e"), rms("p_d"), rms("v_n", "v_e"), rms("v_d"), rms("phi_n", "phi_e"), rms("phi_d"))
+    return TrajectoryErrors(
+        rms("p_n", "p_e"), rms("p_d"), rms("v_n", "v_e"), rms("v_d"), rms("phi_n", "phi_e"), rms("phi_d")
+    )
 
 
 def nees(trajectory: Trajectory, truth: pd.DataFrame) -> dict[str, float]:

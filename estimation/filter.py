@@ -24,7 +24,7 @@ PATIENCE, TOGETHER = 10.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class FilterSegment:
     """One segment as the kernels read it."""
 
     t: np.ndarray  #: shape (n,): Times of the nodes, s.
@@ -81,7 +81,7 @@ def assemble(
     moves: bool | None = None,
     prior: np.ndarray | None = None,
     shocks: Shocks | None = None,
-) -> Problem:
+) -> FilterSegment:
     """Lay out nodes and sub-steps of one segment, or of a piece of it."""
     first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
@@ -102,7 +102,7 @@ def assemble(
     node_sub = np.concatenate([[0], np.searchsorted(steps, nodes)])
     node_out = np.full(len(nodes), -1, np.int64)
     node_out[np.searchsorted(nodes, asked)] = np.arange(len(asked))
-    return Problem(
+    return FilterSegment(
         t=nodes * TICK,
         steps=Steps(
             np.diff(t),
@@ -142,7 +142,9 @@ def new_memory(x: np.ndarray) -> np.ndarray:
     return memory
 
 
-def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.ndarray | None = None) -> ForwardPass:
+def run(
+    problem: FilterSegment, *, keep: bool = True, hard: bool = False, memory: np.ndarray | None = None
+) -> ForwardPass:
     """Filter one segment, or a piece of it.
 
     Who smooths does better to fuse what is beyond the gate with little weight and to judge it by the past and the
@@ -169,7 +171,7 @@ def run(problem: Problem, *, keep: bool = True, hard: bool = False, memory: np.n
         last_covariance=problem.P.copy(),
     )
     noise = problem.noise
-    model = _kernels.Model(
+    model = _kernels.SensorModel(
         # A sensor that is not there has no error to wander.
         walk=noise.random_walks() * (prior > 0.0),
         wander_time=noise.wander_times(),
@@ -199,7 +201,7 @@ def symmetrise(matrix: np.ndarray) -> None:
     matrix[...] = 0.5 * (matrix + matrix.T)
 
 
-def matched_scale(problem: Problem, result: ForwardPass) -> np.ndarray:
+def matched_scale(problem: FilterSegment, result: ForwardPass) -> np.ndarray:
     """Scale each sensor's white variance so that innovations are as large as the filter expects (Mehra 1970).
 
     Medians stand for means, so that neither outliers nor the first seconds count. The scale is the same for a sensor

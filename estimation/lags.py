@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimation import _kernels
-from estimation.filter import Problem, run
+from estimation.filter import FilterSegment, run
 from estimation.observations import Observations
 from estimation.shocks import believed
 from estimation.states import SensorNoise
@@ -23,7 +23,7 @@ class Passes:
 
     _known: dict[tuple[SensorNoise, bytes], float] = field(default_factory=dict)
 
-    def likelihood(self, problem: Problem) -> float:
+    def likelihood(self, problem: FilterSegment) -> float:
         """Return the log-likelihood of a problem of this segment."""
         o, content = problem.observations, blake2b(digest_size=16)
         for part in (problem.t, problem.steps.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
@@ -40,11 +40,11 @@ def nearest(ladder: Sequence[float], value: float) -> float:
 
 
 def climb(
-    variant: Callable[[float], Problem], ladder: Sequence[float], start: float, passes: Passes
-) -> tuple[dict[float, float], Problem]:
+    variant: Callable[[float], FilterSegment], ladder: Sequence[float], start: float, passes: Passes
+) -> tuple[dict[float, float], FilterSegment]:
     """Go up and down a ladder from `start` as long as it gets likelier; likelihoods by value, and the likeliest."""
     likelihoods: dict[float, float] = {}
-    best: Problem | None = None
+    best: FilterSegment | None = None
     for step in (1, -1):
         k = ladder.index(start)
         while 0 <= k < len(ladder):
@@ -123,7 +123,7 @@ def find_lag(
     observations: Observations,
     sensor: str,
     span: tuple[float, float],
-    lay_out: Callable[[Observations], Problem],
+    lay_out: Callable[[Observations], FilterSegment],
     passes: Passes,
     least: float,
     far: Sequence[float],
@@ -135,7 +135,7 @@ def find_lag(
     """
     kinds = LAGGING[sensor]
 
-    def at(lag: float, readings: Observations) -> Problem:
+    def at(lag: float, readings: Observations) -> FilterSegment:
         return lay_out(readings.earlier(kinds, lag))
 
     for steps in LAGS[sensor]:
@@ -166,7 +166,7 @@ def find_lag(
 
 
 def _highest(
-    lagging: Callable[[float, Observations], Problem],
+    lagging: Callable[[float, Observations], FilterSegment],
     compared: Observations,
     kinds: tuple[int, ...],
     steps: Sequence[float],
@@ -179,7 +179,7 @@ def _highest(
     either half of the readings alone.
     """
 
-    def variant(lag: float) -> Problem:
+    def variant(lag: float) -> FilterSegment:
         return lagging(lag, compared)
 
     likelihoods, _ = climb(variant, steps, 0.0, passes)
@@ -203,7 +203,7 @@ def refine_lag(
     observations: Observations,
     kinds: tuple[int, ...],
     span: tuple[float, float],
-    lay_out: Callable[[Observations], Problem],
+    lay_out: Callable[[Observations], FilterSegment],
 ) -> float:
     """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s."""
     compared = _compared(observations, kinds, span, PARABOLA[-1])

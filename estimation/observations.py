@@ -133,9 +133,9 @@ class Observations:
         )
 
     @property
-    def readings(self) -> _kernels.Readings:
+    def readings(self) -> _kernels.Measurements:
         """What the compiled filter reads of them."""
-        return _kernels.Readings(self.kind, self.start, self.axis, self.z, self.variance, self.admitted)
+        return _kernels.Measurements(self.kind, self.start, self.axis, self.z, self.variance, self.admitted)
 
     @property
     def scalar_kind(self) -> np.ndarray:

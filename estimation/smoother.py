@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation import _kernels
 from estimation._kernels import Estimates, ForwardPass
-from estimation.filter import Problem, symmetrise
+from estimation.filter import FilterSegment, symmetrise
 from estimation.observations import Observations
 from estimation.shocks import NARROWING
 from estimation.states import SIZE
@@ -39,7 +39,7 @@ def new_adjoint() -> Adjoint:
     return np.zeros(SIZE), np.zeros((SIZE, SIZE))
 
 
-def smooth(problem: Problem, result: ForwardPass) -> Estimates:
+def smooth(problem: FilterSegment, result: ForwardPass) -> Estimates:
     """Walk back over a kept forward pass (modified Bryson-Frazier, Bierman 1973); no matrix is inverted.
 
     Sensor errors hardly change from row to row: they are smoothed in every eighth row and interpolated between.
@@ -49,7 +49,7 @@ def smooth(problem: Problem, result: ForwardPass) -> Estimates:
     return estimates._replace(slow_variance=between_rows(estimates.slow_variance, len(estimates.x)))
 
 
-def smooth_piece(problem: Problem, result: ForwardPass, adjoint: Adjoint) -> Estimates:
+def smooth_piece(problem: FilterSegment, result: ForwardPass, adjoint: Adjoint) -> Estimates:
     """Walk back over a piece of a segment; sensor errors are those of every eighth row (see `fill_in`)."""
     rows = problem.outputs
     estimates = Estimates(

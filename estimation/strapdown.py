@@ -12,9 +12,9 @@ import pandas as pd
 from estimation import _kernels
 from estimation._kernels import Estimates
 from estimation.alignment import Alignment, carried_over, with_priors
-from estimation.compass import Turn, compass_turn, turned_compass
+from estimation.compass import CompassTurn, compass_turn, turned_compass
 from estimation.consistency import innovation_statistics
-from estimation.filter import Filtered, Problem, assemble, new_memory, run, ticks
+from estimation.filter import Filtered, FilterSegment, assemble, new_memory, run, ticks
 from estimation.observations import Observations, observe, usable_field, usable_fixes
 from estimation.outages import excess, outages, widen
 from estimation.place import World
@@ -102,7 +102,7 @@ def _longest(segments: list[Segment]) -> Segment:
     return max(segments, key=lambda segment: segment.length)
 
 
-def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> Turn | None:
+def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> CompassTurn | None:
     """Return the turn of a compass of which there is no or some doubt, else None.
 
     Settings that were found with a turned compass are those of worse sensors than the log has. So where they raise a
@@ -111,7 +111,7 @@ def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: Sensor
     if tables.mag is None or place.field is None:
         return None
 
-    def turn_of(which: _Known, tuned: Tuned) -> Turn | None:
+    def turn_of(which: _Known, tuned: Tuned) -> CompassTurn | None:
         segment, seen = _longest(which.segments), tuned.in_time(known.observations)
         return compass_turn(segment.signal, seen, segment.aligned, place.world, field, which.tuned, noise)
 
@@ -306,7 +306,7 @@ class _Plan:
 
     def lay_out(
         self, observations: Observations, outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float
-    ) -> Problem:
+    ) -> FilterSegment:
         """Lay out one piece that starts with x and P."""
         return assemble(
             self.signal,

@@ -15,7 +15,7 @@ from estimation import _kernels
 from estimation._kernels import ForwardPass
 from estimation.alignment import Alignment, with_priors
 from estimation.attitude import error_rotation, turned_by
-from estimation.filter import COARSE, LOUDEST, Problem, assemble, matched_scale, run
+from estimation.filter import COARSE, LOUDEST, FilterSegment, assemble, matched_scale, run
 from estimation.lags import (
     DECISIVE,
     ENDS,
@@ -69,14 +69,16 @@ BEST_FIX = 0.03
 IMU_SCALES = (1.0, 2.0, 4.0)
 
 
-def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence[float], passes: Passes) -> Problem:
+def set_noise(
+    problem: FilterSegment, start: Alignment, setting: str, ladder: Sequence[float], passes: Passes
+) -> FilterSegment:
     """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
     never becomes narrower: that it was wide is why the start, about which it is now, was found at all.
     """
 
-    def at(value: float) -> Problem:
+    def at(value: float) -> FilterSegment:
         changed: dict[str, Any] = {setting: value}
         noise = replace(problem.noise, **changed)
         return replace(problem, noise=noise, P=with_priors(replace(start, P=problem.P), problem.noise, noise).P)
@@ -90,7 +92,7 @@ def set_noise(problem: Problem, start: Alignment, setting: str, ladder: Sequence
     return at(documented) if unsure and (quieter or setting in PRIORS) else likeliest
 
 
-def split_gps_error(problem: Problem, passes: Passes) -> Problem:
+def split_gps_error(problem: FilterSegment, passes: Passes) -> FilterSegment:
     """Find how the GPS position error divides into white noise and slow wander, whose size is known already.
 
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
@@ -101,12 +103,12 @@ def split_gps_error(problem: Problem, passes: Passes) -> Problem:
     ladder = tuple(scale for scale in GPS_WHITE_SCALES[:-1] if scale * variance > 0.99 * BEST_FIX**2)
     ladder += GPS_WHITE_SCALES[-1:]
 
-    def with_white(problem: Problem, factor: float) -> Problem:
+    def with_white(problem: FilterSegment, factor: float) -> FilterSegment:
         scale = problem.white_scale.copy()
         scale[kind] = factor
         return replace(problem, white_scale=scale)
 
-    def at(time: float) -> Problem:
+    def at(time: float) -> FilterSegment:
         wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
         start = nearest(ladder, problem.white_scale[kind])
         return climb(lambda factor: with_white(wandering, factor), ladder, start, passes)[1]
@@ -114,10 +116,10 @@ def split_gps_error(problem: Problem, passes: Passes) -> Problem:
     return climb(at, GPS_ERROR_TIMES, nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time), passes)[1]
 
 
-def scale_imu(problem: Problem, column: int, passes: Passes) -> tuple[float, Problem]:
+def scale_imu(problem: FilterSegment, column: int, passes: Passes) -> tuple[float, FilterSegment]:
     """Find the factor on the noise of gyro or accelerometer, and the problem with it."""
 
-    def at(factor: float) -> Problem:
+    def at(factor: float) -> FilterSegment:
         factors = np.ones(2)
         factors[column] = factor
         return replace(problem, steps=problem.steps._replace(sub_noise=problem.steps.sub_noise * factors))
@@ -132,7 +134,7 @@ TILT_KNOWN, BIAS_KNOWN = 0.2, 0.5
 RELINEARISED, SETTLED = 8, np.radians(0.5)
 
 
-def relinearised(problem: Problem, result: ForwardPass, *, levelled: bool) -> np.ndarray:
+def relinearised(problem: FilterSegment, result: ForwardPass, *, levelled: bool) -> np.ndarray:
     """Return the start to linearise about, shape (29,): that of the prior with its heading smoothed.
 
     The prior moves along. That does no harm to a heading, of which it says little. Tilt moves too where nothing but the
@@ -251,7 +253,7 @@ class _Search:
         """The settings."""
         return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags, self.yaw_scale)
 
-    def lay_out(self, observations: Observations) -> Problem:
+    def lay_out(self, observations: Observations) -> FilterSegment:
         """Lay out the window with the settings found so far."""
         return assemble(
             self.signal,
@@ -409,7 +411,7 @@ class _Search:
         seen = self.observations.within(kinds, self.span[0] + reach, self.span[1] - reach)
         return run(self.lay_out(seen), keep=False).log_likelihood
 
-    def _started(self, problem: Problem) -> Problem:
+    def _started(self, problem: FilterSegment) -> FilterSegment:
         """Linearise about the attitude that a problem itself finds from its start, and match white noise to it."""
         levelled = self.aligned.levelled
         for k in range(RELINEARISED if is_sought(self.aligned.P, levelled=levelled) else 1):
@@ -420,5 +422,5 @@ class _Search:
                 break
         return problem
 
-    def _take(self, problem: Problem) -> None:
+    def _take(self, problem: FilterSegment) -> None:
         self.x, self.P, self.noise, self.white_scale = problem.x, problem.P, problem.noise, problem.white_scale

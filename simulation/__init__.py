@@ -9,7 +9,7 @@ from simulation.cases import CASES, GROUPS, Case, find
 from simulation.cases import parse as parse_settings
 from simulation.cases import read as read_settings
 from simulation.errors import ArrivalError, DivergenceError, ParameterError
-from simulation.fly import Flight, Setup, fly, propagate
+from simulation.fly import Setup, SimulatedFlight, fly, propagate
 from simulation.outcome import CaseOutcome, write
 from simulation.sample_logs import FLIGHTS, write_sample_logs
 
@@ -21,9 +21,9 @@ __all__ = [
     "Case",
     "CaseOutcome",
     "DivergenceError",
-    "Flight",
     "ParameterError",
     "Setup",
+    "SimulatedFlight",
     "find",
     "fly",
     "parse_settings",

@@ -143,7 +143,7 @@ class LoopGains:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Excitation:
+class Shaking:
     """What shakes an axis."""
 
     duration: float  #: s.
@@ -166,7 +166,7 @@ class Excitation:
 class AxisRun:
     """Signals of one axis at the loop's rate, shape (N,); see `fly_axis`."""
 
-    excitation: Excitation
+    excitation: Shaking
     chirp: Floats
     chirp_hz: Floats
     elapsed: Floats
@@ -183,7 +183,7 @@ class AxisRun:
     stick: Floats
 
 
-def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Excitation, seed: int) -> AxisRun:
+def run_axis(plant: AxisPlant, gains: LoopGains, excitation: Shaking, seed: int) -> AxisRun:
     """Fly one axis of known response; every number comes from the seed."""
     rng = np.random.default_rng(seed)
     n = round(excitation.duration * LOOP_HZ)
@@ -250,7 +250,7 @@ def true_loop(plant: AxisPlant, gains: LoopGains, hz: Floats) -> NDArray[np.comp
     return plant.response(hz) * settings_of(plant, gains).feedback(hz)
 
 
-def _chirp(t: Floats, excitation: Excitation) -> tuple[Floats, Floats, Floats]:
+def _chirp(t: Floats, excitation: Shaking) -> tuple[Floats, Floats, Floats]:
     """Return the chirp, its frequency [Hz] and its clock [s; NaN outside], as ModeSystemId makes them."""
     low, high, magnitude = excitation.chirp
     elapsed = t - excitation.chirp_start

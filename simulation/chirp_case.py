@@ -15,8 +15,8 @@ from simulation.axis_loop import (
     TERMS,
     AxisPlant,
     AxisRun,
-    Excitation,
     LoopGains,
+    Shaking,
     run_axis,
     settings_of,
     true_loop,
@@ -101,7 +101,7 @@ def simulate(name: str, summary: str, settings: Chirps) -> CaseOutcome:
 
 
 def _fly(plant: AxisPlant, gains: LoopGains, number: int, settings: Chirps) -> AxisRun:
-    shaken = Excitation(
+    shaken = Shaking(
         duration=len(PLANTS) * (_CHIRP + _PAUSE) + 2.0 * _PAUSE,
         chirp=(*_BAND, settings.magnitude),
         chirp_start=2.0 * _PAUSE + number * (_CHIRP + _PAUSE),

@@ -181,7 +181,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flight:
+class SimulatedFlight:
     """A simulated flight before it is logged."""
 
     setup: Setup
@@ -198,7 +198,7 @@ class Flight:
         return self.disarm < self.reference.land
 
 
-def fly(setup: Setup, *, rate: float = 100.0) -> Flight:
+def fly(setup: Setup, *, rate: float = 100.0) -> SimulatedFlight:
     """Fly a mission.
 
     Parameters
@@ -274,7 +274,7 @@ def fly(setup: Setup, *, rate: float = 100.0) -> Flight:
         # A craft that fell bounces: its flight ended with the hardest shock.
         force = truth.loc[up[0] : up[-1], ["f_x", "f_y", "f_z"]]
         down = float(force.index.to_numpy()[np.argmax((force * force).sum(axis=1))])
-    return Flight(
+    return SimulatedFlight(
         setup=setup,
         truth=truth.loc[: disarm + 3.0],
         reference=reference,

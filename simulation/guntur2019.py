@@ -29,7 +29,7 @@ ARM = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Motor:
+class PropulsionUnit:
     """A motor of table 3.1 and the craft that carries four of it (section 4.1.2)."""
 
     name: str
@@ -40,7 +40,7 @@ class Motor:
 
 
 MOTORS = tuple(
-    Motor(
+    PropulsionUnit(
         name=row["name"],
         kv=row["kv_rpm"] * RPM,
         power=row["power"],
@@ -56,7 +56,7 @@ def rotor() -> BladeElementRotor:
     return BladeElementRotor(radius=0.102, pitch=0.1016, chord=0.0274)
 
 
-def find(name: str) -> Motor:
+def find(name: str) -> PropulsionUnit:
     """Return the motor of this name."""
     for motor in MOTORS:
         if motor.name == name:
@@ -64,7 +64,7 @@ def find(name: str) -> Motor:
     raise ParameterError(f"no motor called {name!r}; there are: {', '.join(motor.name for motor in MOTORS)}")
 
 
-def mass_properties(motor: Motor, payload: float) -> tuple[float, np.ndarray]:
+def mass_properties(motor: PropulsionUnit, payload: float) -> tuple[float, np.ndarray]:
     """Mass [kg] and inertia (3, 3) [kg m^2] with a share `payload` of the tank, linear between the thesis' five."""
     if not 0.0 <= payload <= 1.0:
         raise ParameterError(f"payload {payload:g} must lie in 0..1, the share of the full tank of 1 kg")
@@ -74,7 +74,7 @@ def mass_properties(motor: Motor, payload: float) -> tuple[float, np.ndarray]:
     return mass, np.diag(moments)
 
 
-def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
+def tank(motor: PropulsionUnit, payload: float, rate: float, start: float) -> Tank:
     """Empty the tank from `start` [s] on, `rate` [share of the full tank per s], until nothing is left.
 
     The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
@@ -87,7 +87,9 @@ def tank(motor: Motor, payload: float, rate: float, start: float) -> Tank:
     return Tank(time=tuple(start + (payload - share) / rate for share in shares), mass=masses, inertia=inertias)
 
 
-def quadcopter(motor: Motor, payload: float, *, discharge: float = 0.0, discharge_start: float = 0.0) -> Multirotor:
+def quadcopter(
+    motor: PropulsionUnit, payload: float, *, discharge: float = 0.0, discharge_start: float = 0.0
+) -> Multirotor:
     """Build the craft with a motor and a payload [share of the full tank]; `discharge` and its start as for `tank`.
 
     The thesis' rotors follow their command at once; 20 ms of lag stand in for that.
@@ -119,7 +121,7 @@ def profile(t: float, trim: float) -> np.ndarray:
     return trim + RPM * np.array([pitch + climb, -pitch + climb, pitch + climb, -pitch + climb]) / 4.0
 
 
-def hover_rpm(motor: Motor, payload: float) -> float:
+def hover_rpm(motor: PropulsionUnit, payload: float) -> float:
     """Return the turns per minute at which the craft hovers at sea level."""
     return quadcopter(motor, payload).hover_speed(GRAVITY) / RPM
 

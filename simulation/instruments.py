@@ -10,7 +10,7 @@ import pymap3d
 from scipy.spatial.transform import Rotation
 
 from simulation.atmosphere import LAPSE_RATE, PRESSURE_EXPONENT, SEA_LEVEL_PRESSURE, SEA_LEVEL_TEMPERATURE
-from simulation.fly import Flight
+from simulation.fly import SimulatedFlight
 from simulation.place import Place
 from simulation.sensors import Sensors
 from simulation.vehicle import Multirotor
@@ -132,7 +132,7 @@ class Instruments:
 class InstrumentedFlight(Instruments):
     """A mission flown under the cascade, with the samples of its instruments."""
 
-    def __init__(self, flight: Flight, start_utc: dt.datetime, boot: float):
+    def __init__(self, flight: SimulatedFlight, start_utc: dt.datetime, boot: float):
         setup = flight.setup
         super().__init__(
             flight.truth,

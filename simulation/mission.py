@@ -48,7 +48,7 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class Chirp:
+class FlownChirp:
     """Stay level, hold height and heading while a sine of growing frequency is added at the mixer: SYSTEMID mode.
 
     The first frequency is held for two periods, then the frequency grows exponentially.
@@ -89,7 +89,7 @@ class Chirp:
         return signal
 
 
-Step = Wait | GoTo | Turn | Chirp
+Step = Wait | GoTo | Turn | FlownChirp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ class Mission:
         planner.leg(np.array([0.0, 0.0, -self.takeoff]), 1.5, self.acceleration)
         planner.hold(2.0, FLYING)
         items: list[tuple[float, str]] = []
-        chirps: list[tuple[float, Chirp]] = []
+        chirps: list[tuple[float, FlownChirp]] = []
         for step in self.steps:
             if isinstance(step, Wait):
                 items.append((planner.now, f"hold {step.seconds:g} s"))
@@ -136,7 +136,7 @@ class Mission:
             elif isinstance(step, GoTo):
                 items.append((planner.now, f"go to {step.north:g} {step.east:g} {step.up:g} m"))
                 planner.leg(np.array([step.north, step.east, -step.up]), step.speed, self.acceleration)
-            elif isinstance(step, Chirp):
+            elif isinstance(step, FlownChirp):
                 items.append((planner.now, f"chirp on {step.axis}"))
                 chirps.append((planner.now, step))
                 planner.hold(step.duration, FLYING)
@@ -170,7 +170,7 @@ class Reference:
     takeoff: float
     land: float
     items: tuple[tuple[float, str], ...]  #: Start [s] and name of each step.
-    chirps: tuple[tuple[float, Chirp], ...]  #: Start [s] and chirp.
+    chirps: tuple[tuple[float, FlownChirp], ...]  #: Start [s] and chirp.
     tick: float  #: s.
 
     def tick_at(self, t: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from simulation import _kernels
-from simulation.fly import STATE_COLUMNS, Flight
-from simulation.mission import Chirp, GoTo, Turn, Wait
+from simulation.fly import STATE_COLUMNS, SimulatedFlight
+from simulation.mission import FlownChirp, GoTo, Turn, Wait
 from simulation.outcome import CaseOutcome, CasePlot, Fact, named, rotor_speeds, with_units
 from simulation.sample_logs import FLIGHTS, SampleFlight, fly_sample, write_flight
 from simulation.vehicle import Vector
@@ -102,12 +102,12 @@ def _with(part: Any, path: list[str], value: object) -> Any:
     return replace(part, **{name: _with(getattr(part, name), rest, value) if rest else value})
 
 
-def _planned(flight: Flight, rows: pd.DataFrame) -> np.ndarray:
+def _planned(flight: SimulatedFlight, rows: pd.DataFrame) -> np.ndarray:
     planned: np.ndarray = flight.reference.samples[flight.reference.tick_at(rows.index.to_numpy())]
     return planned
 
 
-def _facts(flight: Flight) -> tuple[Fact, ...]:
+def _facts(flight: SimulatedFlight) -> tuple[Fact, ...]:
     setup = flight.setup
     air = flight.truth.loc[flight.airborne[0] : flight.airborne[1]]
     flying = flight.truth[flight.truth["state"] == _kernels.FLYING]
@@ -116,7 +116,7 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
     speed = np.sqrt((air[["v_n", "v_e"]] ** 2).sum(axis=1))
     motors = air[[f"m{k}" for k in range(1, len(setup.vehicle.rotors) + 1)]]
     tilt = np.degrees(np.hypot(air["roll"], air["pitch"]))
-    kinds = {Wait: "hold", GoTo: "relocation", Turn: "turn", Chirp: "chirp"}
+    kinds = {Wait: "hold", GoTo: "relocation", Turn: "turn", FlownChirp: "chirp"}
     counts = [kinds[type(step)] for step in setup.mission.steps]
     steps = ", ".join(f"{counts.count(kind)} x {kind}" for kind in dict.fromkeys(counts))
     return (
@@ -139,7 +139,7 @@ def _facts(flight: Flight) -> tuple[Fact, ...]:
     )
 
 
-def _plots(flight: Flight, rows: pd.DataFrame) -> tuple[CasePlot, ...]:
+def _plots(flight: SimulatedFlight, rows: pd.DataFrame) -> tuple[CasePlot, ...]:
     active = rows["state"].isin((_kernels.FLYING, _kernels.LANDING)).to_numpy()
     plan = np.where(active, -_planned(flight, rows)[:, 2], np.nan)
     where = "Position against the plan: steps are flown from rest to rest, the landing ends where the ground is."

@@ -43,7 +43,7 @@ CONTROL_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flight:
+class PointToPoint:
     """A flight from point to point, in the paper's axes."""
 
     #: x, y, z, m.
@@ -76,9 +76,9 @@ class Flight:
 
 
 #: The three flights of section 3.
-VERTICAL = Flight()
-SPATIAL = Flight(start=(5.0, 3.0, 16.0), target=(48.0, 35.0, 81.0))
-WITH_WIND = Flight(start=(5.0, 3.0, 16.0), target=(48.0, 35.0, 81.0), wind=(-0.5, 0.0, 0.0))
+VERTICAL = PointToPoint()
+SPATIAL = PointToPoint(start=(5.0, 3.0, 16.0), target=(48.0, 35.0, 81.0))
+WITH_WIND = PointToPoint(start=(5.0, 3.0, 16.0), target=(48.0, 35.0, 81.0), wind=(-0.5, 0.0, 0.0))
 
 
 def inertia(mass: float) -> np.ndarray:
@@ -180,7 +180,7 @@ class Autopilot:
         return acceleration
 
 
-def fly_to_point(flight: Flight = VERTICAL) -> pd.DataFrame:
+def fly_to_point(flight: PointToPoint = VERTICAL) -> pd.DataFrame:
     """Fly until the craft is within 0.1 m of the target and slower than 0.1 m/s."""
     craft = quadcopter(flight.mass)
     density = min(Atmosphere.standard(0.0).density_at(point[1]) for point in (flight.start, flight.target))
@@ -257,7 +257,7 @@ _NOTES = (
 )
 
 
-def simulate(name: str, summary: str, settings: Flight) -> CaseOutcome:
+def simulate(name: str, summary: str, settings: PointToPoint) -> CaseOutcome:
     """Fly from start to target."""
     flown = fly_to_point(settings)
     path = in_paper_axes(flown)
@@ -276,7 +276,7 @@ def simulate(name: str, summary: str, settings: Flight) -> CaseOutcome:
     )
 
 
-def _facts(settings: Flight, path: pd.DataFrame) -> tuple[Fact, ...]:
+def _facts(settings: PointToPoint, path: pd.DataFrame) -> tuple[Fact, ...]:
     places, velocities = path[["x", "y", "z"]].to_numpy(), path[["v_x", "v_y", "v_z"]].to_numpy()
     speeds = np.linalg.norm(velocities, axis=1)
     rotors = path[["w1", "w2", "w3", "w4"]].to_numpy()

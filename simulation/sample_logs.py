@@ -17,9 +17,9 @@ import numpy as np
 from simulation.controllers import Cascade
 from simulation.elhesasy2024 import CASCADE, octocopter, quadcopter
 from simulation.flight_log import Logging, write_bin, write_tlog
-from simulation.fly import Flight, MotorLoss, Setup, fly
+from simulation.fly import MotorLoss, Setup, SimulatedFlight, fly
 from simulation.instruments import InstrumentedFlight
-from simulation.mission import Chirp, GoTo, Mission, Step, Turn, Wait
+from simulation.mission import FlownChirp, GoTo, Mission, Step, Turn, Wait
 from simulation.place import Place, Wind
 from simulation.sensors import Gps, Inertial, Magnetometer, Sensors, Vector
 from simulation.truth import describe_mission
@@ -62,7 +62,7 @@ def _flight(name: str, row: Mapping[str, Any]) -> SampleFlight:
 
 
 def _step(kind: str, *values: Any) -> Step:
-    kinds: dict[str, Callable[..., Step]] = {"wait": Wait, "go": GoTo, "turn": Turn, "chirp": Chirp}
+    kinds: dict[str, Callable[..., Step]] = {"wait": Wait, "go": GoTo, "turn": Turn, "chirp": FlownChirp}
     return kinds[kind](*values)
 
 
@@ -106,13 +106,13 @@ TRAINING, VALIDATION = (
 DAMAGED_FLIGHT, DAMAGED = "octa04_bergen_gusty", "octa13_damaged"
 
 
-def fly_sample(sample: SampleFlight) -> Flight:
+def fly_sample(sample: SampleFlight) -> SimulatedFlight:
     """Fly a sample's mission, recorded as finely as it is logged; what chirps do is logged in each loop."""
     loop = 0.5 / sample.setup.step if sample.logging.pid else 100.0
     return fly(sample.setup, rate=max(loop, sample.logging.imu, sample.logging.rate))
 
 
-def write_flight(sample: SampleFlight, folder: Path, flight: Flight | None = None) -> list[Path]:
+def write_flight(sample: SampleFlight, folder: Path, flight: SimulatedFlight | None = None) -> list[Path]:
     """Write the log of a flight (`.bin`), its truth (`.json`) and, where it has one, its telemetry log (`.tlog`)."""
     folder.mkdir(parents=True, exist_ok=True)
     flight = flight or fly_sample(sample)

@@ -5,7 +5,7 @@ import math
 
 from simulation.atmosphere import SEA_LEVEL_DENSITY
 from simulation.drive import FirstOrder, QuadraticRotor, Rotor
-from simulation.fly import Flight
+from simulation.fly import SimulatedFlight
 from simulation.instruments import Instruments
 from simulation.place import Place
 from simulation.vehicle import Multirotor
@@ -28,7 +28,9 @@ _MODEL = {
 }
 
 
-def describe_mission(flight: Flight, log: Instruments, name: str, summary: str, imu_rate: float) -> dict[str, object]:
+def describe_mission(
+    flight: SimulatedFlight, log: Instruments, name: str, summary: str, imu_rate: float
+) -> dict[str, object]:
     """Report in numbers what an identification of a mission should find; keys carry their units."""
     setup = flight.setup
     wind, air = setup.wind, setup.place.atmosphere

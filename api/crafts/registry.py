@@ -21,7 +21,7 @@ from api.store.records import (
     LogRecord,
     NoteRecord,
 )
-from api.store.resources import Craft, CraftAnswer, CraftFlight, JointFit, Note, RaisedAlert, State
+from api.store.resources import CraftAnswer, CraftFlight, CraftSummary, JointFit, Note, RaisedAlert, State
 from api.work.craft_flights import lose, new_craft, touch
 
 #: Joint models are made anew when a craft has this many times the flights that they are of: what refits cost together
@@ -41,7 +41,7 @@ class Crafts:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def list(self, owner: str, *, limit: int, after: str | None = None, text: str = "") -> list[Craft]:
+    def list(self, owner: str, *, limit: int, after: str | None = None, text: str = "") -> list[CraftSummary]:
         """List craft, those that changed last first."""
         with self._database.read() as session:
             query = select(CraftRecord)
@@ -252,7 +252,7 @@ def next_fit(count: int) -> int:
     return max(2, count + 1, int(-(-count * GROWTH // 1)))
 
 
-def _craft(session: Session, record: CraftRecord) -> Craft:
+def _craft(session: Session, record: CraftRecord) -> CraftSummary:
     count, first, last = session.execute(
         select(func.count(), func.min(FlightRecord.start), func.max(FlightRecord.start)).where(
             FlightRecord.craft_id == record.id
@@ -268,7 +268,7 @@ def _craft(session: Session, record: CraftRecord) -> Craft:
     since = datetime.now(UTC) - _RECENT
     alerts = session.scalar(select(func.count()).where(AlertRecord.craft_id == record.id, AlertRecord.created > since))
     here = f"/api/v1/crafts/{record.id}"
-    return Craft(
+    return CraftSummary(
         id=record.id,
         name=record.name or record.kind,
         kind=record.kind,

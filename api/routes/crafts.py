@@ -12,7 +12,7 @@ from api.crafts.models import FILES, LeastTrust, latest
 from api.problems import ProblemError
 from api.store.owned import missing
 from api.store.records import CraftRecord
-from api.store.resources import Craft, CraftAnswer, CraftChange, CraftFlight, Merge, Move, NewNote, Note, Page
+from api.store.resources import CraftAnswer, CraftChange, CraftFlight, CraftSummary, Merge, Move, NewNote, Note, Page
 from api.web.dependencies import After, CraftId, FileName, Limit, NoteId, Owner, PartsOf, page
 from api.web.results import file_response, local_copy
 
@@ -39,7 +39,7 @@ def list_crafts(
     limit: Limit = 50,
     after: After = None,
     q: Annotated[str, Query(max_length=200, description="Part of the name or kind.")] = "",
-) -> Page[Craft]:
+) -> Page[CraftSummary]:
     """List your craft."""
     return page(request, parts.crafts.list(owner, limit=limit + 1, after=after, text=q), limit)
 

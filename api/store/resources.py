@@ -253,7 +253,7 @@ class JointFit(BaseModel):
     next_at: int = Field(description="Number of usable flights with which they are fitted anew.", examples=[3])
 
 
-class Craft(BaseModel):
+class CraftSummary(BaseModel):
     """An aircraft and its flights, in short."""
 
     model_config = ConfigDict(frozen=True)
@@ -319,7 +319,7 @@ class RaisedAlert(BaseModel):
     created: datetime
 
 
-class CraftAnswer(Craft):
+class CraftAnswer(CraftSummary):
     """A craft with its flights, notes, alerts, and what the flights say together."""
 
     notes: list[Note]

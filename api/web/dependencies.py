@@ -20,7 +20,7 @@ from api.logs.housekeeping import Housekeeping
 from api.logs.metrics import Metrics
 from api.settings import Access, Settings
 from api.store.database import Database
-from api.store.resources import Analysis, Craft, Log, Page, RaisedAlert
+from api.store.resources import Analysis, CraftSummary, Log, Page, RaisedAlert
 from api.store.scratch import Incoming, Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner
@@ -144,7 +144,7 @@ FileName = Annotated[str, Path(description="A name in `files` of the analysis.")
 Limit = Annotated[int, Query(ge=1, le=500, description="Items at most.")]
 After = Annotated[str | None, Query(max_length=64, description="Id of the last item of the part before.")]
 
-Item = TypeVar("Item", bound=Log | Analysis | Craft | RaisedAlert)
+Item = TypeVar("Item", bound=Log | Analysis | CraftSummary | RaisedAlert)
 
 
 def page(request: Request, items: list[Item], limit: int) -> Page[Item]:

@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ResampledMotion:
     """Motion in NED and FRD on a uniform clock, at the rate at which it is checked."""
 
     position: Floats  #: shape (N, 3), m
@@ -66,7 +66,7 @@ class Pair:
         return [k for k in range(3) if max(slope[:, k].std(), signal[:, k].std()) > self.still]
 
 
-def pairs_of(declared: ColumnMap, motion: Motion) -> list[Pair]:
+def pairs_of(declared: ColumnMap, motion: ResampledMotion) -> list[Pair]:
     """Return velocity beside position and rates beside attitude, where both are logged."""
     position, rotation = motion.position, motion.rotation
 
@@ -126,7 +126,7 @@ _STILL_FORCE = 0.3
 _UNITS = {1000.0: "mm for m", 100.0: "cm for m", 57.3: "deg for rad", 3.6: "km/h for m/s"}
 
 
-def contradiction(pair: Pair, declared: ColumnMap, motion: Motion, reach: int) -> str:
+def contradiction(pair: Pair, declared: ColumnMap, motion: ResampledMotion, reach: int) -> str:
     """Explain that a signal is not the slope that it must be, over 2 * reach samples; empty where it is."""
     slope, signal = pair.over(2 * reach)
     moved = pair.moved(slope, signal)
@@ -173,7 +173,7 @@ def unit_hint(factor: float) -> str:
     return ""
 
 
-def _standing_still(pair: Pair, motion: Motion, moved: list[int]) -> str:
+def _standing_still(pair: Pair, motion: ResampledMotion, moved: list[int]) -> str:
     """Name what stands still along an axis on which the other moves; empty where nothing does."""
     parts = {pair.what: pair.signal} | ({"position": motion.position} if pair.what == "velocity" else {})
     return "".join(
@@ -184,7 +184,9 @@ def _standing_still(pair: Pair, motion: Motion, moved: list[int]) -> str:
     )
 
 
-def _body_axes(declared: ColumnMap, motion: Motion, slope: Floats, signal: Floats, moved: list[int], reach: int) -> str:
+def _body_axes(
+    declared: ColumnMap, motion: ResampledMotion, slope: Floats, signal: Floats, moved: list[int], reach: int
+) -> str:
     """Return whether velocity would fit in body axes."""
     if declared.velocity is None or declared.velocity.body:
         return ""
@@ -206,7 +208,7 @@ def _best_axes(truth: Floats, signal: Floats, what: str) -> str:
     return best
 
 
-def _other_attitude(declared: ColumnMap, motion: Motion, reach: int) -> str:
+def _other_attitude(declared: ColumnMap, motion: ResampledMotion, reach: int) -> str:
     """Return which other reading of the attitude would turn at the rates."""
     signal = declared.attitude
     readings = {"world-to-body": motion.rotation.inv()}
@@ -234,7 +236,7 @@ def _other_attitude(declared: ColumnMap, motion: Motion, reach: int) -> str:
     return "; " + " or ".join(found) + " would fit" if found else ""
 
 
-def wrong_frame(declared: ColumnMap, motion: Motion, reach: int) -> str:
+def wrong_frame(declared: ColumnMap, motion: ResampledMotion, reach: int) -> str:
     """Explain that specific force does not point up through the rotors, or the craft not speed up where it leans."""
     names = ", ".join((*declared.position.columns, *declared.attitude.columns))
     mean = motion.specific_force(reach).mean(axis=0)

@@ -18,7 +18,7 @@ from core.findings import Finding, Severity
 from logparse.craft.frames import Vehicle
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
 from logparse.foreign.columns import FRD_TO_BODY, WORLD_TO_NED, ColumnMap, read_column_map
-from logparse.foreign.consistency import Motion, contradiction, pairs_of, wrong_frame
+from logparse.foreign.consistency import ResampledMotion, contradiction, pairs_of, wrong_frame
 from logparse.foreign.files import TableError, flatten, read_columns, table_finding
 from logparse.foreign.motors import check_lift, check_units, find_order, not_lifting, unchecked_order, wrong_order
 from logparse.foreign.shifts import check_clock, check_shifts
@@ -144,7 +144,7 @@ def read_motion(
         columns_of = {key: values[flown] for key, values in columns_of.items()}
     every = slice(None, None, max(round(_CHECKED / dt), 1))
     times = clock[every]
-    motion = Motion(
+    motion = ResampledMotion(
         position[every],
         velocity[every],
         Rotation.from_quat(quaternion[every], scalar_first=True),
@@ -186,7 +186,7 @@ def _flown(height: Floats, motors: Floats, declared: ColumnMap) -> slice:
     return slice(int(above[0]), int(above[-1]) + 1) if len(above) else slice(None)
 
 
-def _check(declared: ColumnMap, motion: Motion, label: str) -> list[Finding]:
+def _check(declared: ColumnMap, motion: ResampledMotion, label: str) -> list[Finding]:
     """Compare motion with itself and with the motors; TableError for what contradicts, findings for what is odd."""
     pairs = pairs_of(declared, motion)
     reach = motion.half(_BASE)

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from core.findings import Finding, Severity
 from logparse.foreign.columns import ColumnMap
-from logparse.foreign.consistency import Motion, alike, mean_over, ratio
+from logparse.foreign.consistency import ResampledMotion, alike, mean_over, ratio
 from logparse.foreign.files import TableError, table_finding
 
 Floats = npt.NDArray[np.float64]
@@ -122,7 +122,7 @@ def _without_knocks(values: Floats) -> Floats:
     return np.clip(values, -most, most) if most > 0.0 else values
 
 
-def not_lifting(declared: ColumnMap, motion: Motion, reach: int) -> str:
+def not_lifting(declared: ColumnMap, motion: ResampledMotion, reach: int) -> str:
     """Explain that thrust does not grow with the motors, over 2 * reach samples; empty where it does."""
     pull = -motion.specific_force(reach)[:, 2]
     likeness, _, moved = _following(pull, _mean_square(motion.motors, 2 * reach), motion.dt)
@@ -134,7 +134,7 @@ def not_lifting(declared: ColumnMap, motion: Motion, reach: int) -> str:
     )
 
 
-def check_lift(declared: ColumnMap, motion: Motion, reach: int) -> list[Finding]:
+def check_lift(declared: ColumnMap, motion: ResampledMotion, reach: int) -> list[Finding]:
     """Name the columns where thrust hardly follows the motors, or changes more or less than it can with them."""
     quantity = declared.motors.quantity
     low, high = _BY_COMMANDS if quantity in {"pwm", "command"} else _BY_SPEEDS
@@ -178,7 +178,7 @@ class Order:
         return self.seen and self.own <= _BEHIND * self.best
 
 
-def find_order(declared: ColumnMap, motion: Motion) -> Order | None:
+def find_order(declared: ColumnMap, motion: ResampledMotion) -> Order | None:
     """Try the motors in every order; None for more or fewer than three or four, and for short records.
 
     Changes of the rates over a time are compared with the moments of the motors over it.

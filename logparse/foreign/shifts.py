@@ -16,7 +16,7 @@ import numpy.typing as npt
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
 from logparse.foreign.columns import ColumnMap
-from logparse.foreign.consistency import Motion, Pair, alike, ratio
+from logparse.foreign.consistency import Pair, ResampledMotion, alike, ratio
 from logparse.foreign.files import table_finding
 
 Floats = npt.NDArray[np.float64]
@@ -46,7 +46,7 @@ class Shift:
     gain: float
 
 
-def check_shifts(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> list[Finding]:
+def check_shifts(declared: ColumnMap, motion: ResampledMotion, pairs: Sequence[Pair]) -> list[Finding]:
     """Name the columns that stand later or earlier in the table than others of the same motion."""
     findings: list[Finding] = []
     for pair in pairs:
@@ -62,7 +62,7 @@ def check_shifts(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> 
     return findings
 
 
-def check_clock(declared: ColumnMap, motion: Motion, pairs: Sequence[Pair]) -> list[Finding]:
+def check_clock(declared: ColumnMap, motion: ResampledMotion, pairs: Sequence[Pair]) -> list[Finding]:
     """Name a time column that runs too fast or too slow: what velocity and rates add up to is then off alike."""
     widths = [max(round(_LEGS[pair.what] / pair.dt), 1) for pair in pairs]
     if len(pairs) < 2 or len(motion.position) < 4 * max(widths):

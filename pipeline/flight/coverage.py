@@ -24,11 +24,11 @@ from pipeline.results.coverage import (
     Cell,
     Coverage,
     Distribution,
-    Excitation,
     Linearity,
     LoggedRate,
     LogHealth,
     MeanWind,
+    Movement,
     PositionSigma,
 )
 from sysid.records.context import resample_frame, shared_context
@@ -193,7 +193,7 @@ IN_SECTOR = 3.0
 _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
 
 
-def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Excitation:
+def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
     """Measure how much a flight moved."""
     t = context.index.to_numpy(np.float64)
     dt = float(t[1] - t[0])
@@ -206,7 +206,7 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Excitation:
     across = np.cos(yaw) * departure[:, 1] - np.sin(yaw) * departure[:, 0]
     # Sectors are centred on the points of the compass, so that a heading held north is one of them.
     sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
-    return Excitation(
+    return Movement(
         acceleration_rms=_rms(change),
         # Errors a second apart are taken as independent, which can only make the noise larger than it is.
         acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt))

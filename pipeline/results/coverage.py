@@ -32,7 +32,7 @@ class Linearity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Excitation:
+class Movement:
     """Movement of one flight."""
 
     #: Of changes of velocity over one second, m/s^2: the motion that models are to explain.
@@ -151,7 +151,7 @@ class Coverage:
     quantities: Mapping[str, Distribution]  #: Of those of `QUANTITIES` that are known.
     map: tuple[Cell, ...]  #: Time at each ground speed and altitude; cells without any are left out.
     wind: MeanWind | None
-    excitation: Excitation
+    excitation: Movement
     health: LogHealth
     missing: Mapping[str, str] = field(default_factory=dict)  #: Why a quantity, or the wind, is not known.
 

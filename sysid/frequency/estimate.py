@@ -22,7 +22,7 @@ from sysid.frequency.records import ORDINARY_BAND, AxisRecord, experiment_record
 from sysid.frequency.response import Floats, FrequencyResponse
 from sysid.frequency.spectra import (
     RecordWindows,
-    Regression,
+    SpectralRegression,
     ThinnedSignals,
     band_of_window,
     merged,
@@ -336,7 +336,7 @@ class _Windows:
 
     mask: NDArray[np.bool_]
     of_records: tuple[RecordWindows | None, ...]
-    regression: Regression
+    regression: SpectralRegression
 
 
 def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[_Windows]:
@@ -347,7 +347,7 @@ def _windows(records: Sequence[AxisRecord], hz: Floats, longest: float) -> list[
     cuts = zip(*(windows_of(record, served, lengths_used) for record in records), strict=True)
     windows = []
     for (length, mask), cut in zip(masks, cuts, strict=True):
-        regression = Regression.of([of_record.driving for of_record in cut if of_record is not None], length)
+        regression = SpectralRegression.of([of_record.driving for of_record in cut if of_record is not None], length)
         if regression is not None:
             windows.append(_Windows(mask, cut, regression))
     return windows

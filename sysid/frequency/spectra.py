@@ -396,7 +396,7 @@ def _overlapped(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Regression:
+class SpectralRegression:
     """How responses follow from products with an output.
 
     With instruments Z, inputs X and output Y the response is ``G = (Z^H X)^-1 Z^H Y``, which is regression where Z is
@@ -417,7 +417,7 @@ class Regression:
     freedom: float
 
     @classmethod
-    def of(cls, records: Sequence[DrivingSums], length: float) -> Regression | None:
+    def of(cls, records: Sequence[DrivingSums], length: float) -> SpectralRegression | None:
         """Invert the sums of records; None where there are too few windows to know the error of a response."""
         if not records:
             return None

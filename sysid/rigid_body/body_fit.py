@@ -14,7 +14,7 @@ from sysid.records.experiment import Experiment, ExperimentError, Floats, requir
 from sysid.records.flight_record import POSITION_UNKNOWN
 from sysid.records.thrust_curve import REFERENCE_DENSITY
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.body_motion import SHARED, THETA, BodyMotion, motion
 from sysid.rigid_body.body_parameters import (
     drag_apart,
     in_si,
@@ -153,7 +153,7 @@ def fit_rigid_body(
 
 
 def _prior(
-    motions: Sequence[Motion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]]
+    motions: Sequence[BodyMotion], vehicle: Vehicle, given: Mapping[str, tuple[float, float]]
 ) -> tuple[Prior, Floats]:
     """Prior knowledge and where to start; thrust starts where it carries the weight."""
     shared = np.array([PRIORS[name] for name in THETA])
@@ -192,7 +192,7 @@ def _at_level(fine: FilterErrorFit, trims: Sequence[FlightTrim]) -> tuple[Filter
     ]
 
 
-def _window_error(motions: Sequence[Motion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:
+def _window_error(motions: Sequence[BodyMotion], shared: Floats, trims: Sequence[FlightTrim], law: int) -> float:
     """Root mean square error of positions over runs of ten seconds from measured states, m."""
     missed = []
     for flight, trim in zip(motions, trims, strict=True):

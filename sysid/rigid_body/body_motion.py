@@ -96,7 +96,7 @@ def measured_states(record: Experiment) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion(MeasuredMotion):
+class BodyMotion(MeasuredMotion):
     """One flight as the equations of motion see it; positions count from the first sample."""
 
     #: shape (N,): Sums of c and c^2 over the motors, times the square of the voltage over the reference.
@@ -134,16 +134,16 @@ class Motion(MeasuredMotion):
         return out
 
 
-def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> Motion:
+def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> BodyMotion:
     """Read from a record what the equations of motion read."""
     return _recent.of(record, vehicle, voltage, joined, make=lambda: _read(record, vehicle, voltage, joined))
 
 
 #: A model reads the same flight anew for each horizon that it is judged at.
-_recent: Recent[Motion] = Recent(4)
+_recent: Recent[BodyMotion] = Recent(4)
 
 
-def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: bool) -> Motion:
+def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: bool) -> BodyMotion:
     if any(unit != "us" for unit in (record.units.get(name, "us") for name in record.input_names)):
         raise ExperimentError(
             f"{record.name}: a rigid body reads the motors' PWM; make the record with inputs='motors'"
@@ -166,7 +166,7 @@ def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: b
     states[:, :3] -= states[0, :3].copy()
     if not np.isfinite(states[:, 3:6]).all():
         states[:, 3:6] = np.gradient(states[:, :3], record.dt, axis=0)
-    return Motion(
+    return BodyMotion(
         name=record.name,
         t=record.t,
         states=states,
@@ -203,7 +203,7 @@ class Increments:
     by_flight: Floats  #: shape (K, 3, 4): By those of the flight: `OWN`, and the wind towards north and east.
 
 
-def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
+def velocity_increments(flight: BodyMotion, theta: Floats, law: int) -> Increments:
     """Hold the changes of velocity of a flight against the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
 
     Shapes: `theta` (q,).
@@ -218,7 +218,9 @@ def velocity_increments(flight: Motion, theta: Floats, law: int) -> Increments:
     return Increments(edges=edges, seconds=seconds, missed=missed, by_craft=by_craft, by_flight=by_flight)
 
 
-def mean_accelerations(flight: Motion, theta: Floats, shapes: Floats, law: int, stride: int) -> tuple[Floats, Floats]:
+def mean_accelerations(
+    flight: BodyMotion, theta: Floats, shapes: Floats, law: int, stride: int
+) -> tuple[Floats, Floats]:
     """Compute the model's accelerations along a flight as it was measured.
 
     Shapes: `theta` (q,); `shapes` (N, w).

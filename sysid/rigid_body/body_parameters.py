@@ -12,7 +12,7 @@ from logparse import Finding, Severity, Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.motor_signals import ENOUGH, MOTOR_OUTPUTS
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion
+from sysid.rigid_body.body_motion import SHARED, THETA, BodyMotion
 from sysid.rigid_body.filter_error import FilterErrorFit, Prior
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS
 from sysid.rigid_body.model_record import BodyParameter
@@ -319,7 +319,7 @@ def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
 
 
 def drag_apart(
-    parameters: Mapping[str, BodyParameter], motions: Sequence[Motion], fine: FilterErrorFit, covariance: Floats
+    parameters: Mapping[str, BodyParameter], motions: Sequence[BodyMotion], fine: FilterErrorFit, covariance: Floats
 ) -> list[Finding]:
     """Return the whole drag at the speed flown where its linear and quadratic parts cannot be told apart.
 

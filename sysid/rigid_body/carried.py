@@ -22,8 +22,8 @@ from sysid.rigid_body.body_motion import (
     OWN,
     SHARED,
     THETA,
+    BodyMotion,
     Increments,
-    Motion,
     velocity_increments,
 )
 from sysid.rigid_body.filter_error import HUBER
@@ -137,7 +137,7 @@ class Carried:
 
 
 def carry_states(
-    flight: Motion,
+    flight: BodyMotion,
     shared: Floats,
     law: int,
     known: tuple[Floats, Floats] | None = None,
@@ -261,7 +261,7 @@ _WIND = slice(SHARED + len(OWN), SHARED + len(OWN) + 2)
 
 
 def drift_sigma(
-    flight: Motion, run: Floats, theta: Floats, law: int, errors: Floats, wander: Wander, highest: float = np.inf
+    flight: BodyMotion, run: Floats, theta: Floats, law: int, errors: Floats, wander: Wander, highest: float = np.inf
 ) -> Floats:
     """Return standard deviations of position along a free run; shape (N, 3), NED, m.
 
@@ -311,7 +311,7 @@ def drift_sigma(
     return np.column_stack([np.interp(np.arange(len(run)), edges, sigma[:, axis]) for axis in range(3)])
 
 
-def _derivatives(flight: Motion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
+def _derivatives(flight: BodyMotion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
     # The kernel takes means between neighbours: here of a sample and itself.
     twice = np.repeat(edges, 2)

@@ -252,7 +252,7 @@ def _rotation(sheet: _Sheet, model: RigidBodyModel, mass: float, arm: float | No
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CraftRecord:
+class CraftFile:
     """What craft.json holds."""
 
     craft: RigidBodyRecord
@@ -292,7 +292,7 @@ def write_craft(
         linear = hover_model(model)
     except MissingDataError as error:
         findings.append(Finding("not-determined", Severity.INFO, str(error)))
-    record = CraftRecord(craft=model.record(), hover=linear)
+    record = CraftFile(craft=model.record(), hover=linear)
     files = [folder / "craft.json", folder / "craft.mat"]
     files[0].write_text(as_json(record), encoding="utf-8")
     scipy.io.savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from sysid.records.experiment import Floats
 from sysid.rigid_body._filter_kernels import whiten
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.body_motion import OWN, SHARED, Motion, mean_accelerations
+from sysid.rigid_body.body_motion import OWN, SHARED, BodyMotion, mean_accelerations
 from sysid.transfer_functions.search import Progress
 
 #: Residuals beyond this many standard deviations pull with constant force (Huber).
@@ -125,7 +125,7 @@ class _Linearised:
 
 
 def fit_best_law(
-    motions: Sequence[Motion], prior: Prior, start: Floats, deadline: float, report: Progress
+    motions: Sequence[BodyMotion], prior: Prior, start: Floats, deadline: float, report: Progress
 ) -> tuple[FilterErrorFit, int]:
     """Fit by filter error under every law of drag; return the likeliest.
 
@@ -172,7 +172,7 @@ def flight_slice(flight: int) -> slice:
 
 
 def fit_filter_error(
-    motions: Sequence[Motion],
+    motions: Sequence[BodyMotion],
     start: Floats,
     prior: Prior,
     law: int,
@@ -256,7 +256,7 @@ def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats,
     return reached
 
 
-def _velocities(motion: Motion, values: Floats, flight: int, law: int) -> _Velocities:
+def _velocities(motion: BodyMotion, values: Floats, flight: int, law: int) -> _Velocities:
     """Hold the velocity of a flight against the integral of its modelled accelerations."""
     theta = np.concatenate([values[:SHARED], values[flight_slice(flight)]])
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
@@ -303,7 +303,7 @@ def _huber(z: Floats) -> Floats:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _explained(motions: Sequence[Motion], values: Floats, law: int) -> list[_Velocities]:
+def _explained(motions: Sequence[BodyMotion], values: Floats, law: int) -> list[_Velocities]:
     """As `_velocities`, of all flights."""
     return [_velocities(motion, values, flight, law) for flight, motion in enumerate(motions)]
 

@@ -32,7 +32,7 @@ from core.summary import Summarised, listed
 from logparse import Finding, Vehicle
 from sysid.records.experiment import Experiment, Floats, horizon_steps
 from sysid.rigid_body._rigid_kernels import AXIS_DRAG, ROTOR_DRAG
-from sysid.rigid_body.body_motion import SHARED, THETA, Motion, motion
+from sysid.rigid_body.body_motion import SHARED, THETA, BodyMotion, motion
 from sysid.rigid_body.carried import FIXED, GUST_SECONDS, STATES, Carried, carry_states, drift_sigma
 from sysid.rigid_body.model_record import WIND_HEIGHT, BodyParameter, FlightTrim, RigidBodyRecord
 from sysid.rigid_body.trim import early_trim, left_open, unusual_thrust, whole_trim
@@ -299,7 +299,7 @@ class RigidBodyModel(Summarised):
         }
         return cls(**held | finite | {"vehicle": vehicle, "flights": {}, "findings": ()})
 
-    def _motion(self, experiment: Experiment) -> Motion:
+    def _motion(self, experiment: Experiment) -> BodyMotion:
         return motion(experiment, self.vehicle, self.reference_voltage)
 
     def _trim_of(self, experiment: Experiment) -> FlightTrim:
@@ -318,14 +318,14 @@ class RigidBodyModel(Summarised):
         beyond = np.diag([self.parameters[name].transfer ** 2 for name in THETA])
         return left_open(self.covariance[np.ix_(places, places)] + beyond)
 
-    def _carry(self, flight: Motion, known: FlightTrim | None) -> Carried:
+    def _carry(self, flight: BodyMotion, known: FlightTrim | None) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""
         if known is None or known.looked_until is not None:
             return carry_states(flight, self._shared, self.law)
         own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])
         return carry_states(flight, self._shared, self.law, (own, _in_runs(known)))
 
-    def kernel_inputs(self, flight: Motion, trim: FlightTrim) -> tuple[Floats, Floats]:
+    def kernel_inputs(self, flight: BodyMotion, trim: FlightTrim) -> tuple[Floats, Floats]:
         """Return parameters and wind for the kernels: the winds north and east are shapes of their own."""
         return np.concatenate([self._shared, trim.own]), np.ascontiguousarray(trim.wind(flight.t))
 
@@ -339,7 +339,7 @@ def _in_runs(trim: FlightTrim) -> Floats:
     return np.array([*trim.in_runs, trim.in_runs[-1]])
 
 
-def _free_from(flight: Motion, trim: FlightTrim) -> int:
+def _free_from(flight: BodyMotion, trim: FlightTrim) -> int:
     """Return the sample from which a free run is free: the last that its trim has looked at."""
     if trim.looked_until is None:
         return 0

@@ -15,7 +15,7 @@ import numpy as np
 from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import EXPO_SIGMA
-from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, Motion, velocity_increments
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, BodyMotion, velocity_increments
 from sysid.rigid_body.filter_error import FilterErrorFit, Prior, flight_slice
 from sysid.statistics.covariance import wander
 
@@ -46,7 +46,7 @@ EXPO = THETA.index("thrust_expo")
 ANSWER_SECONDS, SLOW_GUSTS = 10.0, 3.0
 
 
-def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, law: int, prior: Prior) -> FilterErrorFit:
+def with_shared_errors(motions: Sequence[BodyMotion], fit: FilterErrorFit, law: int, prior: Prior) -> FilterErrorFit:
     """Return the fit with thrust in the air of its flights, and what their inputs hide in its covariance.
 
     What another flight adds, and these do not show, stands beside it.
@@ -69,7 +69,7 @@ def with_shared_errors(motions: Sequence[Motion], fit: FilterErrorFit, law: int,
     return replace(fit, covariance=covariance, transfer=others, halfway=0.5 * apart * bent * contradicted)
 
 
-def _wandering(motions: Sequence[Motion], values: Floats, law: int) -> float:
+def _wandering(motions: Sequence[BodyMotion], values: Floats, law: int) -> float:
     """Part by which the mean of thrust wanders beside what the equations make of its commands, of wind and of drag.
 
     With the battery and the propellers, over half minutes, by several percent on real flights: gusts pass within
@@ -83,7 +83,7 @@ def _wandering(motions: Sequence[Motion], values: Floats, law: int) -> float:
     return wander(np.concatenate(left)) / STANDARD_GRAVITY
 
 
-def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats, Floats]:
+def form_and_attitude(motions: Sequence[BodyMotion], values: Floats) -> tuple[Floats, Floats]:
     """Compute standard deviations of errors of laws and attitude: on these flights, and on others; (SHARED,) each."""
     here, others = np.zeros(SHARED), np.zeros(SHARED)
     here[LAG], others[THETA.index("climb_loss")] = LAG_FORM, CLIMB_FORM
@@ -101,7 +101,7 @@ def form_and_attitude(motions: Sequence[Motion], values: Floats) -> tuple[Floats
     return here, others
 
 
-def _swing(motions: Sequence[Motion], axis: int) -> float:
+def _swing(motions: Sequence[BodyMotion], axis: int) -> float:
     """Acceleration over speed about their means along a body axis, 1/s: at which frequency the craft swings."""
     speeds = [np.einsum("ni,ni->n", m.rotation[:, :, axis], m.velocity) for m in motions]
     pushes = [np.gradient(speed, m.dt) for speed, m in zip(speeds, motions, strict=True)]
@@ -109,7 +109,7 @@ def _swing(motions: Sequence[Motion], axis: int) -> float:
     return float(np.sqrt(pushed / moved)) if moved > 0.0 else 0.0
 
 
-def answered(motions: Sequence[Motion], fit: FilterErrorFit) -> float:
+def answered(motions: Sequence[BodyMotion], fit: FilterErrorFit) -> float:
     """Part of the thrust's variation that may be the height controller's answer to gusts.
 
     An answer opposes what it answers to, and makes commands look less steep (and later) than they are by as much: the
@@ -124,7 +124,7 @@ def answered(motions: Sequence[Motion], fit: FilterErrorFit) -> float:
     return min(gusts / max(varied, 1e-12), 1.0)
 
 
-def folded(motions: Sequence[Motion], values: Floats) -> float:
+def folded(motions: Sequence[BodyMotion], values: Floats) -> float:
     """Part of the thrust's variation that is faster than rows of motor outputs show, and folds into what they show.
 
     A point every tenth of a second of a command that answers to noise is noise itself, with a spectrum that does not
@@ -143,7 +143,7 @@ def folded(motions: Sequence[Motion], values: Floats) -> float:
     return min(fold / max(whole, 1e-12), 1.0)
 
 
-def _varying(motion: Motion, values: Floats) -> Floats:
+def _varying(motion: BodyMotion, values: Floats) -> Floats:
     """Thrust per mass by its commands, about its mean over `ANSWER_SECONDS`, m/s^2; shape (N,)."""
     thrust, expo = (values[THETA.index(name)] for name in ("thrust", "thrust_expo"))
     pull = motion.density * ((1.0 - expo) * motion.linear + expo * motion.square) * thrust
@@ -152,7 +152,7 @@ def _varying(motion: Motion, values: Floats) -> Floats:
     return np.asarray(pull - np.convolve(around, np.full(size, 1.0 / size), mode="valid"))
 
 
-def _bent(motions: Sequence[Motion], values: Floats) -> Floats:
+def _bent(motions: Sequence[BodyMotion], values: Floats) -> Floats:
     """Return what changes with the curvature, and by how much, where thrust at the usual command stays, (SHARED,)."""
     command, part = _usual_command(motions, values)
     bent = np.zeros(SHARED)
@@ -160,7 +160,7 @@ def _bent(motions: Sequence[Motion], values: Floats) -> Floats:
     return bent
 
 
-def _curvature_sigma(motions: Sequence[Motion], fit: FilterErrorFit, fold: float) -> float:
+def _curvature_sigma(motions: Sequence[BodyMotion], fit: FilterErrorFit, fold: float) -> float:
     """Compute what errors of the steepness d ln T / d ln c = (1 - e + 2 e c) / (1 - e + e c) make of the curvature e.
 
     They are `STEEPNESS` and the part of the commands that answers to gusts (`answered`). Of the part `fold`, which is
@@ -171,7 +171,7 @@ def _curvature_sigma(motions: Sequence[Motion], fit: FilterErrorFit, fold: float
     return float(steepness * part**2 / max(command, 1e-9))
 
 
-def _usual_command(motions: Sequence[Motion], values: Floats) -> tuple[float, float]:
+def _usual_command(motions: Sequence[BodyMotion], values: Floats) -> tuple[float, float]:
     """Return the usual command c and its thrust 1 - e + e c, over that of a straight curve."""
     linear, square = (
         float(np.concatenate([getattr(m, name) for m in motions]).mean()) for name in ("linear", "square")
@@ -180,13 +180,13 @@ def _usual_command(motions: Sequence[Motion], values: Floats) -> tuple[float, fl
     return command, float(1.0 - values[EXPO] + values[EXPO] * command)
 
 
-def usual_speed(motions: Sequence[Motion], axis: int) -> float:
+def usual_speed(motions: Sequence[BodyMotion], axis: int) -> float:
     """Root mean square of the speed along a body axis over the ground, m/s."""
     along = [np.einsum("ni,ni->n", motion.rotation[:, :, axis], motion.velocity) for motion in motions]
     return float(np.sqrt(np.mean(np.concatenate(along) ** 2)))
 
 
-def wind_error(motion: Motion, wind: Floats, drag: float) -> float:
+def wind_error(motion: BodyMotion, wind: Floats, drag: float) -> float:
     """Compute the standard deviation of each component of a wind that the attitude's error makes, m/s.
 
     Shapes: `wind` (2,).

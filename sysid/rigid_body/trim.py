@@ -9,7 +9,7 @@ import scipy
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Floats
-from sysid.rigid_body.body_motion import LAG, OWN, SHARED, Motion, velocity_increments
+from sysid.rigid_body.body_motion import LAG, OWN, SHARED, BodyMotion, velocity_increments
 from sysid.rigid_body.carried import (
     ANY_FLIGHT,
     ANY_SIGMA,
@@ -36,7 +36,7 @@ def trim_prior() -> tuple[Floats, Floats, Floats, Floats]:
     return ANY_FLIGHT, np.array([ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA]), LOWEST, HIGHEST
 
 
-def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Floats) -> FlightTrim:
+def early_trim(flight: BodyMotion, shared: Floats, law: int, source: str, doubt: Floats) -> FlightTrim:
     """Find wind and thrust scale from the beginning of a flight, for what comes after it.
 
     They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
@@ -50,7 +50,7 @@ def early_trim(flight: Motion, shared: Floats, law: int, source: str, doubt: Flo
 
 
 def whole_trim(
-    flight: Motion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats
+    flight: BodyMotion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats
 ) -> FlightTrim:
     """Match the free run over a whole flight from the measured initial state by wind and thrust scale alone.
 
@@ -72,7 +72,7 @@ def whole_trim(
 
 
 def _trim(
-    flight: Motion,
+    flight: BodyMotion,
     shared: Floats,
     law: int,
     source: str,
@@ -117,7 +117,7 @@ def _trim(
     )
 
 
-def match_path(flight: Motion, shared: Floats, start: Floats, law: int, knots: Floats) -> Floats:
+def match_path(flight: BodyMotion, shared: Floats, start: Floats, law: int, knots: Floats) -> Floats:
     """Find thrust scale and wind, (4 + 2 k,), by which the free run is nearest to the measured path.
 
     The wind's exponent stays; winds at the k `knots` depart from the mean as far as turbulence lets them.

@@ -39,7 +39,7 @@ from sysid.records.thrust_curve import Law, lagged, law_of
 from sysid.rotors.refinement_instants import (
     PARAMETERS,
     InstantMean,
-    Motion,
+    InstantMotion,
     best_lag,
     fit_stacked,
     solve_instants,
@@ -115,9 +115,9 @@ def fit_refinement2020(
     signals = [motor_signals(record, law, vehicle, voltage, vehicle.thrust_expo) for record in records]
     rotation = all(flight.fast for flight in signals)
 
-    def motion_at(lag: float) -> list[Motion]:
+    def motion_at(lag: float) -> list[InstantMotion]:
         return [
-            Motion.of(record, geometry, lagged(flight.signals, lag, record.dt), flight.rates)
+            InstantMotion.of(record, geometry, lagged(flight.signals, lag, record.dt), flight.rates)
             for record, flight in zip(records, signals, strict=True)
         ]
 

@@ -60,7 +60,7 @@ class InstantMean:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class InstantMotion:
     """What the equations read, averaged over the span of each finite difference: all (M,), or (M, 3).
 
     `force` specific force, `speed` body velocity, `rates`, `acceleration` angular, `lift` sum of s; `roll`, `pitch`,
@@ -78,7 +78,7 @@ class Motion:
     dt: float
 
     @classmethod
-    def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> Motion:
+    def of(cls, record: Experiment, geometry: MotorGeometry, signals: Floats, rates: Floats) -> InstantMotion:
         """Read what the equations need from a record, its motors' signals and rates.
 
         Shapes: `signals` (N, n); `rates` (N, 3).
@@ -110,12 +110,12 @@ def _span(values: Floats) -> Floats:
     return np.asarray((values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0)
 
 
-def _products(motion: Motion) -> tuple[Floats, Floats, Floats]:
+def _products(motion: InstantMotion) -> tuple[Floats, Floats, Floats]:
     p, q, r = motion.rates.T
     return q * r, p * r, p * q
 
 
-def solve_instants(motion: Sequence[Motion]) -> dict[str, InstantMean]:
+def solve_instants(motion: Sequence[InstantMotion]) -> dict[str, InstantMean]:
     """Solve the paper's systems (22) and (24) at every instant."""
     force = np.concatenate([m.force for m in motion])
     speed = np.concatenate([m.speed for m in motion])
@@ -171,7 +171,7 @@ def _solve_each(matrices: Floats, aims: Floats) -> tuple[Floats, NDArray[np.bool
     return solved, kept
 
 
-def _clock(motion: Sequence[Motion]) -> Floats:
+def _clock(motion: Sequence[InstantMotion]) -> Floats:
     """Return a time for each instant, s, with records far apart."""
     pause, start, parts = 2.0 * CORRELATED, 0.0, []
     for flight in motion:
@@ -218,7 +218,7 @@ def mean_of_instants(t: Floats, values: Floats, kept: NDArray[np.bool_], reason:
 
 
 def fit_stacked(
-    motion: Sequence[Motion], part: float, measured: bool
+    motion: Sequence[InstantMotion], part: float, measured: bool
 ) -> tuple[dict[str, Parameter], tuple[float, ...]]:
     """Estimate all parameters from all instants at once, and which part of angular accelerations motors explain.
 
@@ -285,7 +285,7 @@ def fit_stacked(
     return {name: result[name] for name in PARAMETERS}, tuple(part for *_, part in gains)
 
 
-def best_lag(motion: Sequence[Motion]) -> float:
+def best_lag(motion: Sequence[InstantMotion]) -> float:
     """Find the lag with which roll and pitch moments explain most of the angular acceleration."""
     # Moments are sums of the signals: a lag of these is a lag of them.
     moments = [np.column_stack([m.roll, m.pitch]) for m in motion]

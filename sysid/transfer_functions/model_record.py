@@ -39,7 +39,7 @@ class FunctionRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class Disturbance:
+class NoiseModel:
     """How what the model does not explain carries on: a level and a slope driven by white noise.
 
     They are tracked by a steady Kalman filter (alpha-beta filter, Kalata 1984). With the model's response taken off,
@@ -92,7 +92,7 @@ class FunctionsRecord(msgspec.Struct, frozen=True, kw_only=True, rename=_NAMES):
     training: tuple[str, ...]
     transfer_functions: Mapping[str, Mapping[str, FunctionRecord]]  #: By output and input.
     #: By output.
-    disturbance: Mapping[str, Disturbance]
+    disturbance: Mapping[str, NoiseModel]
     reports: Mapping[str, FitReport]
     findings: tuple[Finding, ...] = ()  #: In models.json only.
 

@@ -20,8 +20,8 @@ from sysid.records.excitation import Excitation, examine
 from sysid.records.experiment import Experiment, Floats, ModelOrderError, require_alike
 from sysid.transfer_functions._kernels import compile_kernels
 from sysid.transfer_functions.fit_findings import few_samples, remarks
-from sysid.transfer_functions.model_record import Disturbance, FitReport
-from sysid.transfer_functions.problem import Problem, denominators, resolvable_band
+from sysid.transfer_functions.model_record import FitReport, NoiseModel
+from sysid.transfer_functions.problem import FitProblem, denominators, resolvable_band
 from sysid.transfer_functions.response import INITIAL_SECONDS, fit_disturbance
 from sysid.transfer_functions.search import Found, Plan, Progress, expected_energy, search
 from sysid.transfer_functions.separable import reduced_information
@@ -203,7 +203,7 @@ class _Task:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _OutputFit:
     functions: Mapping[str, TransferFunction]
-    disturbance: Disturbance
+    disturbance: NoiseModel
     initial_energy: float
     initial_states: tuple[Floats, ...]
     report: FitReport
@@ -269,7 +269,7 @@ def _fit_output(
     longest = max(record.duration for record in records)
     if not active:
         return _without_inputs(records, column, y, scale, longest, task)
-    common = Problem(
+    common = FitProblem(
         inputs=tuple(
             np.ascontiguousarray((record.u - record.input_trim)[:, active] / excitation.scale[active])
             for record in records

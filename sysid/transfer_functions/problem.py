@@ -93,7 +93,7 @@ def denominators(theta: Floats, orders: Sequence[int] = ()) -> tuple[Floats, Flo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
+class FitProblem:
     """One output of several records, in normalised units."""
 
     #: tuple of ndarray, shape (N_r, m): About their trim, each of unit variance over all records.

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem, denominators
+from sysid.transfer_functions.problem import FitProblem, denominators
 from sysid.transfer_functions.response import Discretised, delayed, discretise, trends, whole_and_part
 
 
@@ -80,7 +80,7 @@ class Part:
         return np.concatenate([self.trends[:, :-1].T @ columns, self.free.T @ columns, forced])
 
 
-def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
+def basis_at(problem: FitProblem, theta: Floats, delays: Floats) -> Basis:
     """Discretise the denominators, and respond to initial states as long as the longest record."""
     k = problem.integrators
     a, slope = denominators(theta, problem.lag_orders)
@@ -89,14 +89,14 @@ def basis_at(problem: Problem, theta: Floats, delays: Floats) -> Basis:
     return Basis(theta, delays, system, slope, system.free(max(problem.lengths)), initial_prior(problem, system))
 
 
-def squares_of(problem: Problem, basis: Basis, u: Floats, part: Part) -> Floats:
+def squares_of(problem: FitProblem, basis: Basis, u: Floats, part: Part) -> Floats:
     """Pass a record's responses through another ``1 / A``; shape (N, n, m)."""
     if part.squares is None:
         part.squares = basis.system.forced(u, problem.group, basis.delays, part.states)
     return part.squares
 
 
-def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
+def eliminate(problem: FitProblem, basis: Basis, u: Floats, y: Floats) -> Part:
     """Form a record's normal equations and eliminate what is its own."""
     k, samples, lanes, groups = problem.integrators, len(y), len(problem.group), problem.groups
     states = basis.system.forced(u, problem.group, delays=basis.delays)
@@ -123,7 +123,7 @@ def eliminate(problem: Problem, basis: Basis, u: Floats, y: Floats) -> Part:
     return Part(states, own, free, forced, used, gram, factor, coupling, information)
 
 
-def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
+def slopes_at(problem: FitProblem, basis: Basis, numerators: Floats) -> tuple[Floats, Floats]:
     """Express derivatives by the poles in the states: forced (2 n, lags, m), and initial (groups, n, 2 n, lags)."""
     weights = _derivative_weights(problem, basis)
     lanes = weights[list(problem.group), : problem.numerators]
@@ -131,7 +131,7 @@ def slopes_at(problem: Problem, basis: Basis, numerators: Floats) -> tuple[Float
 
 
 def jacobian(
-    problem: Problem, basis: Basis, slopes: tuple[Floats, Floats], numerators: Floats, u: Floats, part: Part
+    problem: FitProblem, basis: Basis, slopes: tuple[Floats, Floats], numerators: Floats, u: Floats, part: Part
 ) -> Floats:
     """Differentiate a record's predicted output; see `sysid.transfer_functions.separable.sensitivities`."""
     n, k, lags, groups = problem.order, problem.integrators, problem.lags, problem.groups
@@ -157,7 +157,7 @@ def jacobian(
     return result
 
 
-def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def linearise(problem: FitProblem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return what a record contributes to a Gauss-Newton step in everything shared: numerators, then poles and delays.
 
     Besides information and gradient the initial responses' coefficients times themselves (groups, lags, lags), and the
@@ -184,7 +184,7 @@ def linearise(problem: Problem, basis: Basis, part: Part, columns: Floats) -> tu
     return information, gradient, outer, np.array([residual @ residual, residual[1:] @ residual[:-1]])
 
 
-def initial_prior(problem: Problem, system: Discretised) -> Floats:
+def initial_prior(problem: FitProblem, system: Discretised) -> Floats:
     """Precision of a record's polynomial, which is free, and of its initial responses, times residual variance."""
     precision = problem.initial * system.initial_precision()
     first = 1 + problem.integrators
@@ -193,12 +193,12 @@ def initial_prior(problem: Problem, system: Discretised) -> Floats:
     return prior
 
 
-def missing_powers(problem: Problem) -> Floats:
+def missing_powers(problem: FitProblem) -> Floats:
     """Powers of the unit of frequency in each coefficient of a denominator; shape (groups, lags)."""
     return np.maximum(np.array(problem.lag_orders)[:, None] - np.arange(problem.lags), 0).astype(np.float64)
 
 
-def _derivative_weights(problem: Problem, basis: Basis) -> Floats:
+def _derivative_weights(problem: FitProblem, basis: Basis) -> Floats:
     """Express the derivatives of ``p^q / A`` by the poles' parameters in the states; shape (groups, n, 2 n, lags)."""
     k, lags = problem.integrators, problem.lags
     table = powers_over_square(basis.system)
@@ -225,7 +225,7 @@ def powers_over_square(system: Discretised) -> Floats:
     return rows
 
 
-def _by_delay(problem: Problem, basis: Basis, numerators: Floats, u: Floats, states: Floats) -> Floats:
+def _by_delay(problem: FitProblem, basis: Basis, numerators: Floats, u: Floats, states: Floats) -> Floats:
     """Differentiate by the delays in samples; shape (N, m).
 
     That is minus the time derivative of each input's response, but for what starts at rest when the record begins.

@@ -19,7 +19,7 @@ from scipy.linalg import expm
 from sysid.records.experiment import Floats
 from sysid.records.filtering import lfilter
 from sysid.transfer_functions._kernels import recur, recur_few
-from sysid.transfer_functions.model_record import Disturbance
+from sysid.transfer_functions.model_record import NoiseModel
 
 #: Time at the start of a record over which a free run may look at the outputs to find its initial state, s.
 INITIAL_SECONDS = 3.0
@@ -255,7 +255,7 @@ def trends(samples: int, integrators: int) -> Floats:
     return np.asarray(time[:, None] ** np.arange(1 + integrators))
 
 
-def carried_on(disturbance: Disturbance, residual: Floats, dt: float, steps: int) -> Floats:
+def carried_on(disturbance: NoiseModel, residual: Floats, dt: float, steps: int) -> Floats:
     """Predict the residual at every sample from the samples up to `steps` before it, shape (N,)."""
     alpha, beta, fade = disturbance.alpha, disturbance.beta, disturbance.fade_seconds
     # Level and slope are filtered by one denominator, and so is their sum.
@@ -269,7 +269,7 @@ def carried_on(disturbance: Disturbance, residual: Floats, dt: float, steps: int
     return result
 
 
-def steady_gains(index: float) -> Disturbance:
+def steady_gains(index: float) -> NoiseModel:
     """Return the steady Kalman gains of a constant-velocity track for a tracking index (Kalata 1984).
 
     That is the disturbance's drive over one step against the noise of one measurement.
@@ -277,16 +277,16 @@ def steady_gains(index: float) -> Disturbance:
     r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
     alpha = 1.0 - r**2
     beta = 2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha)
-    return Disturbance(float(alpha), float(beta))
+    return NoiseModel(float(alpha), float(beta))
 
 
-def fit_disturbance(residuals: Sequence[Floats], dt: float) -> Disturbance:
+def fit_disturbance(residuals: Sequence[Floats], dt: float) -> NoiseModel:
     """Choose the gains and the memory that predict the training residuals best a second ahead."""
     steps = max(round(1.0 / dt), 1)
     long = [residual for residual in residuals if len(residual) > steps]
     drifting = [steady_gains(10.0**half) for half in np.arange(-3.0, 1.1, 0.5)]
     # A level without a slope suits what wanders without direction.
-    wandering = [Disturbance(candidate.alpha, 0.0) for candidate in drifting] + [Disturbance(1.0, 0.0)]
+    wandering = [NoiseModel(candidate.alpha, 0.0) for candidate in drifting] + [NoiseModel(1.0, 0.0)]
     best, least = drifting[0], np.inf
     for candidate in (*drifting, *wandering):
         predicted = [carried_on(candidate, residual, dt, steps)[steps:] for residual in long]

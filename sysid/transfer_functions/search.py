@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Band, Problem, take
+from sysid.transfer_functions.problem import Band, FitProblem, take
 from sysid.transfer_functions.separable import Descent, Point, descend, solve
 from sysid.transfer_functions.starts import likeliest_initial, separate, srivc
 from sysid.transfer_functions.uncertainty import RIDGES, Division, choose_ridge, divide, effective_parameters
@@ -47,7 +47,7 @@ class Plan:
 class Found:
     """The end of a search."""
 
-    problem: Problem  #: With the regularisation chosen.
+    problem: FitProblem  #: With the regularisation chosen.
     descent: Descent
     steps: int  #: Iterations of all kinds together.
 
@@ -60,7 +60,7 @@ def expected_energy(duration: float, groups: int) -> float:
 
 
 def search(
-    common: Problem,
+    common: FitProblem,
     plan: Plan,
     rng: np.random.Generator,
     deadline: float,
@@ -115,19 +115,19 @@ def search(
     return Found(problem, descent, steps + descent.iterations)
 
 
-def _with_all(problem: Problem, common: Problem) -> Problem:
+def _with_all(problem: FitProblem, common: FitProblem) -> FitProblem:
     """Pose a problem for all records."""
     return replace(problem, inputs=common.inputs, outputs=common.outputs)
 
 
-def _on_all(solution: Found, common: Problem, deadline: float) -> Found:
+def _on_all(solution: Found, common: FitProblem, deadline: float) -> Found:
     """Go on with all records from what was found with some of them."""
     problem, point = _with_all(solution.problem, common), solution.descent.point
     descent = descend(problem, point.theta, MOST_STEPS, deadline, point.delays)
     return Found(problem, descent, solution.steps + descent.iterations)
 
 
-def portion(problem: Problem, samples: int) -> Problem:
+def portion(problem: FitProblem, samples: int) -> FitProblem:
     """Keep about so many samples where there are more than twice as many: records spread over all, or their beginnings.
 
     Where poles lie, records tell long before they have told how strongly: a search over all of them finds no better
@@ -146,12 +146,14 @@ def portion(problem: Problem, samples: int) -> Problem:
     )
 
 
-def _coefficients(common: Problem, plan: Plan) -> int:
+def _coefficients(common: FitProblem, plan: Plan) -> int:
     poles = sum(plan.orders) if plan.own else common.order
     return int(common.used.sum()) + poles
 
 
-def _from_channels(common: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Found | None, bool]:
+def _from_channels(
+    common: FitProblem, plan: Plan, rng: np.random.Generator, deadline: float
+) -> tuple[Found | None, bool]:
     """Fit own denominators from channels that were fitted each by itself; None where the data are too few for that.
 
     Also whether no more is left than the modes shared by all channels leave. The data are then many, and explained:
@@ -193,7 +195,7 @@ def _left(descent: Descent) -> float:
     return float(np.mean(np.concatenate(descent.point.residuals) ** 2))
 
 
-def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
+def own_starts(problem: FitProblem, common: Floats, starts: int, rng: np.random.Generator) -> list[Floats]:
     """Poles from which to start own denominators: around the common one, and scattered, shape (groups, lags)."""
     near = np.zeros((problem.groups, problem.lags))
     for g, lags in enumerate(problem.lag_orders):
@@ -201,7 +203,7 @@ def own_starts(problem: Problem, common: Floats, starts: int, rng: np.random.Gen
     return [near, *(scattered(problem, rng, attempt) for attempt in range(max(starts, 1) - 1))]
 
 
-def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Floats:
+def scattered(problem: FitProblem, rng: np.random.Generator, attempt: int) -> Floats:
     """Sections spread over the band; the first attempt evenly, later ones at random, shape (groups, lags)."""
     band, groups = _starting_band(problem), problem.groups
     theta = np.zeros((groups, problem.lags))
@@ -219,7 +221,7 @@ def scattered(problem: Problem, rng: np.random.Generator, attempt: int) -> Float
     return theta
 
 
-def _common_start(problem: Problem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Descent, int]:
+def _common_start(problem: FitProblem, plan: Plan, rng: np.random.Generator, deadline: float) -> tuple[Descent, int]:
     """SRIVC from one bandwidth after the other until it settles; where it never does, scattered starts beside it."""
     if problem.lags == 0:
         return Descent(solve(problem, np.zeros((1, 0))), 0, True), 0
@@ -252,7 +254,7 @@ def _common_start(problem: Problem, plan: Plan, rng: np.random.Generator, deadli
     return best, steps + more
 
 
-def _tried_delays(problem: Problem) -> list[Floats]:
+def _tried_delays(problem: FitProblem) -> list[Floats]:
     if not problem.delay_parameters:
         return [problem.start_delays]
     count = min(round(problem.longest_delay / problem.dt) + 1, 9)
@@ -260,7 +262,7 @@ def _tried_delays(problem: Problem) -> list[Floats]:
     return [delay * lanes for delay in np.linspace(0.0, problem.longest_delay, max(count, 2))]
 
 
-def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Floats:
+def _coordinate_delays(problem: FitProblem, theta: Floats, delays: Floats) -> Floats:
     """Choose for every input in turn the best of the delays tried."""
     delays = delays.copy()
     if len(delays) == 1:
@@ -275,7 +277,7 @@ def _coordinate_delays(problem: Problem, theta: Floats, delays: Floats) -> Float
     return delays
 
 
-def _best_of(problem: Problem, thetas: Sequence[Floats], deadline: float, report: Progress) -> tuple[Descent, int]:
+def _best_of(problem: FitProblem, thetas: Sequence[Floats], deadline: float, report: Progress) -> tuple[Descent, int]:
     """Follow every start for a few steps and the better half of them for more."""
     first: list[Descent] = []
     for number, theta in enumerate(thetas):
@@ -292,7 +294,7 @@ def _hopeless(others: Sequence[Descent]) -> float:
     return 10.0 * min((descent.point.cost for descent in others), default=np.inf)
 
 
-def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) -> tuple[Descent, int]:
+def _better_half(problem: FitProblem, first: Sequence[Descent], deadline: float) -> tuple[Descent, int]:
     """Follow the better half of descents for more steps where they may win; the best of them, and the steps of all."""
     ranked = sorted(first, key=lambda descent: descent.point.cost)
     best, steps = ranked[0], sum(descent.iterations for descent in first)
@@ -310,7 +312,7 @@ def _better_half(problem: Problem, first: Sequence[Descent], deadline: float) ->
     return best, steps
 
 
-def _with_own(problem: Problem, plan: Plan) -> Problem:
+def _with_own(problem: FitProblem, plan: Plan) -> FitProblem:
     """Return every input a denominator of its own, of its own order."""
     return replace(
         problem,
@@ -320,7 +322,7 @@ def _with_own(problem: Problem, plan: Plan) -> Problem:
     )
 
 
-def _initial(whole: Problem, groups: int, point: Point) -> float:
+def _initial(whole: FitProblem, groups: int, point: Point) -> float:
     variance = max(float(np.mean(np.concatenate(point.residuals) ** 2)), 1e-12)
     return variance / expected_energy(max(len(y) for y in whole.outputs) * whole.dt, groups)
 
@@ -329,7 +331,7 @@ def _delays(point: Point) -> tuple[float, ...]:
     return tuple(map(float, point.delays)) if point.delays.any() else ()
 
 
-def _starting_band(problem: Problem) -> Band:
+def _starting_band(problem: FitProblem) -> Band:
     """Where poles that matter are to be expected: a few periods in the record, a few samples in a period."""
     longest = max(len(y) for y in problem.outputs) * problem.dt
     return Band(2.0 * np.pi / longest, max(0.5 * np.pi / problem.dt, 4.0 * np.pi / longest))

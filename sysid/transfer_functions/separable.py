@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.records.experiment import Floats
-from sysid.transfer_functions.problem import Problem, clip, denominators
+from sysid.transfer_functions.problem import FitProblem, clip, denominators
 from sysid.transfer_functions.reduction import (
     Basis,
     Part,
@@ -78,7 +78,7 @@ class Point:
         return tuple(part.residual for part in self.parts)
 
 
-def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Point:
+def solve(problem: FitProblem, theta: Floats, delays: Floats | None = None) -> Point:
     """Solve for the linear parameters at given poles and delays, by default those of the problem."""
     basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
     parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
@@ -88,7 +88,7 @@ def solve(problem: Problem, theta: Floats, delays: Floats | None = None) -> Poin
     return point
 
 
-def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
+def solve_again(problem: FitProblem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
     """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
@@ -105,7 +105,7 @@ def solve_again(problem: Problem, basis: Basis, information: Floats, parts: tupl
     )
 
 
-def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
+def sensitivities(problem: FitProblem, point: Point) -> tuple[Floats, ...]:
     """Differentiate the model's output by the poles' parameters and the delays, linear parameters held."""
     slopes = slopes_at(problem, point.basis, point.numerators)
     return tuple(
@@ -114,7 +114,7 @@ def sensitivities(problem: Problem, point: Point) -> tuple[Floats, ...]:
     )
 
 
-def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
+def instruments(problem: FitProblem, point: Point) -> tuple[Floats, ...]:
     """Pass the model's response to the inputs through one more ``1 / A``: derivatives 0 to lags - 1, normalised."""
     k, lags, m = problem.integrators, problem.lags, len(problem.group)
     table = powers_over_square(point.system)[0]
@@ -131,7 +131,7 @@ def instruments(problem: Problem, point: Point) -> tuple[Floats, ...]:
 
 
 def reduced_information(
-    problem: Problem, point: Point, jacobians: tuple[Floats, ...] | None = None
+    problem: FitProblem, point: Point, jacobians: tuple[Floats, ...] | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated, and gradient.
 
@@ -155,7 +155,7 @@ class Descent:
 
 
 def descend(
-    problem: Problem,
+    problem: FitProblem,
     theta: Floats,
     iterations: int,
     deadline: float = np.inf,
@@ -198,7 +198,7 @@ def descend(
     return Descent(point, iterations, False)
 
 
-def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, float]:
+def nonlinear_system(problem: FitProblem, point: Point) -> tuple[Floats, Floats, float]:
     """Return Hessian and gradient of the reduced problem in poles and delays."""
     shared = point.numerators.size
     information, gradient, outer, following = reduced_information(problem, point)
@@ -213,7 +213,7 @@ def nonlinear_system(problem: Problem, point: Point) -> tuple[Floats, Floats, fl
     return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance, independent
 
 
-def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
+def _price_slopes(problem: FitProblem, point: Point, outer: Floats) -> Floats:
     """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
 
     Slow and lightly damped poles make impulse and initial responses of more energy. By the slopes of the gramians, each
@@ -234,7 +234,7 @@ def _price_slopes(problem: Problem, point: Point, outer: Floats) -> Floats:
     return 0.5 * slopes.ravel()
 
 
-def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
+def _differences(problem: FitProblem, point: Point) -> tuple[Floats, Floats]:
     """Central differences of the gramians of initial responses and of those to inputs, (lags, groups, n, n)."""
     groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
     step = 1e-5
@@ -253,7 +253,7 @@ def _differences(problem: Problem, point: Point) -> tuple[Floats, Floats]:
     return free, (forced[0] - forced[1]) / (2.0 * step)
 
 
-def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats]:
+def _moved(problem: FitProblem, point: Point, step: Floats) -> tuple[Floats, Floats]:
     """Poles and delays after a step in the order of the sensitivities, kept within their bounds."""
     groups, lags = problem.groups, problem.lags
     theta = point.theta + step[: lags * groups].reshape(lags, groups).T
@@ -263,7 +263,7 @@ def _moved(problem: Problem, point: Point, step: Floats) -> tuple[Floats, Floats
     return theta, np.clip(point.delays + problem.dt * step[lags * groups :], 0.0, problem.longest_delay)
 
 
-def _free(problem: Problem, point: Point, gradient: Floats) -> NDArray[np.bool_]:
+def _free(problem: FitProblem, point: Point, gradient: Floats) -> NDArray[np.bool_]:
     """Mark the parameters that no bound keeps from following the gradient."""
     theta, delays = _moved(problem, point, 1e-9 * np.sign(gradient))
     moves = (theta != point.theta).T.ravel()
@@ -279,7 +279,7 @@ def _bounded_step(free: NDArray[np.bool_], hessian: Floats, gradient: Floats, da
     return np.asarray(np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP))
 
 
-def _impulse_energy(problem: Problem, system: Discretised, energy: Floats, used: Floats) -> Floats:
+def _impulse_energy(problem: FitProblem, system: Discretised, energy: Floats, used: Floats) -> Floats:
     """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
     lanes, count = np.arange(len(problem.group)), problem.numerators
     blocks = system.gramians[list(problem.group), :count, :count] * used.T[:, :, None] * used.T[:, None, :]

@@ -34,7 +34,7 @@ from scipy.linalg import lstsq
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import independent_samples
-from sysid.transfer_functions.problem import Band, Problem, clip, denominators, from_poles
+from sysid.transfer_functions.problem import Band, FitProblem, clip, denominators, from_poles
 from sysid.transfer_functions.response import Discretised, discretise
 from sysid.transfer_functions.separable import Descent, Point, descend, instruments, solve
 
@@ -57,7 +57,7 @@ class Separated:
     variance: float  #: Of the residual of the shared modes: what a good fit can be expected to leave.
 
 
-def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: float) -> Iterator[Separated]:
+def separate(problem: FitProblem, band: Band, rng: np.random.Generator, deadline: float) -> Iterator[Separated]:
     """Yield starts for own denominators, from one draw of the channels' sections after the other.
 
     Of the same shared modes. Nothing where there are too few samples for so many coefficients, integrators, or an
@@ -97,7 +97,7 @@ def separate(problem: Problem, band: Band, rng: np.random.Generator, deadline: f
         yield Separated(theta, modes.initial * len(channels) / sections, variance)
 
 
-def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
+def likeliest_initial(problem: FitProblem, point: Point, weakest: float) -> float:
     """Choose the weight of the initial responses under which the data are likeliest, at given poles.
 
     The likelihood with numerators at their best and initial states integrated out (empirical Bayes): records that begin
@@ -118,13 +118,13 @@ def likeliest_initial(problem: Problem, point: Point, weakest: float) -> float:
     return max(initial for surprise, initial in tried if surprise <= least + 2.0)
 
 
-def _enough(problem: Problem, sections: int) -> bool:
+def _enough(problem: FitProblem, sections: int) -> bool:
     return problem.samples >= 20 * sections * len(problem.group)
 
 
 def _shared_modes(
-    problem: Problem, sections: int, band: Band, damping: float, deadline: float
-) -> tuple[Problem, Descent]:
+    problem: FitProblem, sections: int, band: Band, damping: float, deadline: float
+) -> tuple[FitProblem, Descent]:
     """Respond to every input with every section, from rest where that explains half of the records."""
     m = len(problem.group)
     modes = replace(
@@ -159,7 +159,7 @@ def _parts(states: Floats, point: Point, sections: int) -> Floats:
     return np.asarray(parts.reshape(len(states), sections, -1))
 
 
-def _channel(problem: Problem, outputs: list[Floats], j: int, initial: float) -> Problem:
+def _channel(problem: FitProblem, outputs: list[Floats], j: int, initial: float) -> FitProblem:
     """Pose the problem of one input and its part of the output, scaled to unit variance."""
     size = max(float(np.sqrt(np.mean(np.concatenate([y - y.mean() for y in outputs]) ** 2))), 1e-12)
     return replace(
@@ -177,7 +177,7 @@ def _channel(problem: Problem, outputs: list[Floats], j: int, initial: float) ->
 
 
 def _fit_channel(
-    channel: Problem, modes: Floats, carried: Floats, band: Band, rng: np.random.Generator, deadline: float
+    channel: FitProblem, modes: Floats, carried: Floats, band: Band, rng: np.random.Generator, deadline: float
 ) -> Floats:
     """Fit one channel from several draws of sections, likelier the more they carry; shape (n,)."""
     longest = int(np.argmax([len(y) for y in channel.outputs]))
@@ -211,7 +211,7 @@ class Start:
     settled: bool
 
 
-def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start:
+def srivc(problem: FitProblem, bandwidth: float, deadline: float = np.inf) -> Start:
     """Find the common denominator of all inputs."""
     lags = problem.lags
     theta = np.zeros((1, lags))
@@ -236,7 +236,7 @@ def srivc(problem: Problem, bandwidth: float, deadline: float = np.inf) -> Start
     return Start(best[1], best[0], MOST_ITERATIONS, False)
 
 
-def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats | None:
+def refine(problem: FitProblem, point: Point, *, noisy: bool) -> Floats | None:
     """Iterate once: the coefficients of A by instrumental variables, shape (lags,)."""
     lags, shared = problem.lags, point.numerators.size
     system = _without_integrators(problem, point)
@@ -266,7 +266,7 @@ def refine(problem: Problem, point: Point, *, noisy: bool) -> Floats | None:
     return from_poles(unit * np.roots(np.concatenate([[1.0], normalised[::-1]])).astype(np.complex128))
 
 
-def _without_integrators(problem: Problem, point: Point) -> Discretised:
+def _without_integrators(problem: FitProblem, point: Point) -> Discretised:
     """Discretise the denominator for signals that are straight between samples."""
     if problem.integrators == 0:
         return replace(point.system, hold="foh")

@@ -16,10 +16,10 @@ from core.summary import Summarised, listed
 from logparse import Finding
 from sysid.records.experiment import Experiment, Floats, horizon_steps, require_signals
 from sysid.transfer_functions.model_record import (
-    Disturbance,
     FitReport,
     FunctionRecord,
     FunctionsRecord,
+    NoiseModel,
     TransferFunctionsRecord,
 )
 from sysid.transfer_functions.response import INITIAL_SECONDS, carried_on, discretise, trends
@@ -264,7 +264,7 @@ class FunctionsModel(Summarised):
     hold: str  #: {"zoh", "foh"}: How inputs run between samples: held, or straight lines.
     rate: float  #: Samples per second of the training records.
     #: For each output, how the part that the model does not explain carries on (for `predict`).
-    disturbance: Mapping[str, Disturbance]
+    disturbance: Mapping[str, NoiseModel]
     reports: Mapping[str, FitReport]  #: For each output, how the fit went.
     training: tuple[str, ...]  #: Names of the records used for the fit.
     findings: tuple[Finding, ...] = ()

@@ -12,13 +12,13 @@ import numpy as np
 
 from sysid.records.experiment import Floats
 from sysid.statistics.covariance import coloured_information, residual_colour
-from sysid.transfer_functions.problem import Problem
+from sysid.transfer_functions.problem import FitProblem
 from sysid.transfer_functions.reduction import basis_at, eliminate, own_eliminated, sum_of
 from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.separable import Point, descend, reduced_information, sensitivities, solve, solve_again
 
 
-def parameter_covariance(problem: Problem, point: Point) -> Floats:
+def parameter_covariance(problem: FitProblem, point: Point) -> Floats:
     """Covariance of normalised numerators, poles' parameters and delays, for coloured residuals, at the solution.
 
     The sandwich ``H^-1 M H^-1`` with the information H in the data and M the covariance of the regressors' products
@@ -29,7 +29,7 @@ def parameter_covariance(problem: Problem, point: Point) -> Floats:
     return np.asarray((inverse @ filling @ inverse) * size * size[:, None])
 
 
-def effective_parameters(problem: Problem, point: Point) -> float:
+def effective_parameters(problem: FitProblem, point: Point) -> float:
     """Count the parameters in what their errors cost: ``trace(H^-1 M)`` over the residual's variance.
 
     On new data the squared error of the fit exceeds the least possible one by this many residual variances (Takeuchi
@@ -39,7 +39,7 @@ def effective_parameters(problem: Problem, point: Point) -> float:
     return float(np.sum(inverse * filling)) / max(variance, 1e-300)
 
 
-def _sandwich(problem: Problem, point: Point) -> tuple[Floats, Floats, Floats, float]:
+def _sandwich(problem: FitProblem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
     jacobians = sensitivities(problem, point)
     information = reduced_information(problem, point, jacobians)[0]
@@ -66,9 +66,9 @@ RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 class Division:
     """A problem without the flight time held back, and that flight time."""
 
-    seen: Problem
+    seen: FitProblem
     #: Inputs about their mean over each part held back, and outputs; None where there is too little to hold any back.
-    held_back: Problem | None
+    held_back: FitProblem | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Choice:
     steps: int  #: Taken on the way.
 
 
-def divide(problem: Problem) -> Division:
+def divide(problem: FitProblem) -> Division:
     """Hold back every third record, or the last part of each when there are fewer than three."""
     count = len(problem.outputs)
     seen: list[tuple[int, slice]] = [(r, slice(None)) for r in range(count) if r % 3 != 2]

@@ -12,7 +12,7 @@ from simulation._kernels import actuator, drive_speed
 from simulation.atmosphere import Atmosphere
 from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
 from simulation.fly import Setup
-from simulation.mission import CHIRP_AXES, Chirp, Mission, Wait
+from simulation.mission import CHIRP_AXES, FlownChirp, Mission, Wait
 from simulation.place import Place, Wind
 from simulation.sensors import Inertial, Navigation, Sensors
 
@@ -41,7 +41,7 @@ def test_bias_drift_is_gauss_markov_from_zero():
 
 def test_chirp_sweeps_between_its_frequencies():
     """The phase's derivative is the stated frequency; the sine starts and ends at nothing."""
-    chirp = Chirp("pitch", 0.1, start_hz=0.5, stop_hz=10.0, seconds=20.0, fade=2.0)
+    chirp = FlownChirp("pitch", 0.1, start_hz=0.5, stop_hz=10.0, seconds=20.0, fade=2.0)
     t = np.linspace(0.0, chirp.duration, 200_001)
     signal = chirp.signal(t)
     assert chirp.hold == 4.0
@@ -57,7 +57,7 @@ def test_chirp_sweeps_between_its_frequencies():
 
 @pytest.mark.parametrize("axis", CHIRP_AXES)
 def test_chirps_move_their_axis_only(axis):
-    chirp = Chirp(axis, 0.05, start_hz=1.0, stop_hz=4.0, seconds=5.0, fade=1.0)
+    chirp = FlownChirp(axis, 0.05, start_hz=1.0, stop_hz=4.0, seconds=5.0, fade=1.0)
     sure = Sensors(navigation=Navigation(position=0.0, velocity=0.0, tilt=0.0, yaw=0.0))
     flight = fly(setup(Wait(1), chirp, Wait(1), sensors=sure))
     ((start, flown),) = flight.reference.chirps

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from simulation.fly import Flight, Setup, fly
+from simulation.fly import Setup, SimulatedFlight, fly
 from simulation.instruments import attitude_angles
-from simulation.mission import Chirp, GoTo, Mission, Turn, Wait
+from simulation.mission import FlownChirp, GoTo, Mission, Turn, Wait
 from simulation.place import Place, Wind
 from simulation.vehicle import Multirotor
 from sysid.records.context import standard_density
@@ -22,10 +22,10 @@ EXCITING = Mission(
         Turn(100.0),
         GoTo(0.0, 0.0, 8.0, 2.0),
         GoTo(25.0, 25.0, 20.0, 6.0),
-        Chirp("roll", 0.08, 0.5, 6.0, 12.0, placed=True),
-        Chirp("pitch", 0.08, 0.5, 6.0, 12.0, placed=True),
-        Chirp("yaw", 0.15, 0.5, 4.0, 10.0, placed=True),
-        Chirp("throttle", 0.1, 0.5, 3.0, 8.0, placed=True),
+        FlownChirp("roll", 0.08, 0.5, 6.0, 12.0, placed=True),
+        FlownChirp("pitch", 0.08, 0.5, 6.0, 12.0, placed=True),
+        FlownChirp("yaw", 0.15, 0.5, 4.0, 10.0, placed=True),
+        FlownChirp("throttle", 0.1, 0.5, 3.0, 8.0, placed=True),
         Turn(200.0),
         GoTo(0.0, 0.0, 10.0, 6.0),
         Wait(3.0),
@@ -42,13 +42,15 @@ def flown(
     altitude: float = 0.0,
     seed: int = 0,
     rate: float = 50.0,
-) -> Flight:
+) -> SimulatedFlight:
     """Fly a mission; `altitude` above the sea in m."""
     place = Place(name="test", lat_deg=47.0, lon_deg=8.0, alt=altitude)
     return fly(Setup(mission=mission, place=place, vehicle=craft, wind=wind or Wind(), seed=seed), rate=rate)
 
 
-def record(flight: Flight, rng: np.random.Generator | None = None, position: float = 0.01, name: str = "flight"):
+def record(
+    flight: SimulatedFlight, rng: np.random.Generator | None = None, position: float = 0.01, name: str = "flight"
+):
     """Cut the airborne part out, with noise on position [m] and tenths of it on velocity [m/s]."""
     craft, place = flight.setup.vehicle, flight.setup.place
     rows = flight.truth.loc[flight.airborne[0] + 2.0 : flight.airborne[1] - 3.0]

@@ -8,7 +8,7 @@ from core.units import STANDARD_GRAVITY
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
 from sysid import fit_rigid_body
-from sysid.rigid_body.body_motion import Motion
+from sysid.rigid_body.body_motion import BodyMotion
 from tests.sysid.flown_craft import flown, record
 
 RATE = 25.0
@@ -28,7 +28,7 @@ def level(samples, dt=0.02, thrust_over_weight=1.0):
     """Make a flight with level attitude, one motor's worth of command and sea-level air."""
     states = np.zeros((samples, 18))
     states[:, [6, 10, 14]] = 1.0
-    return Motion(
+    return BodyMotion(
         name="level",
         t=np.arange(samples) * dt,
         states=states,

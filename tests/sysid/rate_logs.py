@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 from logparse import FlightLog, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, write_rate_log
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
-CHIRP = Excitation(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
-STICKS = Excitation(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
+CHIRP = Shaking(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
+STICKS = Shaking(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
 
 
 def logged(folder: Path, axes: AxisRun | dict[str, AxisRun], *, rate: float = 100.0, **how: Any) -> FlightLog:
@@ -20,7 +20,7 @@ def logged(folder: Path, axes: AxisRun | dict[str, AxisRun], *, rate: float = 10
 
 
 def flown(
-    folder: Path, excitation: Excitation = CHIRP, seed: int = 1, plant: AxisPlant = PLANT, rate: float = 100.0
+    folder: Path, excitation: Shaking = CHIRP, seed: int = 1, plant: AxisPlant = PLANT, rate: float = 100.0
 ) -> FlightLog:
     """Fly a craft whose loop crosses over at 3 Hz, and log its roll."""
     run = run_axis(plant, LoopGains.crossing_at(plant, 3.0), excitation, seed)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import cholesky, solve_triangular
 
 from simulation.elhesasy2024 import quadcopter
-from simulation.mission import Chirp, Mission, Wait
+from simulation.mission import FlownChirp, Mission, Wait
 from simulation.place import Wind
 from sysid import fit_rigid_body
 from sysid.rigid_body._filter_kernels import whiten
@@ -19,9 +19,9 @@ SHAKEN = Mission(
     takeoff=8.0,
     steps=(
         Wait(10.0),
-        Chirp("roll", 0.08, 0.5, 6.0, 15.0, placed=True),
-        Chirp("pitch", 0.08, 0.5, 6.0, 15.0, placed=True),
-        Chirp("yaw", 0.15, 0.5, 4.0, 15.0, placed=True),
+        FlownChirp("roll", 0.08, 0.5, 6.0, 15.0, placed=True),
+        FlownChirp("pitch", 0.08, 0.5, 6.0, 15.0, placed=True),
+        FlownChirp("yaw", 0.15, 0.5, 4.0, 15.0, placed=True),
         Wait(10.0),
     ),
 )

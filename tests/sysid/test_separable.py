@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lsim, max_len_seq
 
 from sysid import Experiment
-from sysid.transfer_functions.problem import Band, Problem, denominators, from_poles, resolvable_band
+from sysid.transfer_functions.problem import Band, FitProblem, denominators, from_poles, resolvable_band
 from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
 from sysid.transfer_functions.separable import (
     descend,
@@ -18,7 +18,7 @@ from sysid.transfer_functions.separable import (
 from sysid.transfer_functions.starts import refine, srivc
 from sysid.transfer_functions.transfer_function import TransferFunction, run_freely
 
-BASE = Problem(
+BASE = FitProblem(
     inputs=(),
     outputs=(),
     group=(0, 1),
@@ -192,7 +192,7 @@ def rao_garnier(seed, noise=0.1**0.5):
 def srivc_problem(u, y, order, numerators, dt):
     duration = len(y) * dt
     inputs = u.reshape(len(y), -1)
-    return Problem(
+    return FitProblem(
         inputs=(np.ascontiguousarray(inputs / u.std()),),
         outputs=(y / y.std(),),
         group=(0,) * inputs.shape[1],

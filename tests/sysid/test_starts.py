@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid import fit_transfer_functions
-from sysid.transfer_functions.problem import Band, Problem, denominators, resolvable_band
+from sysid.transfer_functions.problem import Band, FitProblem, denominators, resolvable_band
 from sysid.transfer_functions.response import discretise
 from sysid.transfer_functions.starts import separate
 from tests.sysid.table_a1 import NOISE, record
@@ -25,7 +25,7 @@ def two_channels(samples=1500, before=0, noise=0.01):
         y = system.forced(u, range(2))[:, 0].sum(axis=1)
         inputs.append(np.ascontiguousarray(u[before:]))
         outputs.append((y + noise * y.std() * rng.standard_normal(len(y)))[before:])
-    return Problem(
+    return FitProblem(
         inputs=tuple(inputs),
         outputs=tuple(y / np.std(outputs) for y in outputs),
         group=(0, 1),

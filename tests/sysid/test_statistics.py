@@ -8,7 +8,7 @@ from core.serialization import as_json, from_json
 from sysid import TransferFunction, frequency_response, poles, zeros
 from sysid.statistics.covariance import coloured_information, lagged_information, wander
 from sysid.statistics.residuals import examine_residuals
-from sysid.transfer_functions.model_record import Disturbance
+from sysid.transfer_functions.model_record import NoiseModel
 from sysid.transfer_functions.response import carried_on, fit_disturbance, steady_gains
 
 
@@ -146,7 +146,7 @@ def test_what_wanders_off_is_not_expected_back():
     walk = np.cumsum(np.random.default_rng(3).standard_normal(4000))
     found = fit_disturbance([walk], DT)
     assert found.memory_seconds is None
-    assert from_json(as_json(found), Disturbance) == found
+    assert from_json(as_json(found), NoiseModel) == found
 
 
 OMEGA = np.logspace(-1.5, 1.0, 40)

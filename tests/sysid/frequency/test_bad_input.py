@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import logparse
 from rotorid.cli.main import app
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis
+from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis
 from sysid import frequency
 from sysid.frequency.records import on_uniform_clock
 from sysid.frequency.survey import survey
@@ -148,7 +148,7 @@ def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
 
 def test_rows_in_which_the_command_folds_judge_no_model(tmp_path: Path) -> None:
     # The gain is right, by the instrument; a prediction from aliases is wrong whatever the model is.
-    sticks = Excitation(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
+    sticks = Shaking(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
     slow = replace(PLANT, gain=100.0, lag=0.1)
     run = run_axis(slow, LoopGains.crossing_at(slow, 0.8), sticks, 3)
     found = survey(logged(tmp_path, run, rate=10.0), ["roll"]).axes[0]

@@ -10,7 +10,7 @@ from scipy.io import loadmat
 from scipy.signal import lfilter
 
 from logparse import FlightLog
-from simulation.axis_loop import Excitation, run_axis
+from simulation.axis_loop import Shaking, run_axis
 from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.survey import survey
@@ -180,7 +180,7 @@ def test_experiments_give_responses_too() -> None:
 class TestBadInput:
     def test_an_axis_of_which_nothing_was_asked_is_refused_though_gusts_move_it(self, tmp_path: Path) -> None:
         # The rate target answers gusts and would make a coherent instrument of minus the controller's inverse.
-        log = flown(tmp_path, Excitation(duration=60.0, gust=2.0, noise=0.01))
+        log = flown(tmp_path, Shaking(duration=60.0, gust=2.0, noise=0.01))
         with pytest.raises(frequency.FrequencyError, match="nothing was asked of this axis"):
             frequency.response(log, "roll")
 

@@ -15,7 +15,7 @@ from logparse import FlightLog, Vehicle
 from logparse.craft.frames import motor_table
 from logparse.dataflash.writer import write_dataflash
 from logparse.tables import COLUMNS
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis
+from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis
 from sysid import frequency
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.rate_signals import OUTPUTS, RateSignals, as_motors_got, on_one_clock
@@ -26,11 +26,11 @@ from sysid.records.motor_scaling import commands_for, motor_pwm
 from tests.sysid.rate_logs import logged
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
-STICKS = Excitation(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
-CHIRP = Excitation(duration=60.0, chirp=(0.4, 25.0, 0.12), chirp_seconds=59.0, gust=0.2, noise=0.003)
+STICKS = Shaking(duration=90.0, stick=0.25, gust=0.2, noise=0.003)
+CHIRP = Shaking(duration=60.0, chirp=(0.4, 25.0, 0.12), chirp_seconds=59.0, gust=0.2, noise=0.003)
 
 
-def flown(folder: Path, excitation: Excitation, motors: dict[str, float], **parameters: float) -> logparse.FlightLog:
+def flown(folder: Path, excitation: Shaking, motors: dict[str, float], **parameters: float) -> logparse.FlightLog:
     run = run_axis(PLANT, LoopGains.crossing_at(PLANT, 2.5), excitation, 3)
     return logged(folder, run, rate=400.0, filter_hz=40.0, parameters=parameters, motors=motors)
 
@@ -42,7 +42,7 @@ def error(frf: frequency.FrequencyResponse, plant: AxisPlant, low: float, high: 
 
 
 @pytest.mark.parametrize("excitation", [STICKS, CHIRP], ids=["sticks", "chirp"])
-def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, excitation: Excitation) -> None:
+def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, excitation: Shaking) -> None:
     # Gyros four times as fast as motor outputs: unfiltered, they would fold.
     log = flown(tmp_path, excitation, {"rcou": 50.0, "imu": 200.0})
     frf = frequency.response(log, "roll")
@@ -214,9 +214,9 @@ def turned(folder: Path, degrees: float, seeds: tuple[int, int], *, chirps: bool
     """
     controller = LoopGains.crossing_at(PITCH, 3.0)
     if chirps:
-        shaken = Excitation(duration=70.0, chirp=(0.4, 20.0, 0.06), chirp_seconds=30.0, gust=0.3, noise=0.003)
+        shaken = Shaking(duration=70.0, chirp=(0.4, 20.0, 0.06), chirp_seconds=30.0, gust=0.3, noise=0.003)
     else:
-        shaken = Excitation(duration=90.0, stick=0.2, gust=0.3, noise=0.003)
+        shaken = Shaking(duration=90.0, stick=0.2, gust=0.3, noise=0.003)
     flown = [
         run_axis(plant, controller, replace(shaken, sid_axis=10 + k, chirp_start=35.0 * k), seed)
         for k, (plant, seed) in enumerate(zip((ROLL, PITCH), seeds, strict=True))

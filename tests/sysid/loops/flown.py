@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulation.axis_loop import AxisPlant, AxisRun, Excitation, LoopGains, run_axis, settings_of
+from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, settings_of
 from sysid.frequency.records import AxisRecord
 from sysid.loops.loop import LoopRecord, RateLoop, loop_of_records
 
@@ -32,7 +32,7 @@ def fly_chirp(
 ) -> AxisRun:
     """Fly a chirp at the mixer from hover, with gusts [rad/s^2] and noise of the raw gyro [rad/s]."""
     seconds = seconds or 2.0 / band[0] + 21.0
-    shaken = Excitation(
+    shaken = Shaking(
         duration=seconds,
         chirp=(*band, magnitude),
         chirp_seconds=seconds,

@@ -10,7 +10,7 @@ import pytest
 from logparse import Tables, read_log
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.span import Span
-from simulation.axis_loop import AxisPlant, Excitation, LoopGains, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis, write_rate_log
 from sysid.loops import as_flown, design, prove, tune
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.settings import read_settings
@@ -25,7 +25,7 @@ NOTCH = {
 
 @pytest.fixture(scope="module")
 def flight():
-    shaken = Excitation(
+    shaken = Shaking(
         duration=34.0, chirp=(0.5, 40.0, 0.08), chirp_start=6.0, chirp_seconds=24.0, gust=0.3, gyro_noise=0.015
     )
     return run_axis(CRAFT, GAINS, shaken, 1)
@@ -100,7 +100,7 @@ def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, 
 @pytest.mark.parametrize(("claimed", "told"), [(0.08, None), (0.1, "P as logged is 0.80 times")])
 def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, told):
     """P is the error times a number whatever is flown; margins from sticks rest on it too."""
-    sticks = run_axis(CRAFT, GAINS, Excitation(duration=30.0, stick=0.15), 1)
+    sticks = run_axis(CRAFT, GAINS, Shaking(duration=30.0, stick=0.15), 1)
     log = _log(tmp_path / "sticks.bin", sticks, replace(GAINS, P=claimed))
     log.messages["PIDR"]["Err"] = log.messages["PIDR"]["Tar"] - log.messages["PIDR"]["Act"]
     reason = contradiction_of(log, "roll")

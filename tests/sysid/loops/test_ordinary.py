@@ -8,8 +8,8 @@ import pytest
 from logparse import read_log
 from simulation.axis_loop import (
     AxisPlant,
-    Excitation,
     LoopGains,
+    Shaking,
     gains_of,
     random_axis,
     run_axis,
@@ -33,7 +33,7 @@ GAINS = LoopGains(P=0.09, I=0.09, D=0.0025)
 
 def sticks(plant: AxisPlant, gains: LoopGains, seed: int, stick: float = 0.15) -> FrequencyResponse:
     """Fly a minute of random sticks and identify the craft from rows logged at 50 Hz."""
-    run = run_axis(plant, gains, Excitation(duration=60.0, stick=stick, gust=0.2, gyro_noise=0.015), seed)
+    run = run_axis(plant, gains, Shaking(duration=60.0, stick=stick, gust=0.2, gyro_noise=0.015), seed)
     rows = slice(None, None, 8)
     record = AxisRecord(
         name="sticks",
@@ -61,11 +61,9 @@ def test_sticks_win_smaller_steps_than_chirps(tmp_path):
     """Flights without chirps at the mixer: proposals raise by 1.3 at most, keep their promise in truth, and say so."""
     plant, gains = AxisPlant(gain=300.0, lag=0.015, delay=0.001, filter_hz=40.0), LoopGains(P=0.03, I=0.03, D=0.0006)
     ways = {
-        "sticks": (Excitation(duration=60.0, stick=0.15, gust=0.2, gyro_noise=0.015), 50.0),
+        "sticks": (Shaking(duration=60.0, stick=0.15, gust=0.2, gyro_noise=0.015), 50.0),
         "rate targets": (
-            Excitation(
-                duration=60.0, chirp=(0.2, 15.0, 0.5), chirp_seconds=45.0, sid_axis=7, gust=0.2, gyro_noise=0.015
-            ),
+            Shaking(duration=60.0, chirp=(0.2, 15.0, 0.5), chirp_seconds=45.0, sid_axis=7, gust=0.2, gyro_noise=0.015),
             100.0,
         ),
     }
@@ -92,7 +90,7 @@ def test_sticks_raise_nothing_where_a_mode_of_the_frame_may_be(tmp_path):
     plant = AxisPlant(gain=110.0, damping=2.5, lag=0.012, delay=0.0044, filter_hz=60.0, **mode)
     gains = LoopGains(P=0.26, I=0.15, D=0.0048)
     before = margins_of(HZ, true_loop(plant, gains, HZ)).row(0)
-    path, shaken = tmp_path / "bends.bin", Excitation(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015)
+    path, shaken = tmp_path / "bends.bin", Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015)
     write_rate_log(path, {"roll": run_axis(plant, gains, shaken, 1)}, rate=50.0, filter_hz=60.0, gains={"roll": gains})
     roll = tune(read_log(path)).axes[0]
     flies = gains if roll.tuned is None else gains_of(roll.tuned.settings)

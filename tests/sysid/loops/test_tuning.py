@@ -11,8 +11,8 @@ import pytest
 from logparse import read_log
 from simulation.axis_loop import (
     AxisPlant,
-    Excitation,
     LoopGains,
+    Shaking,
     gains_of,
     random_axis,
     run_axis,
@@ -210,7 +210,7 @@ def test_a_craft_that_rings_above_the_logged_band_is_refused(tmp_path):
     """A frame that lets the loop ring at 45 Hz: rows at 50 Hz show it folded to 5 Hz, and the sentence says so."""
     axis = AxisPlant(gain=300.0, lag=0.02, delay=0.003, filter_hz=80.0, flex_hz=45.0, flex_damping=0.02, flex_share=1.1)
     gains = LoopGains(P=0.08, I=0.08, D=0.002)
-    run = run_axis(axis, gains, Excitation(duration=40.0, gust=0.3, gyro_noise=0.015), 1)
+    run = run_axis(axis, gains, Shaking(duration=40.0, gust=0.3, gyro_noise=0.015), 1)
     path = tmp_path / "rings.bin"
     write_rate_log(path, {"roll": run}, rate=50.0, filter_hz=80.0, gains={"roll": gains})
     assert "at 5.0 Hz (or at 45 Hz and more" in (oscillation(read_log(path), "roll") or "")
