@@ -53,8 +53,8 @@ def heights(tables: Tables) -> Iterator[tuple[str, "pd.Series[float]"]]:
         if source == "gps":
             height = height[frame["fix"] >= 3.0]
         height = height.dropna()
-        # A sensor that never moves has stopped.
-        if len(height) > 5 and float(np.ptp(height)) > 0.0:
+        # A sensor that never moves has stopped, and one row is damage.
+        if len(height) > 5 and float(np.ptp(smoothed(height))) > 0.0:
             yield source, height
 
 

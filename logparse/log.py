@@ -21,7 +21,7 @@ from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
 from logparse.craft.quadplane import HoveringSource
 from logparse.messages import Messages, PassingMessages
-from logparse.source import Boot, MessageSource
+from logparse.source import TELEMETRY, Boot, MessageSource
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
 
@@ -140,7 +140,7 @@ class FlightLog(Summarised):
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
         parameters, vehicle = self.parameters, self.vehicle
-        messages = PassingMessages(self.messages, canonical.TOGETHER)
+        messages = PassingMessages(self.messages, canonical.TOGETHER, checked=self.format in TELEMETRY)
         built = canonical.gather_tables(messages, format=self.format, parameters=parameters, vehicle=vehicle)
         messages.release()
         return built

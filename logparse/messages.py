@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from logparse.source import LONG, Boot, MessageSource
+from logparse.stray import without_stray
 
 #: Messages after which a loop over their names is taken to want all, and the part of a file decoded ahead of it.
 _ASKED, _SHARE = 2, 2
@@ -133,25 +134,28 @@ class MessageView(Mapping[str, pd.DataFrame]):
 
 
 class PassingMessages(MessageView):
-    """Messages for whoever builds tables of them: long ones that nobody asked for by name are not kept.
+    """Messages for whoever builds tables of them: without damaged values, and long ones are not kept.
 
     Those of `together` are, until `release`, as far as there is room: to decode one by one passes over the file each
-    time.
+    time. What is `checked` by a checksum has no damage.
     """
 
     _messages: Messages
 
-    def __init__(self, messages: Messages, together: Iterable[str]):
+    def __init__(self, messages: Messages, together: Iterable[str], *, checked: bool):
         super().__init__(messages)
         self.counts = messages.counts
+        self.damaged: dict[str, int] = {}  #: Values that were left out of each message so far.
+        self._checked = checked
         room = sum(self.counts.values()) // _HELD
         chosen = []
         for name in sorted(set(together) & set(self.counts), key=lambda name: (self.counts[name], name)):
             room -= self.counts[name]
             if room >= 0 or self.counts[name] < LONG:
                 chosen.append(name)
-        self._held = messages.decode(chosen)
-        messages._frames |= {name: frame for name, frame in self._held.items() if self.counts[name] < LONG}
+        decoded = messages.decode(chosen)
+        messages._frames |= {name: frame for name, frame in decoded.items() if self.counts[name] < LONG}
+        self._held = {name: self._intact(name, frame) for name, frame in decoded.items()}
 
     def release(self) -> None:
         """Release what was decoded together."""
@@ -164,14 +168,29 @@ class PassingMessages(MessageView):
         """Return a message; of a long one only `fields`."""
         if name in self._held:
             return self._held[name]
-        return self._messages[name] if self.counts.get(name, 0) < LONG else self._messages.once(name, fields)
+        if self.counts.get(name, 0) >= LONG:
+            return self._intact(name, self._messages.once(name, fields))
+        self._held[name] = self._intact(name, self._messages[name])
+        return self._held[name]
+
+    def _intact(self, name: str, frame: pd.DataFrame) -> pd.DataFrame:
+        if self._checked:
+            return frame
+        frame, removed = without_stray(name, frame)
+        if removed:
+            self.damaged[name] = removed
+        return frame
 
 
 class NumericMessages(MessageView):
-    """Messages as logged, with NaN for what is no number: damage and strange writers make text of fields."""
+    """Messages as numbers, with NaN for damaged ones and for text, which damage and strange writers make of fields."""
+
+    def __init__(self, messages: Mapping[str, pd.DataFrame], *, checked: bool):
+        super().__init__(messages)
+        self._checked = checked
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        frame = self._messages[name]
+        frame = self._messages[name] if self._checked else without_stray(name, self._messages[name])[0]
         texts = [column for column in frame.columns if not pd.api.types.is_numeric_dtype(frame[column].dtype)]
         numbers = {
             text: pd.to_numeric(frame[text], errors="coerce").to_numpy(np.float64, na_value=np.nan) for text in texts

@@ -9,7 +9,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from core.errors import MissingDataError
-from logparse.canonical.fields import INSTANCE_NAMES, instance_column
+from logparse.canonical.fields import instance_column
+from logparse.source import INSTANCE_NAMES
 from logparse.tables import COLUMNS
 
 if TYPE_CHECKING:

@@ -24,9 +24,10 @@ from api.machine.answers import (
 )
 from core.serialization import plain, restored
 from logparse import FlightLog, RotoridError, check_is_log, read_log
-from logparse.canonical.fields import INSTANCE_NAMES, instance_column
+from logparse.canonical.fields import instance_column
 from logparse.expressions import evaluate
 from logparse.signals import LoggedSignal
+from logparse.source import INSTANCE_NAMES
 from pipeline.fleet.comparison import compare_reports
 from pipeline.fleet.review import review
 from pipeline.flight.signals import thin

@@ -1,6 +1,6 @@
 """Canonical tables: one meaning, unit and frame per column, from the messages of any autopilot and age."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from core.findings import Finding, Severity, info, warning
+from core.quantity import counted, joined
 from logparse.canonical import actuators, control, events, sensors
 from logparse.canonical.batches import batches
 from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.stray import without_stray, without_stray_rows
 from logparse.craft.frames import Vehicle
 from logparse.flights import wing_borne, wing_borne_px4
 from logparse.source import LONG
@@ -50,6 +50,7 @@ def gather_tables(
     remarks = Remarks()
     said: dict[str, Remarks] = {}  # Of long tables, when they are built.
     kind = {"ulog": Kind.PX4}.get(format, Kind.DATAFLASH if format.startswith("dataflash") else Kind.TELEMETRY)
+    damaged: Mapping[str, int] = getattr(messages, "damaged", {})
     messages = Sender(messages) if kind is Kind.TELEMETRY else messages
     long: Mapping[str, LongTable] = _long_tables(messages, vehicle, said) if kind is Kind.DATAFLASH else {}
     tables = _build(messages, kind, parameters, vehicle, remarks, long)
@@ -74,9 +75,20 @@ def gather_tables(
         together = Remarks()
         for each in (remarks, *said.values()):
             together.take(each)
-        return together.findings()
+        return (*together.findings(), *_left_out(damaged))
 
     return tables, findings
+
+
+def _left_out(damaged: Mapping[str, int]) -> Iterator[Finding]:
+    """Report the values that were left out as damaged, by message."""
+    if removed := sum(damaged.values()):
+        yield info(
+            "impossible-values",
+            f"{counted(removed, 'value')} of {joined(sorted(damaged))} stood alone, far off the rows beside: taken as "
+            "missing.",
+            removed=removed,
+        )
 
 
 #: What is measured of rates, whatever carries the craft.
@@ -117,7 +129,7 @@ def _long_tables(messages: Messages, vehicle: Vehicle, said: dict[str, Remarks])
 
     def inertial() -> Sensor:
         said["imu"] = Remarks()
-        return _inertial(messages, Kind.DATAFLASH, said["imu"])
+        return sensors.imu(messages, Kind.DATAFLASH, said["imu"])
 
     found = {}
     if sum(counts.get(name, 0) for name in _IMU) >= LONG:
@@ -132,12 +144,6 @@ def _long_tables(messages: Messages, vehicle: Vehicle, said: dict[str, Remarks])
     return found
 
 
-def _inertial(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
-    """IMUs; without damaged rows where no checksum has kept them out."""
-    table, further = sensors.imu(messages, kind, remarks)
-    return (table if kind is Kind.TELEMETRY else without_stray(table, "imu", remarks)), further
-
-
 def _build(
     messages: Messages,
     kind: Kind,
@@ -147,7 +153,7 @@ def _build(
     long: Mapping[str, LongTable],
 ) -> Tables:
     """Build all tables that the messages allow, but for long ones."""
-    imu: Sensor = (None, ()) if "imu" in long else _inertial(messages, kind, remarks)
+    imu: Sensor = (None, ()) if "imu" in long else sensors.imu(messages, kind, remarks)
     found = {
         "imu": imu,
         "gps": sensors.gps(messages, kind, parameters, vehicle, remarks),
@@ -164,7 +170,7 @@ def _build(
         place = origin
     ekf = control.estimate(messages, kind, parameters, attitude, place)
     dataflash = kind is Kind.DATAFLASH
-    tables = Tables(
+    return Tables(
         **{name: table for name, (table, _) in found.items()},
         motors=actuators.motors(messages, kind, parameters, vehicle, remarks),
         esc=actuators.esc(messages, kind, vehicle.motors),
@@ -181,7 +187,6 @@ def _build(
         parameters=parameters,
         origin=origin or (place if kind is Kind.TELEMETRY else None) or control.origin_of_fixes(gps, ekf),
     )
-    return tables if kind is Kind.TELEMETRY else without_stray_rows(tables, remarks)
 
 
 def _remark_frame(messages: Messages, vehicle: Vehicle, remarks: Remarks) -> None:

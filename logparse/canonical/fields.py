@@ -15,6 +15,7 @@ from core.units import numbers, quantity
 from logparse.canonical.series import ANGLES, Array, euler_angles, series, wrap
 from logparse.craft.vehicle import vehicle_heartbeats
 from logparse.messages import MessageView, PassingMessages
+from logparse.source import INSTANCE_NAMES
 
 
 class Kind(Enum):
@@ -30,9 +31,6 @@ Messages = Mapping[str, pd.DataFrame]
 Fields = Mapping[str, str]
 #: A table of the first healthy instance of a sensor, and those of the others.
 Sensor = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
-
-#: Columns that hold the instance, by age of the firmware.
-INSTANCE_NAMES = ("I", "Instance", "Inst")
 
 
 class Sender(MessageView):

@@ -9,7 +9,6 @@ import pandas as pd
 
 from core.units import numbers, quantities, sample_times
 from logparse.canonical.fields import (
-    INSTANCE_NAMES,
     Fields,
     Kind,
     Messages,
@@ -29,6 +28,7 @@ from logparse.canonical.fields import (
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
 from logparse.craft.frames import Vehicle
+from logparse.source import INSTANCE_NAMES
 from logparse.tables import COLUMNS
 
 Parameters = Mapping[str, float]

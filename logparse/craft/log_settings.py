@@ -15,9 +15,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from logparse.craft.frames import Vehicle
-
-#: Formats that were received by radio.
-TELEMETRY = ("tlog", "mavlink-raw")
+from logparse.source import TELEMETRY
 
 
 class _Logged(Protocol):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from logparse.craft.log_settings import TELEMETRY, Bit, LogSetting, mask
+from logparse.craft.log_settings import Bit, LogSetting, mask
+from logparse.source import TELEMETRY
 from pipeline.results.answer import Advice, having, names_of
 
 if TYPE_CHECKING:

@@ -276,6 +276,14 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
     assert told(gps=gps.assign(v_n=15.0, lat=0.8 + 15.0 * gps.index.to_numpy() / 6.371e6)) == []
 
 
+def test_an_estimate_that_stands_at_zero_is_no_height_though_one_row_is_damaged():
+    ekf = table(10.0, p_n=0.0, p_e=0.0, p_d=0.0, v_n=0.0, v_e=0.0, v_d=0.0)
+    ekf.loc[40.0, "p_d"] = -64.0
+    read = account(flown(baro=None, ekf=ekf)).height
+    assert read.source == "GPS"
+    assert read.others == {}
+
+
 def test_a_silent_receiver_is_told_from_a_log_that_stopped():
     def cut(name):
         frame = getattr(flown(), name)

@@ -26,6 +26,7 @@ from logparse.heights import (
 )
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
+from logparse.source import TELEMETRY
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
 from pipeline.results.span import Span, around, within
 
@@ -77,7 +78,8 @@ class Readings:
     @classmethod
     def of(cls, log: FlightLog, flight: Span) -> Readings:
         """Return the readings of one flight of a log."""
-        return cls(log.tables, NumericMessages(log.messages), log.vehicle, flight, around(flight, log.flights))
+        messages = NumericMessages(log.messages, checked=log.format in TELEMETRY)
+        return cls(log.tables, messages, log.vehicle, flight, around(flight, log.flights))
 
     @cached_property
     def limits(self) -> PwmRange:

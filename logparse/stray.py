@@ -1,0 +1,136 @@
+"""Values far off those of the rows beside them, which lead back: damaged ones.
+
+Neither DataFlash nor ULog has checksums, so a flipped bit stays in the log: one roll of 150 degrees in a steady hover,
+a battery that is empty for a tenth of a second. What a craft does reaches over several rows or moves several fields,
+and so it needs no limit by field or unit: damage is what stands alone.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from logparse.source import INSTANCE_NAMES
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+#: Rows on either side that a row is held against, and how many times further off it is than any of them.
+BESIDE, RATIO = 10, 6.0
+#: The rows beside a damaged one differ by no more than this part of how far it is off.
+BACK = 0.5
+#: Rows further apart than this many usual steps say nothing of what lies between.
+APART = 3.0
+#: Where one field of a row is damaged, the others change by no more than so many times what they do before or after.
+UNMOVED = 2.0
+#: Rows that are looked at at a time.
+_PIECE = 1 << 15
+#: Messages whose rows are events or settings: each may be like none beside it.
+_EVENTS = frozenset(("ARM", "CMD", "ERR", "EV", "FMT", "MODE", "MSG", "PARM"))
+
+
+def without_stray(message: str, frame: pd.DataFrame) -> tuple[pd.DataFrame, int]:
+    """Return a message with its damaged values as missing, and how many they are.
+
+    Parameters
+    ----------
+    message : str
+        Its name.
+    frame : pandas.DataFrame
+        Rows in the order of the file, indexed by time [s]; of several instances each is looked at by itself.
+    """
+    if message in _EVENTS or len(frame) < 2 * BESIDE:
+        return frame, 0
+    columns = {str(name): column for name, column in frame.items() if pd.api.types.is_numeric_dtype(column.dtype)}
+    instance = frame.attrs.get("instance") or next((name for name in INSTANCE_NAMES if name in columns), None)
+    t, strays = frame.index.to_numpy(np.float64), list[tuple[int, str]]()
+    for rows in _instances(columns.pop(instance).to_numpy() if instance in columns else np.zeros(len(frame))):
+        for first in range(0, len(rows), _PIECE):
+            start = max(first - BESIDE - 1, 0)
+            piece = rows[start : first + _PIECE + BESIDE + 1]
+            found = _strays(t[piece], {name: column.to_numpy()[piece] for name, column in columns.items()})
+            strays += [(int(piece[row]), name) for row, name in found if 0 <= row + start - first < _PIECE]
+    if not strays:
+        return frame, 0
+    kept = frame.copy(deep=False)
+    for name in {name for _, name in strays}:
+        values = columns[name].to_numpy()
+        values = values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
+        values[[row for row, other in strays if other == name]] = np.nan
+        kept[name] = values
+    kept.attrs = frame.attrs
+    return kept, len(strays)
+
+
+def _instances(numbers: npt.NDArray[np.generic]) -> Iterator[Rows]:
+    """Yield the rows of each instance that has enough to tell damage from what a craft does."""
+    if len(numbers) and (numbers == numbers[0]).all():
+        which = [np.arange(len(numbers))]
+    else:
+        which = [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
+    yield from (rows for rows in which if len(rows) >= 2 * BESIDE)
+
+
+def _strays(t: Array, columns: dict[str, npt.NDArray[np.generic]]) -> Iterator[tuple[int, str]]:
+    """Yield row and name of each value that stands alone in time and in its row."""
+    candidates: dict[int, list[str]] = {}
+    for name, column in columns.items():
+        for row in _alone_off(column.astype(np.float64)).tolist():
+            candidates.setdefault(row, []).append(name)
+    if not candidates:
+        return
+    together = _together(t)
+    for row, (name, *more) in candidates.items():
+        if together[row] and not more and not any(_moved(columns[other], row) for other in columns if other != name):
+            yield row, name
+
+
+def _together(t: Array) -> npt.NDArray[np.bool_]:
+    """Return which rows lie no further from both neighbours than rows usually do."""
+    step = np.abs(np.diff(t))
+    close = APART * float(np.median(step))
+    return np.concatenate([[False], np.maximum(step[1:], step[:-1]) <= close, [False]])
+
+
+def _alone_off(values: Array) -> Rows:
+    """Return the rows that are off the middle of their neighbours where the rows about them are not."""
+    with np.errstate(invalid="ignore", over="ignore"):  # numbers of damaged rows
+        rise = np.abs(np.diff(values))
+    moving = rise[rise > 0.0]
+    # Below what one row usually differs from the next, resolution and noise make rows of their own.
+    least = RATIO * float(np.median(moving)) if len(moving) > BESIDE else 0.0
+    if not float(moving.max(initial=0.0)) > least:
+        return np.empty(0, np.intp)
+    off, across = _off_middle(values)
+    rows = np.flatnonzero((off > least) & (across < BACK * off))
+    return np.asarray(rows[off[rows] > RATIO * _largest_beside(off, rows)])
+
+
+def _off_middle(values: Array) -> tuple[Array, Array]:
+    """Return how far each value is off the middle of its neighbours, and those from each other."""
+    off, across = np.zeros(len(values)), np.zeros(len(values))
+    with np.errstate(invalid="ignore", over="ignore"):
+        rise = np.diff(values)
+        off[1:-1] = np.nan_to_num(np.abs(rise[:-1] - rise[1:]) / 2.0, posinf=np.finfo(np.float64).max)
+        across[1:-1] = np.abs(rise[:-1] + rise[1:])
+    return off, across
+
+
+def _moved(column: npt.NDArray[np.generic], row: int) -> bool:
+    """Return whether another column moves more than before it or after it, as by a blow."""
+    first = max(row - BESIDE - 1, 0)
+    near, at = column[first : row + BESIDE + 2].astype(np.float64), row - first
+    for change in _off_middle(near):
+        sides = change[1 : max(at - 1, 2)], change[at + 2 : -1]
+        if change[at] > UNMOVED * min(float(side.max(initial=0.0)) for side in sides):
+            return True
+    return False
+
+
+def _largest_beside(off: Array, rows: Rows) -> Array:
+    """Return how far the rows about some are off, at most, but for those right beside them, which they bend."""
+    padded = np.concatenate([np.zeros(BESIDE), off, np.zeros(BESIDE)])
+    about = np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE + 1)[rows].copy()
+    about[:, BESIDE - 1 : BESIDE + 2] = 0.0
+    return np.asarray(about.max(axis=1, initial=0.0))
