@@ -36,7 +36,7 @@ from sysid.loops.known_margins import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning, tune_axis
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight, records_of_flight
+from tests.sysid.axis_flights import flown_loop, fly_chirp, loop_of_flight, records_of_flight
 
 QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
 HZ = np.geomspace(0.1, 120.0, 4000)

@@ -19,7 +19,7 @@ from sysid.frequency.export import response_table
 from tests.pipeline.builders import chirped
 from tests.reports.builders import themed
 from tests.reports.made import made
-from tests.sysid.rate_logs import CHIRP, PLANT, flown
+from tests.sysid.axis_flights import CHIRP, PLANT, flown
 
 
 def test_plotly_accepts_every_figure_and_ids_are_unique(flight):

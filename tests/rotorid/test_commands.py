@@ -17,7 +17,7 @@ from simulation import CASES, ArrivalError
 from sysid.bench.table import BenchError
 from sysid.loops.proof import AS_PREDICTED, WORSE, Proof
 from tests.reports.builders import unpack
-from tests.sysid.rate_logs import flown
+from tests.sysid.axis_flights import flown
 
 
 def run(*arguments: object):

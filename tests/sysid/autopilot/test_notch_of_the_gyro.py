@@ -16,7 +16,7 @@ from sysid.autopilot.notches import motor_noise, notch_study, notch_values
 from sysid.autopilot.values import AutopilotValues
 from sysid.loops.filters import cascade, harmonic_notches, second_order
 from sysid.loops.loop import rate_loop
-from tests.sysid.loops.flown import flown_loop
+from tests.sysid.axis_flights import flown_loop
 
 RATE, SIZE = 1000.0, 1024
 FILTERS = {f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT", "YAW") for name in ("FLTT", "FLTD")}

@@ -17,7 +17,7 @@ from sysid import frequency
 from sysid.frequency.records import on_uniform_clock
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import largest_correlation
-from tests.sysid.rate_logs import CHIRP, GAINS, PLANT, flown, logged
+from tests.sysid.axis_flights import CHIRP, GAINS, PLANT, flown, logged
 
 
 def worst(frf: frequency.FrequencyResponse, plant: AxisPlant = PLANT, low: float = 0.6, high: float = 15.0) -> float:

@@ -15,7 +15,7 @@ from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import UNRELATED, verify
-from tests.sysid.rate_logs import CHIRP, GAINS, PLANT, STICKS, flown, logged
+from tests.sysid.axis_flights import CHIRP, GAINS, PLANT, STICKS, flown, logged
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from sysid.frequency.records import below
 from sysid.frequency.survey import survey
 from sysid.records.mixer import expectation, patterns, thrust_commands
 from sysid.records.motor_scaling import commands_for, motor_pwm
-from tests.sysid.rate_logs import logged
+from tests.sysid.axis_flights import logged
 
 PLANT = AxisPlant(gain=150.0, damping=2.0, lag=0.03, delay=0.004, filter_hz=40.0)
 STICKS = Shaking(duration=90.0, stick=0.25, gust=0.2, noise=0.003)

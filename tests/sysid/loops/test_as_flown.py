@@ -10,10 +10,11 @@ import pytest
 from logparse import Tables, read_log
 from pipeline.flight.rotation import find_rotation
 from pipeline.results.span import Span
-from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis
 from sysid.loops import as_flown, design, prove, tune
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.settings import read_settings
+from tests.sysid.axis_flights import logged
 
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=40.0)
 GAINS = LoopGains(P=0.08, I=0.08, D=0.002)
@@ -31,15 +32,14 @@ def flight():
     return run_axis(CRAFT, GAINS, shaken, 1)
 
 
-def _log(path, flight, gains=GAINS, rate=100.0, **parameters):
-    write_rate_log(path, {"roll": flight}, rate=rate, filter_hz=40.0, gains={"roll": gains}, parameters=parameters)
-    return read_log(path)
+def _log(folder, flight, gains=GAINS, rate=100.0, **parameters):
+    return logged(folder, flight, rate=rate, filter_hz=40.0, gains=gains, parameters=parameters)
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 400.0])
 def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
     """Also where the chirp passes half of the rate of the rows, where a spline through them once swung beyond all."""
-    assert contradiction(_log(tmp_path / "true.bin", flight, rate=rate)) is None
+    assert contradiction(_log(tmp_path, flight, rate=rate)) is None
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
     ],
 )
 def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
-    reason = contradiction(_log(tmp_path / "lies.bin", flight, replace(GAINS, **claimed)))
+    reason = contradiction(_log(tmp_path, flight, replace(GAINS, **claimed)))
     assert told in reason
     assert "not what flew" in reason
 
@@ -72,14 +72,14 @@ def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed,
 )
 def test_a_gyro_filter_a_notch_and_a_loop_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
     """Nothing of the PID tells of the gyro's filters: SIDD has the rates before them."""
-    log = _log(tmp_path / "lies.bin", flight, **claimed)
+    log = _log(tmp_path, flight, **claimed)
     assert told in contradiction(log)
 
 
 def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_path, flight):
-    lies = _log(tmp_path / "lies.bin", flight, INS_GYRO_FILTER=20.0)
+    lies = _log(tmp_path, flight, INS_GYRO_FILTER=20.0)
     assert "not what flew" in tune(lies).refused
-    proof = prove(_log(tmp_path / "true.bin", flight), lies)
+    proof = prove(_log(tmp_path, flight), lies)
     assert "not what flew" in proof.refused
     assert len(proof.table) == 0
 
@@ -87,13 +87,13 @@ def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_pat
 @pytest.mark.parametrize("claimed", [{"INS_GYRO_FILTER": 20.0}, {"ATC_RAT_RLL_D": 0.003}])
 def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight, claimed):
     """`tune` refused such logs while the report showed their margins as good; designs leaned on them too."""
-    lies = _log(tmp_path / "lies.bin", flight, **claimed)
+    lies = _log(tmp_path, flight, **claimed)
     found = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
     assert found.axes[0].loop is None
     assert "not what flew" in found.axes[0].loop_reason
     assert [each.id for each in found.findings].count("parameters-not-flown") == 1
     assert "not what flew" in design(lies, "inertia").refused
-    true = _log(tmp_path / "true.bin", flight)
+    true = _log(tmp_path, flight)
     assert find_rotation(true, Span(true.flight.start, true.flight.stop)).axes[0].loop is not None
 
 
@@ -101,7 +101,7 @@ def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, 
 def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, told):
     """P is the error times a number whatever is flown; margins from sticks rest on it too."""
     sticks = run_axis(CRAFT, GAINS, Shaking(duration=30.0, stick=0.15), 1)
-    log = _log(tmp_path / "sticks.bin", sticks, replace(GAINS, P=claimed))
+    log = _log(tmp_path, sticks, replace(GAINS, P=claimed))
     log.messages["PIDR"]["Err"] = log.messages["PIDR"]["Tar"] - log.messages["PIDR"]["Act"]
     reason = contradiction_of(log, "roll")
     assert reason is None if told is None else told in reason
@@ -116,25 +116,25 @@ def test_the_scheduler_tells_the_rate_at_which_it_ran():
 
 def test_a_notch_of_no_frequency_is_a_sentence(tmp_path, flight):
     """It ended in a division by zero."""
-    log = _log(tmp_path / "none.bin", flight, **(NOTCH | {"INS_HNTCH_FREQ": 0.0, "INS_HNTCH_BW": 0.0}))
+    log = _log(tmp_path, flight, **(NOTCH | {"INS_HNTCH_FREQ": 0.0, "INS_HNTCH_BW": 0.0}))
     assert "INS_HNTCH_FREQ = 0, INS_HNTCH_BW = 0 of a notch" in tune(log).refused
 
 
 def test_a_flight_given_twice_counts_once(tmp_path, flight):
     """Its errors are not smaller for it: a copy of a log would have widened what is proposed."""
-    once, again = _log(tmp_path / "once.bin", flight), _log(tmp_path / "again.bin", flight)
-    assert tune([once, again]).logs == ("once.bin",)
+    once, again = _log(tmp_path, flight), _log(tmp_path, flight)
+    assert tune([once, again]).logs == (once.name,)
 
 
 def test_without_rates_before_the_filters_nobody_has_seen_them(tmp_path, flight):
-    assert gyro_seen(_log(tmp_path / "seen.bin", flight), "roll")
+    assert gyro_seen(_log(tmp_path, flight), "roll")
     unseen = replace(flight, unfiltered=np.zeros(len(flight.t)))
-    assert not gyro_seen(_log(tmp_path / "unseen.bin", unseen), "roll")
+    assert not gyro_seen(_log(tmp_path, unseen), "roll")
 
 
 def test_a_controller_at_its_limits_is_not_taken_for_wrong_parameters(tmp_path, flight):
     """Its integral only shrinks there: the reason to refuse is the limit, and not ATC_RAT_RLL_I."""
-    log = _log(tmp_path / "limited.bin", replace(flight, integral=0.8 * flight.integral))
+    log = _log(tmp_path, replace(flight, integral=0.8 * flight.integral))
     assert "as logged" in contradiction(log)
     log.messages["PIDR"]["Flags"] = 1
     assert contradiction(log) is None

@@ -27,7 +27,7 @@ from sysid.loops.chirps import (
 from sysid.loops.lua import multisine_script, orthogonal_multisines
 from sysid.loops.missions import drag_errors, drag_legs, position_legs, thrust_legs, waypoints
 from sysid.loops.parameter_file import read_parameter_file
-from tests.sysid.loops.flown import flown_loop, fly_chirp, loop_of_flight
+from tests.sysid.axis_flights import flown_loop, fly_chirp, loop_of_flight
 
 CRAFT = AxisPlant(gain=300.0, damping=1.0, lag=0.02, delay=0.003, filter_hz=30.0)
 GAINS = LoopGains(P=0.07, I=0.07, D=0.002)

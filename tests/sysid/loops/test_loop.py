@@ -15,7 +15,7 @@ from sysid.loops.evidence import no_one_loop, other_settings
 from sysid.loops.margins import margins_of
 from sysid.loops.search import without_integral
 from tests.paths import SAMPLES
-from tests.sysid.loops.flown import flown_loop
+from tests.sysid.axis_flights import flown_loop
 
 HZ = np.geomspace(0.3, 80.0, 3000)
 NAMES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")

@@ -9,7 +9,7 @@ from simulation.axis_loop import AxisPlant, LoopGains, settings_of
 from sysid.loops.criteria import identified, sheet, step_numbers
 from sysid.loops.filters import cascade, first_order, harmonic_notches, low_pass_alpha, notch, second_order
 from sysid.loops.margins import margins_of
-from tests.sysid.loops.flown import flown_loop
+from tests.sysid.axis_flights import flown_loop
 
 HZ = np.geomspace(0.05, 60.0, 4000)
 S = 2j * np.pi * HZ

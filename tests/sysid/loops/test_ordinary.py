@@ -15,15 +15,14 @@ from simulation.axis_loop import (
     run_axis,
     settings_of,
     true_loop,
-    write_rate_log,
 )
 from sysid.frequency import fit, response
 from sysid.frequency.axes import axis_of
 from sysid.frequency.estimate import response_of_records
-from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse
 from sysid.loops import LoopError, ordinary_loop, tune
 from sysid.loops.margins import margins_of
+from tests.sysid.axis_flights import logged, recorded
 
 HZ = np.geomspace(0.1, 120.0, 3000)
 NAMES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
@@ -34,18 +33,7 @@ GAINS = LoopGains(P=0.09, I=0.09, D=0.0025)
 def sticks(plant: AxisPlant, gains: LoopGains, seed: int, stick: float = 0.15) -> FrequencyResponse:
     """Fly a minute of random sticks and identify the craft from rows logged at 50 Hz."""
     run = run_axis(plant, gains, Shaking(duration=60.0, stick=stick, gust=0.2, gyro_noise=0.015), seed)
-    rows = slice(None, None, 8)
-    record = AxisRecord(
-        name="sticks",
-        start=0.0,
-        dt=0.02,
-        inputs=run.output[rows, None],
-        output=run.measured[rows],
-        instruments=run.stick[rows, None],
-        usable=np.ones(len(run.t[rows]), dtype=bool),
-        band=(0.1, 25.0),
-        instrument="roll target",
-    )
+    record = recorded(run, 50.0, (0.1, 25.0), instrument="stick", name="sticks")
     return response_of_records([record], axis_of("roll"), gyro_filter_hz=plant.filter_hz)
 
 
@@ -68,11 +56,7 @@ def test_sticks_win_smaller_steps_than_chirps(tmp_path):
         ),
     }
     for way, (shaken, rate) in ways.items():
-        path = tmp_path / f"{way}.bin"
-        write_rate_log(
-            path, {"roll": run_axis(plant, gains, shaken, 1)}, rate=rate, filter_hz=40.0, gains={"roll": gains}
-        )
-        result = tune(read_log(path))
+        result = tune(logged(tmp_path, run_axis(plant, gains, shaken, 1), rate=rate, filter_hz=40.0, gains=gains))
         assert result.refused is None, (way, result.refused)
         assert any("fly a chirp" in remark for remark in result.remarks)
         roll = result.axes[0]
@@ -90,9 +74,9 @@ def test_sticks_raise_nothing_where_a_mode_of_the_frame_may_be(tmp_path):
     plant = AxisPlant(gain=110.0, damping=2.5, lag=0.012, delay=0.0044, filter_hz=60.0, **mode)
     gains = LoopGains(P=0.26, I=0.15, D=0.0048)
     before = margins_of(HZ, true_loop(plant, gains, HZ)).row(0)
-    path, shaken = tmp_path / "bends.bin", Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015)
-    write_rate_log(path, {"roll": run_axis(plant, gains, shaken, 1)}, rate=50.0, filter_hz=60.0, gains={"roll": gains})
-    roll = tune(read_log(path)).axes[0]
+    shaken = Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015)
+    log = logged(tmp_path, run_axis(plant, gains, shaken, 1), rate=50.0, filter_hz=60.0, gains=gains)
+    roll = tune(log).axes[0]
     flies = gains if roll.tuned is None else gains_of(roll.tuned.settings)
     assert margins_of(HZ, true_loop(plant, flies, HZ)).gain_db[0] > before["gain_db"] - 0.1
 

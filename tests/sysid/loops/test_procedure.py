@@ -12,7 +12,7 @@ from sysid.loops.evidence import unsupported
 from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import tune_axis
-from tests.sysid.loops.flown import bending, flown_loop
+from tests.sysid.axis_flights import bending, flown_loop
 
 HZ = np.geomspace(0.1, 120.0, 4000)
 AXES = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}

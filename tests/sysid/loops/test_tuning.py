@@ -17,7 +17,6 @@ from simulation.axis_loop import (
     random_axis,
     run_axis,
     true_loop,
-    write_rate_log,
 )
 from sysid.frequency.excitation import find_chirps
 from sysid.loops import LoopError, tune, tuning
@@ -29,7 +28,7 @@ from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
 from sysid.loops.unseen import MODE, unseen_mode
 from tests.paths import REAL
-from tests.sysid.loops.flown import bending, flown_loop, fly_chirp, loop_of_flight
+from tests.sysid.axis_flights import bending, flown_loop, fly_chirp, logged, loop_of_flight
 
 HZ = np.geomspace(0.1, 120.0, 4000)
 
@@ -211,9 +210,8 @@ def test_a_craft_that_rings_above_the_logged_band_is_refused(tmp_path):
     axis = AxisPlant(gain=300.0, lag=0.02, delay=0.003, filter_hz=80.0, flex_hz=45.0, flex_damping=0.02, flex_share=1.1)
     gains = LoopGains(P=0.08, I=0.08, D=0.002)
     run = run_axis(axis, gains, Shaking(duration=40.0, gust=0.3, gyro_noise=0.015), 1)
-    path = tmp_path / "rings.bin"
-    write_rate_log(path, {"roll": run}, rate=50.0, filter_hz=80.0, gains={"roll": gains})
-    assert "at 5.0 Hz (or at 45 Hz and more" in (oscillation(read_log(path), "roll") or "")
+    log = logged(tmp_path, run, rate=50.0, filter_hz=80.0, gains=gains)
+    assert "at 5.0 Hz (or at 45 Hz and more" in (oscillation(log, "roll") or "")
 
 
 def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
