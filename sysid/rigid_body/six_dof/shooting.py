@@ -24,7 +24,7 @@ class ShootingFit:
     """Result of the search."""
 
     values: Floats  #: shape (P,)
-    #: shape (P, P): Sandwich over blocks of neighbouring runs, so that it holds for coloured errors.
+    #: shape (P, P): Of fits without one block of neighbouring runs, so that it holds for coloured errors.
     covariance: Floats
     information: Floats  #: shape (P, P): Of the errors, without priors.
     scales: Floats  #: shape (M, 4): Spread of errors of position, velocity, attitude, rates at each horizon.
@@ -92,7 +92,7 @@ def minimise(
     for _ in range(iterations):
         scales = spreads(errors)
         weights = [_weights(error, scales) for error in errors]
-        gradient, information, _, _ = _normal(values, errors, weights, errors_of, steps, limits, 0, scales)
+        gradient, information = _normal(_slopes(values, errors, errors_of, steps, limits), errors, weights)
         precision = 1.0 / prior_sigma**2
         cost = _cost(errors, weights) + float(np.sum(precision * (values - prior_mean) ** 2))
         improved = False
@@ -113,11 +113,11 @@ def minimise(
             break
     scales = spreads(errors)
     weights = [_weights(error, scales) for error in errors]
-    _, information, scatter, curvature = _normal(values, errors, weights, errors_of, steps, limits, block, scales)
-    inverse = np.linalg.inv(curvature + np.diag(1.0 / prior_sigma**2 + 1e-12))
+    slopes = _slopes(values, errors, errors_of, steps, limits)
+    _, information = _normal(slopes, errors, weights)
     return ShootingFit(
         values=values,
-        covariance=inverse @ scatter @ inverse,
+        covariance=_jackknife(slopes, errors, weights, scales, block, prior_sigma),
         information=information,
         scales=scales,
         cost=_cost(errors, weights) / max(sum(error.size for error in errors), 1),
@@ -135,45 +135,61 @@ def _cost(errors: Sequence[Floats], weights: Sequence[Floats]) -> float:
     return float(sum(np.sum(w * e * e) for w, e in zip(weights, errors, strict=True)))
 
 
-def _normal(
+def _slopes(
     values: Floats,
     errors: Sequence[Floats],
-    weights: Sequence[Floats],
     errors_of: Callable[[Floats], list[Floats]],
     steps: Floats,
     limits: tuple[Floats, Floats],
-    block: int,
-    scales: Floats,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Gradient, information, and, unless `block` is 0, scatter of the gradient over blocks and its slope.
-
-    The slope is less than the information: the weight of a run falls with its error, so that an error along itself
-    hardly changes the gradient (of ``e / |e|`` the slope is ``(1 - e e^T / |e|^2) / |e|``). Standard errors with the
-    information in its place would be a third too small.
-    """
-    count = len(values)
+) -> list[Floats]:
+    """Slope of the errors by each parameter, (P, errors) for each record."""
     slopes: list[list[Floats]] = [[] for _ in errors]
-    for k in range(count):
-        step = steps[k] if values[k] + steps[k] <= limits[1][k] else -steps[k]
+    for k, value in enumerate(values):
+        step = steps[k] if value + steps[k] <= limits[1][k] else -steps[k]
         moved = values.copy()
         moved[k] += step
         for at, error in enumerate(errors_of(moved)):
             slopes[at].append(((error - errors[at]) / step).astype(np.float32))
+    return [np.stack(slope).reshape(len(values), -1).astype(np.float64) for slope in slopes]
+
+
+def _normal(slopes: Sequence[Floats], errors: Sequence[Floats], weights: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Gradient and information."""
+    count = len(slopes[0])
     gradient, information = np.zeros(count), np.zeros((count, count))
-    scatter, curvature = np.zeros((count, count)), np.zeros((count, count))
-    for at, error in enumerate(errors):
-        matrix = np.stack(slopes[at]).reshape(count, -1).astype(np.float64)
-        weighted = matrix * weights[at].ravel()
-        information += weighted @ matrix.T
+    for slope, error, weight in zip(slopes, errors, weights, strict=True):
+        weighted = slope * weight.ravel()
+        information += weighted @ slope.T
         gradient += weighted @ error.ravel()
-        if block:
-            score = (weighted * error.ravel()).reshape(count, len(error), -1).sum(axis=2)
-            edges = np.arange(0, len(error), block)
-            sums = np.add.reduceat(score, edges, axis=1)
-            scatter += sums @ sums.T
-            norms = _norms(error)
-            falling = (norms > _FLOOR * scales).astype(np.float64)[..., None]
-            along = error.reshape(*norms.shape, 3) / np.maximum(norms, 1e-12)[..., None] * falling
-            cross = (weighted * along.ravel()).reshape(count, -1, 3).sum(axis=2)
-            curvature -= cross @ (matrix * along.ravel()).reshape(count, -1, 3).sum(axis=2).T
-    return gradient, information, scatter, curvature + information
+    return gradient, information
+
+
+def _jackknife(
+    slopes: Sequence[Floats],
+    errors: Sequence[Floats],
+    weights: Sequence[Floats],
+    scales: Floats,
+    block: int,
+    prior_sigma: Floats,
+) -> Floats:
+    """Covariance by what the values would be without one block of runs, each in turn (Bell and McCaffrey 2002).
+
+    The curvature is less than the information: the weight of a run falls with its error, so that an error along itself
+    hardly changes the gradient (of ``e / |e|`` the slope is ``(1 - e e^T / |e|^2) / |e|``). Standard errors with the
+    information in its place would be a third too small.
+    """
+    gradients, curvatures = [], []
+    for slope, error, weight in zip(slopes, errors, weights, strict=True):
+        norms = _norms(error)
+        falling = (norms > _FLOOR * scales).astype(np.float64)[..., None]
+        along = error.reshape(*norms.shape, 3) / np.maximum(norms, 1e-12)[..., None] * falling
+        for first in range(0, len(error), block):
+            runs = slice(first, first + block)
+            part = slope.reshape(len(slope), *error.shape)[:, runs].reshape(len(slope), -1)
+            weighted, direction = part * weight[runs].ravel(), along[runs].ravel()
+            cross = (weighted * direction).reshape(len(slope), -1, 3).sum(axis=2)
+            gradients.append(weighted @ error[runs].ravel())
+            curvatures.append(weighted @ part.T - cross @ (part * direction).reshape(len(slope), -1, 3).sum(axis=2).T)
+    without = sum(curvatures) - np.array(curvatures) + np.diag(1.0 / prior_sigma**2 + 1e-12)
+    changes = np.linalg.solve(without, np.array(gradients)[..., None])[..., 0]
+    return np.asarray((len(changes) - 1) / len(changes) * changes.T @ changes)
