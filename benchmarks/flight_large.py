@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +43,7 @@ def repeat(source: Path, target: Path, size: float, start: float, stop: float) -
     The craft must be in the same state at both times.
     """
     chain = Chain(source.read_bytes())
-    places, _ = chain.locate(chain.whole, set(range(len(chain.slots))))
+    places = np.sort(chain.positions)
     clocks = list(_clocks(chain, places))
     boot = np.zeros(len(places))
     for rows, at, ticks in clocks:
@@ -61,13 +62,13 @@ def repeat(source: Path, target: Path, size: float, start: float, stop: float) -
     return target
 
 
-def _clocks(chain: Chain, places: npt.NDArray[np.int64]) -> Iterator[tuple[npt.NDArray[np.intp], npt.NDArray, int]]:
+def _clocks(chain: Chain, places: npt.NDArray[Any]) -> Iterator[tuple[npt.NDArray[np.intp], npt.NDArray, int]]:
     """Yield for each clock of each message its rows, the bytes that hold it, and its ticks in a second."""
     for number, slot in enumerate(chain.slots):
-        rows = np.flatnonzero(chain.sequence == number)
+        rows = np.searchsorted(places, chain.placed(number))
         for field in slot.fields:
             if field.name in CLOCKS:
-                at = places[rows, None] + field.offset + np.arange(field.type.size)
+                at = places[rows, None].astype(np.int64) + field.offset + np.arange(field.type.size)
                 yield rows, at, CLOCKS[field.name]
 
 

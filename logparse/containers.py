@@ -59,12 +59,10 @@ class MappedPages:
             self._map.madvise(mmap.MADV_DONTNEED)
         self._released = 0
 
-    def pieces(self, messages: int) -> range:
-        """Message counts at which to pause and release, for a pass over all messages of the file."""
-        if not self.matter or self._map is None:
-            return range(messages, messages + 1)
-        step = max(1, messages * _KEEP // len(self._map))
-        return range(step, messages + step, step)
+    def pieces(self, start: int, stop: int) -> range:
+        """Bytes at which to pause and release, for a pass from `start` to `stop`."""
+        step = _KEEP if self.matter else max(stop - start, 1)
+        return range(start + step, stop + step, step)
 
 
 def limit_unpacked(size: int) -> None:

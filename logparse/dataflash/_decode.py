@@ -1,7 +1,7 @@
 """Kernels of the DataFlash reader: follow the header chain, and gather fields into columns.
 
 Plain arrays go in and out. `data` is the whole file; `slots` says for each message, in file order, which definition
-(FMT row) it follows, so that with the length of each definition the place of every message is known without storing it.
+(FMT row) it follows; `positions` where the messages of each definition are.
 """
 
 from typing import Annotated, Any
@@ -14,7 +14,6 @@ from core.kernel_types import (
     ByteRows,
     Bytes,
     FileBytes,
-    Flags,
     Int32Rows,
     Int32s,
     Int64Rows,
@@ -26,6 +25,8 @@ from core.kernel_types import (
 
 #: Number of each message's definition. Files with more than 256 of them are seldom.
 Slots = Annotated[npt.NDArray[np.uint8] | npt.NDArray[np.uint16], np.empty(0, np.uint8)]
+#: Bytes of messages; those of files above 4 GB in eight bytes each.
+Positions = Annotated[npt.NDArray[np.uint32] | npt.NDArray[np.uint64], np.empty(0, np.uint32)]
 #: numba tells integer widths apart where the type checker need not.
 Int = Any
 
@@ -65,7 +66,6 @@ PAUSE_US = 3_600_000_000
 #: So many rows in a row must agree on another clock before it is believed.
 AGREEING = 5
 
-_BLOCK_MESSAGES = 8192
 _BLOCK_BYTES = 256 * 1024
 
 
@@ -352,195 +352,91 @@ def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s,
 
 
 @njit(cache=True, nogil=True)
-def gather(
-    data: FileBytes, slots: Slots, stop: int, length: Int32s, run_index: Int64s, run_position: Int64s,
-    table_of_slot: Int32s, first_field: Int64s, offset: Int64s, size: Int64s, target: Int64s, row: Int64s,
-    bytes_out: Bytes, out_2: Uint16s, out_4: Uint32s, out_8: Uint64s, state: Int64s,
-) -> None:  # fmt: skip
-    """Copy the fields of the wanted messages into columns, block by block so that a block stays in the cache.
+def index_messages(
+    slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, first: Int64s, positions: Positions
+) -> None:
+    """Write the byte of every message, definition by definition.
 
     Parameters
     ----------
-    first_field : int64 array, shape (tables + 1,)
-        The fields of table k are ``first_field[k]`` to ``first_field[k + 1] - 1`` of the arrays below.
-    row : int64 array, shape (tables,)
-        Rows written so far; updated.
-    state : int64 array, shape (4,)
-        Message index, byte and run to begin with, updated; the last is of no use.
+    run_index, run_position : int64 arrays
+        Messages behind a break of the chain, and their bytes.
+    first : int64 array, shape (definitions + 1,)
+        Output: the messages of definition k are ``first[k]`` to ``first[k + 1] - 1`` of `positions`.
     """
-    tables = row.size
-    begins = np.zeros(tables + 1, np.int64)
-    fill = np.zeros(tables, np.int64)
-    # Bytes from the beginning of the block; small, so that they stay in the innermost cache.
-    place = np.empty(_BLOCK_MESSAGES, np.uint32)
-    found = np.empty(_BLOCK_MESSAGES, np.uint32)
-    table_found = np.empty(_BLOCK_MESSAGES, np.uint16)
-    index = state[0]
-    position = state[1]
-    run = state[2]
-    while index < stop:
-        # Where the wanted messages of this block are.
-        hits = 0
-        wanted_bytes = np.int64(0)
-        block = position
-        for k in range(tables):
-            fill[k] = 0
-        while index < stop and hits < _BLOCK_MESSAGES and position - block < _BLOCK_BYTES:
-            if run < run_index.size and run_index[run] == index:
-                while run < run_index.size and run_index[run] == index:
-                    position = run_position[run]
-                    run += 1
-                if hits == 0:
-                    block = position
-                elif position - block >= _BLOCK_BYTES:
-                    break
-            slot = slots[index]
-            table = table_of_slot[slot]
-            if table >= 0:
-                found[hits] = position - block
-                table_found[hits] = table
-                fill[table] += 1
-                hits += 1
-                wanted_bytes += length[slot]
-            position += length[slot]
-            index += 1
-        # Most of the block is wanted: read it front to back once, which memory likes better than table by table.
-        if wanted_bytes * 4 > position - block:
-            touched = np.uint8(0)
-            for k in range(np.uint64(block), np.uint64(min(position, data.size)), np.uint64(64)):
-                touched ^= data[k]
-            state[3] = touched
-        # The same by table.
-        at = np.int64(0)
-        for k in range(tables):
-            begins[k] = at
-            at += fill[k]
-            fill[k] = begins[k]
-        begins[tables] = at
-        for k in range(hits):
-            table = table_found[k]
-            place[fill[table]] = found[k]
-            fill[table] += 1
-        for table in range(tables):
-            if begins[table + 1] == begins[table]:
-                continue
-            # Unsigned all over: numba checks signed indices for being negative.
-            a = np.uint64(begins[table])
-            m = np.uint64(begins[table + 1] - begins[table])
-            first_row = np.uint64(row[table])
-            for f in range(first_field[table], first_field[table + 1]):
-                o = np.uint64(block + offset[f])
-                begin = np.uint64(target[f])
-                width = np.uint64(size[f])
-                if width == 4:
-                    to = begin // np.uint64(4) + first_row
-                    for k in range(m):
-                        out_4[to + k] = _u32(data, np.uint64(place[a + k]) + o)
-                elif width == 8:
-                    to = begin // np.uint64(8) + first_row
-                    for k in range(m):
-                        out_8[to + k] = _u64(data, np.uint64(place[a + k]) + o)
-                elif width == 2:
-                    to = begin // np.uint64(2) + first_row
-                    for k in range(m):
-                        out_2[to + k] = _u16(data, np.uint64(place[a + k]) + o)
-                elif width == 1:
-                    to = begin + first_row
-                    for k in range(m):
-                        bytes_out[to + k] = data[np.uint64(place[a + k]) + o]
-                else:
-                    to = begin + first_row * width
-                    for k in range(m):
-                        for b in range(width):
-                            bytes_out[to + k * width + b] = data[np.uint64(place[a + k]) + o + b]
-            row[table] += np.int64(m)
-    state[0] = index
-    state[1] = position
-    state[2] = run
-
-
-@njit(cache=True, nogil=True)
-def count(slots: Slots, totals: Int64s) -> None:
-    """Add the messages of each definition to `totals`."""
     for k in range(slots.size):
-        totals[slots[k]] += 1
-
-
-@njit(cache=True, nogil=True)
-def locate(
-    slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, start: int, wanted: Flags,
-    positions: Int64s, indices: Int64s,
-) -> int:  # fmt: skip
-    """Byte and message index of each message whose definition is `wanted` (bool per slot); returns how many."""
-    position = start
+        first[slots[k] + 1] += 1
+    for k in range(1, first.size):
+        first[k] += first[k - 1]
+    fill = first.copy()
+    position = np.int64(0)
     run = 0
-    found = 0
     for index in range(slots.size):
         while run < run_index.size and run_index[run] == index:
             position = run_position[run]
             run += 1
         slot = slots[index]
-        if wanted[slot]:
-            positions[found] = position
-            indices[found] = index
-            found += 1
+        positions[fill[slot]] = position
+        fill[slot] += 1
         position += length[slot]
-    return found
 
 
 @njit(cache=True, nogil=True)
-def neighbouring_times(
-    data: Bytes, slots: Slots, length: Int32s, run_index: Int64s, run_position: Int64s, gap_start: Int64s,
-    time_width: Int32s, time_offset: Int32s, low: int, high: int, positions: Int64s, indices: Int64s,
-    before: Int64s, after: Int64s,
+def gather(
+    data: FileBytes, positions: Positions, stop: int, row: Int64s, last: Int64s, first_field: Int64s, offset: Int64s,
+    size: Int64s, target: Int64s, bytes_out: Bytes, out_2: Uint16s, out_4: Uint32s, out_8: Uint64s,
 ) -> None:  # fmt: skip
-    """Boot clocks of the timed messages around some that carry none."""
-    known = np.int64(-1)
-    for k in range(positions.size):
-        if k > 0 and known > indices[k]:
-            # Nothing timed lies between this one and the one before it.
-            for c in range(2):
-                before[k, c] = before[k - 1, c]
-                after[k, c] = after[k - 1, c]
-            continue
-        for direction in range(2):
-            found = before if direction == 0 else after
-            found[k, 0] = -1
-            found[k, 1] = 0
-            index = indices[k]
-            position = positions[k]
-            # Breaks before and at this message.
-            run: Int = np.int64(0)
-            top = run_index.size
-            while run < top:
-                middle = (run + top) // 2
-                if run_index[middle] <= index:
-                    run = middle + 1
+    """Copy the fields of messages before byte `stop` into columns, block by block so that a block stays in the cache.
+
+    Parameters
+    ----------
+    row, last : int64 arrays, shape (tables,)
+        Table k has the messages at ``positions[row[k]:last[k]]``; `row` is moved on to the first that is left.
+    first_field : int64 array, shape (tables + 1,)
+        The fields of table k are ``first_field[k]`` to ``first_field[k + 1] - 1`` of `offset` (in the message), `size`
+        and `target`.
+    target : int64 array, shape (fields,)
+        Byte of `bytes_out`, which the other outputs show as wider numbers, for the next value of a field; moved on.
+    """
+    while True:
+        block = np.int64(stop)
+        for table in range(row.size):
+            if row[table] < last[table]:
+                block = min(block, np.int64(positions[row[table]]))
+        if block == stop:
+            return
+        end = min(block + _BLOCK_BYTES, stop)
+        for table in range(row.size):
+            # Unsigned all over: numba checks signed indices for being negative.
+            a = np.uint64(row[table])
+            b = a
+            while b < np.uint64(last[table]) and positions[b] < end:
+                b += np.uint64(1)
+            if b == a:
+                continue
+            m = b - a
+            for f in range(first_field[table], first_field[table + 1]):
+                o = np.uint64(offset[f])
+                begin = np.uint64(target[f])
+                width = np.uint64(size[f])
+                if width == 4:
+                    to = begin // np.uint64(4)
+                    for k in range(m):
+                        out_4[to + k] = _u32(data, np.uint64(positions[a + k]) + o)
+                elif width == 8:
+                    to = begin // np.uint64(8)
+                    for k in range(m):
+                        out_8[to + k] = _u64(data, np.uint64(positions[a + k]) + o)
+                elif width == 2:
+                    to = begin // np.uint64(2)
+                    for k in range(m):
+                        out_2[to + k] = _u16(data, np.uint64(positions[a + k]) + o)
+                elif width == 1:
+                    for k in range(m):
+                        bytes_out[begin + k] = data[np.uint64(positions[a + k]) + o]
                 else:
-                    top = middle
-            while True:
-                if direction == 0:
-                    if index == 0:
-                        break
-                    while run > 0 and run_index[run - 1] == index:
-                        run -= 1
-                        position = gap_start[run]
-                    index -= 1
-                    position -= length[slots[index]]
-                else:
-                    position += length[slots[index]]
-                    index += 1
-                    if index >= slots.size:
-                        break
-                    while run < run_index.size and run_index[run] == index:
-                        position = run_position[run]
-                        run += 1
-                slot = slots[index]
-                if time_width[slot] != 0:
-                    t = _time_us(data, np.uint64(position), time_width[slot], time_offset[slot])
-                    if low <= t <= high:
-                        found[k, 0] = position
-                        found[k, 1] = t
-                        break
-            if direction == 1:
-                known = index
+                    for k in range(m):
+                        for c in range(width):
+                            bytes_out[begin + k * width + c] = data[np.uint64(positions[a + k]) + o + c]
+                target[f] += np.int64(m * width)
+            row[table] = np.int64(b)

@@ -19,7 +19,7 @@ from core.errors import LogError
 from core.findings import Finding
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
-from logparse.dataflash.chain import ByteSpan, Chain, Slot
+from logparse.dataflash.chain import Chain, Int64s, Slot
 from logparse.dataflash.findings import crowded_names, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable
 from logparse.source import Boot, MessageSource, clean_text, mended_times
@@ -133,7 +133,7 @@ class DataflashSource(MessageSource):
     def __init__(self, buffer: Buffer):
         self._mended: dict[str, int] = {}
         self._chain = Chain(buffer)
-        if not len(self._chain.sequence):
+        if not len(self._chain.positions):
             if buffer.find(HEADER) >= 0 and buffer.find(HEADER + bytes((FMT_ID,))) < 0:
                 raise LogError(
                     "the beginning of this DataFlash log is missing, where FMT rows say how its messages are read: "
@@ -154,10 +154,10 @@ class DataflashSource(MessageSource):
         for slot in self._chain.slots:
             by_id.setdefault(slot.definition.id, []).append(slot)
         columns = {"FmtType": int, "UnitIds": bytes, "MultIds": bytes}
-        for index, message_id, *ids in self._chain.distinct_rows("FMTU", columns):
+        for place, message_id, *ids in self._chain.distinct_rows("FMTU", columns):
             units, multipliers = map(clean_text, ids)
             slots = by_id.get(message_id, [])
-            newest = bisect_right(slots, index, key=lambda slot: slot.since)
+            newest = bisect_right(slots, place, key=lambda slot: slot.since)
             # The newest definition before this row is meant; one that contradicts itself has two slots.
             for slot in slots[max(0, newest - 2) : newest]:
                 meant = slot.definition is slots[newest - 1].definition
@@ -171,15 +171,15 @@ class DataflashSource(MessageSource):
     @property
     def boots(self) -> tuple[Boot, ...]:
         """Power-ups in the file."""
-        return tuple(self._chain.spans)
+        return self._chain.boots
 
     def counts(self, boot: Boot) -> dict[str, int]:
         """Messages of each type in this boot."""
-        found = self._chain.totals(self._chain.spans[boot])
+        first, last = self._chain.rows(boot)
         counts: dict[str, int] = {}
-        for number in np.flatnonzero(found):
-            name = self._chain.slots[number].name
-            counts[name] = counts.get(name, 0) + int(found[number])
+        for slot, count in zip(self._chain.slots, (last - first).tolist(), strict=True):
+            if count:
+                counts[slot.name] = counts.get(slot.name, 0) + count
         return counts
 
     @property
@@ -195,16 +195,15 @@ class DataflashSource(MessageSource):
         self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
     ) -> dict[str, pd.DataFrame]:
         """Return several message types, decoded in one pass over the file."""
-        chain, span = self._chain, self._chain.spans[boot]
-        names = list(dict.fromkeys(names))
-        found = chain.totals(span)
-        numbers = [k for k in np.flatnonzero(found).tolist() if chain.slots[k].name in set(names)]
-        untimed = {k for k in numbers if chain.slots[k].time is None}
-        times = self._interpolated_times(span, boot, untimed) if untimed else {}
-        chain.pages.release()
-        layout = Layout([chain.slots[k] for k in numbers], [int(found[k]) for k in numbers], self._units, fields)
-        self._gather(span, layout, numbers)
+        chain = self._chain
         parts: dict[str, list[tuple[int, pd.DataFrame]]] = {name: [] for name in names}
+        first, last = chain.rows(boot)
+        numbers = [k for k in np.flatnonzero(last > first).tolist() if chain.slots[k].name in parts]
+        untimed = [k for k in numbers if chain.slots[k].time is None]
+        times = self._interpolated_times(boot, untimed) if untimed else {}
+        rows = (last - first)[numbers].tolist()
+        layout = Layout([chain.slots[k] for k in numbers], rows, self._units, fields)
+        self._gather(boot, layout, first[numbers], last[numbers])
         for table, number in enumerate(numbers):
             frame = self._frame(layout, table, times.get(number), boot)
             parts[chain.slots[number].name].append((number, frame))
@@ -212,27 +211,20 @@ class DataflashSource(MessageSource):
         for name, own in parts.items():
             if not own:
                 raise KeyError(name)
-            frames[name] = own[0][1] if len(own) == 1 else self._joined(name, span, own)
+            frames[name] = own[0][1] if len(own) == 1 else self._joined(name, boot, own)
         return frames
 
-    def _gather(self, span: ByteSpan, layout: Layout, numbers: list[int]) -> None:
-        """Fill the columns of `layout`, whose tables are the definitions `numbers`."""
-        chain = self._chain
-        table_of_slot = np.full(len(chain.slots), -1, np.int32)
-        table_of_slot[numbers] = np.arange(len(numbers))
-        sequence = chain.sequence[span.first : span.last]
-        run_index, run_position, _ = chain.runs(span)
-        row = np.zeros(len(numbers), np.int64)
-        memory = layout.memory
-        state = np.array((0, span.position, 0, 0), np.int64)
-        chain.pages.start_at(span.position)
-        for stop in chain.pages.pieces(len(sequence)):
+    def _gather(self, boot: Boot, layout: Layout, row: Int64s, last: Int64s) -> None:
+        """Fill the columns of `layout`, whose tables have the messages from `row` to `last` of all positions."""
+        chain, memory = self._chain, layout.memory
+        chain.pages.start_at(boot.start)
+        for stop in chain.pages.pieces(boot.start, boot.stop):
             _decode.gather(
-                chain.data, sequence, min(stop, len(sequence)), chain.length, run_index, run_position, table_of_slot,
-                layout.first_field, layout.offset, layout.size, layout.target, row, memory, memory.view(np.uint16),
-                memory.view(np.uint32), memory.view(np.uint64), state,
+                chain.data, chain.positions, min(stop, boot.stop), row, last, layout.first_field, layout.offset,
+                layout.size, layout.target, memory, memory.view(np.uint16), memory.view(np.uint32),
+                memory.view(np.uint64),
             )  # fmt: skip
-            chain.pages.release_up_to(int(state[1]))
+            chain.pages.release_up_to(stop)
         chain.pages.release()
 
     def _frame(
@@ -254,21 +246,17 @@ class DataflashSource(MessageSource):
             frame.attrs["instance"] = slot.fields[instance].name
         return frame
 
-    def _joined(self, name: str, span: ByteSpan, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
+    def _joined(self, name: str, boot: Boot, parts: list[tuple[int, pd.DataFrame]]) -> pd.DataFrame:
         """Rows of one name under several definitions, in file order; columns that one lacks are missing there."""
         parts = self._affordable(name, parts)
-        numbers = [number for number, _ in parts]
         attrs: dict[Any, Any] = {}
         for _, frame in parts:
             for key, value in frame.attrs.items():
                 attrs[key] = {**attrs.get(key, {}), **value} if isinstance(value, dict) else value
             frame.attrs = {}
         joined = pd.concat([frame for _, frame in parts])
-        rank = np.zeros(len(self._chain.slots), np.int64)
-        rank[numbers] = np.arange(len(numbers))
-        _, indices = self._chain.locate(span, set(numbers))
-        part_after_part = np.argsort(rank[self._chain.sequence[span.first : span.last][indices]], kind="stable")
-        joined = joined.iloc[np.argsort(part_after_part)]
+        places = np.concatenate([self._chain.placed(number, boot) for number, _ in parts])
+        joined = joined.iloc[np.argsort(places)]
         joined.attrs = attrs
         return joined
 
@@ -290,24 +278,18 @@ class DataflashSource(MessageSource):
             kept.append((number, frame))
         return sorted(kept, key=lambda part: part[0])
 
-    def _interpolated_times(self, span: ByteSpan, boot: Boot, slots: set[int]) -> dict[int, npt.NDArray[np.float64]]:
+    def _interpolated_times(self, boot: Boot, slots: list[int]) -> dict[int, npt.NDArray[np.float64]]:
         """Boot clock of messages that carry none, from the bytes between the timed messages around them."""
-        chain = self._chain
-        positions, indices = chain.locate(span, slots)
-        before, after = np.empty((len(positions), 2), np.int64), np.empty((len(positions), 2), np.int64)
-        run_index, run_position, gap_start = chain.runs(span)
         low, high = round(boot.t_start * 1e6) - _OUTSIDE_US, round(boot.t_end * 1e6) + _OUTSIDE_US
-        sequence = chain.sequence[span.first : span.last]
-        _decode.neighbouring_times(
-            chain.data, sequence, chain.length, run_index, run_position, gap_start, chain.time_width,
-            chain.time_offset, low, high, positions, indices, before, after,
-        )  # fmt: skip
+        of_each = [self._chain.placed(slot, boot).astype(np.int64) for slot in slots]
+        places = np.concatenate(of_each)
+        before, after = self._chain.timed_beside(places, boot, low, high)
+        self._chain.pages.release()
         for here, there in ((before, after), (after, before)):
             missing = here[:, 0] < 0
             here[missing] = there[missing]
         distance = np.maximum(after[:, 0] - before[:, 0], 1)
-        fraction = np.clip((positions - before[:, 0]) / distance, 0.0, 1.0)
+        fraction = np.clip((places - before[:, 0]) / distance, 0.0, 1.0)
         t = (before[:, 1] + fraction * (after[:, 1] - before[:, 1])) * 1e-6
         t[before[:, 0] < 0] = 0.0
-        which = sequence[indices]
-        return {number: t[which == number] for number in slots}
+        return dict(zip(slots, np.split(t, np.cumsum([len(each) for each in of_each])[:-1]), strict=True))

@@ -22,19 +22,8 @@ from logparse.source import Boot
 _LAST_PAUSE_US = 60_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class ByteSpan:
-    """Messages of one boot: ``first`` to ``last - 1``, the first of them at byte (or line) `position`."""
-
-    first: int
-    last: int
-    position: int
-
-
-def boot_spans(
-    rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], messages: int, size: int
-) -> dict[Boot, ByteSpan]:  # fmt: skip
-    """Return the boots and their messages."""
+def boots_of(rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], size: int) -> tuple[Boot, ...]:
+    """Return the boots of a file of `size` bytes (or lines)."""
     n = int(state[_decode.BOOTS])
     rows = rows[: n + 1].copy()
     rows[n, 2:] = state[_decode.BOOT_START], state[_decode.TIME]
@@ -42,12 +31,11 @@ def boot_spans(
     if 0 < ahead <= (_decode.PAUSE_US if state[_decode.PENDING] > 1 else _LAST_PAUSE_US) and state[_decode.PENDING] > 0:
         # The last rows came after a pause and were too few to be sure of; nothing speaks against them.
         rows[n, 3] = state[_decode.PENDING_TIME]
-    lasts = [*rows[1:, 0].tolist(), messages]
     stops = [*rows[1:, 1].tolist(), size]
-    return {
-        Boot(position, stop, start * 1e-6, end * 1e-6): ByteSpan(first, last, position)
-        for (first, position, start, end), last, stop in zip(rows.tolist(), lasts, stops, strict=True)
-    }
+    return tuple(
+        Boot(position, stop, start * 1e-6, end * 1e-6)
+        for (_, position, start, end), stop in zip(rows.tolist(), stops, strict=True)
+    )
 
 
 _CHUNK = 1 << 22
@@ -67,7 +55,7 @@ class Slot:
 
     definition: Definition
     length: int  #: Bytes of its messages with their header.
-    since: int  #: Message from which on it holds.
+    since: int  #: Byte from which on it holds.
     #: One-letter ids of its FMTU row.
     units: str = ""
     multipliers: str = ""
@@ -108,8 +96,8 @@ class Chain:
         The whole file.
     slots : list of Slot
         Definitions; a message names its own by its number here.
-    sequence : ndarray of uint8 or uint16, shape (messages,)
-        Definition of each message, in file order.
+    positions : ndarray of uint32 or uint64, shape (messages,)
+        Byte of every message, definition by definition.
     length, time_width, time_offset : ndarrays of int32
         By definition: bytes of a message, bytes and place of its boot clock (0: none).
     gap_start, gap_stop : ndarrays of int64
@@ -118,7 +106,7 @@ class Chain:
         Where a message begins that the end of the file cuts short; -1 where none does.
     unknown_ids : ndarray of int64, shape (256,)
         Headers met of each id that no FMT row explains.
-    spans : dict from Boot to Span
+    boots : tuple of Boot
         Power-ups in the file.
     contradictory : set of int
         Definitions whose length and format disagree.
@@ -129,10 +117,9 @@ class Chain:
     def __init__(self, buffer: Buffer):
         self.data = np.frombuffer(buffer, np.uint8)
         self.pages = MappedPages(buffer)
-        self._counted: dict[tuple[int, int], Int64s] = {}
         self._scan(())
         # Messages may come before the FMT row that explains them where rows were lost: read again, knowing them.
-        first_break = self._run_index[0] if len(self._run_index) else len(self.sequence)
+        first_break = self.gap_stop[0] if len(self.gap_stop) else len(self.data)
         late = {slot.definition.id: slot for slot in reversed(self.slots) if slot.since >= first_break}
         if late:
             self._scan([(slot.definition, slot.length) for slot in late.values()])
@@ -176,7 +163,7 @@ class Chain:
             if result == _decode.NEW_FORMAT:
                 row = self.data[position : position + FMT_LENGTH].tobytes()
                 fmt_rows[row[3]] = np.frombuffer(row, np.uint8)[3:]
-                self._define(Definition.unpack(row), int(state[_decode.COUNT]))
+                self._define(Definition.unpack(row), position)
                 if len(self.slots) >= self._most_slots and number is np.uint8:
                     self._scan(known, np.uint16)
                     return
@@ -188,26 +175,29 @@ class Chain:
             elif result == _decode.END_OF_FILE:
                 break
             self.pages.release_up_to(position)
-        sequence.resize(int(state[_decode.COUNT]), refcheck=False)
-        self.sequence = sequence
-        n_runs = int(state[_decode.RUNS])
-        self._run_index, self._run_position, self.gap_start, self.gap_stop = (array[:n_runs] for array in runs)
+        messages = int(state[_decode.COUNT])
+        run_index, run_position, self.gap_start, self.gap_stop = (array[: int(state[_decode.RUNS])] for array in runs)
+        self._first = np.zeros(len(self.slots) + 1, np.int64)
+        self.positions: _decode.Positions = (
+            np.empty(messages, np.uint32) if len(self.data) < 1 << 32 else np.empty(messages, np.uint64)
+        )
+        _decode.index_messages(sequence[:messages], self.length, run_index, run_position, self._first, self.positions)
         self.truncated_at = int(state[_decode.TRUNCATED])
         self.unknown_ids = unknown
-        self.spans = boot_spans(boots, state, len(self.sequence), len(self.data))
+        self.boots = boots_of(boots, state, len(self.data))
 
-    def _define(self, definition: Definition, index: int) -> None:
-        """Account for a FMT row from message `index` on."""
+    def _define(self, definition: Definition, position: int) -> None:
+        """Account for the FMT row at a byte."""
         if definition.id == FMT_ID:
             return  # The layout of FMT rows is fixed; some firmwares describe it wrongly.
         asked = definition.format_length
         if definition.length >= 3 and asked in (None, definition.length):
-            self._add_candidate(definition.id, self._add_slot(definition, definition.length, index))
+            self._add_candidate(definition.id, self._add_slot(definition, definition.length, position))
             return
         # A row that contradicts itself is believed only where nothing better is known, and either way round.
         for length in (definition.length, asked):
             if length is not None and 3 <= length <= 255:
-                slot = self._add_slot(definition, length, index)
+                slot = self._add_slot(definition, length, position)
                 self.contradictory.add(slot)
                 self._add_candidate(definition.id, slot, last=True)
 
@@ -249,47 +239,81 @@ class Chain:
         row[: min(len(order), _CANDIDATES)] = order[:_CANDIDATES]
         self._candidates[message_id] = row
 
-    def runs(self, span: ByteSpan) -> tuple[Int64s, Int64s, Int64s]:
-        """Return the breaks within a span: message behind it counted from the span's first, its byte, the gap's."""
-        a = int(np.searchsorted(self._run_index, span.first, "right" if span.first else "left"))
-        b = int(np.searchsorted(self._run_index, span.last, "left"))
-        return self._run_index[a:b] - span.first, self._run_position[a:b], self.gap_start[a:b]
+    @cached_property
+    def _edges(self) -> Int64s:
+        """Places in `positions` of the first message of each boot and behind the last, by definition."""
+        bounds = np.array([*(boot.start for boot in self.boots), len(self.data)]).astype(self.positions.dtype)
+        of_each = np.split(self.positions, self._first[1:-1])
+        edges: Int64s = self._first[:-1, None] + np.array([np.searchsorted(places, bounds) for places in of_each])
+        return edges
+
+    def rows(self, boot: Boot) -> tuple[Int64s, Int64s]:
+        """Where among all positions those of each definition's messages in a boot begin and end."""
+        number = self.boots.index(boot)
+        return self._edges[:, number], self._edges[:, number + 1]
+
+    def placed(self, slot: int, boot: Boot | None = None) -> npt.NDArray[Any]:
+        """Bytes of the messages of a definition, ascending; in a boot or the whole file."""
+        if boot is None:
+            return self.positions[self._first[slot] : self._first[slot + 1]]
+        first, last = self.rows(boot)
+        return self.positions[first[slot] : last[slot]]
 
     @property
-    def whole(self) -> ByteSpan:
-        """All messages."""
-        return ByteSpan(0, len(self.sequence), 0)
-
-    def totals(self, span: ByteSpan) -> Int64s:
+    def totals(self) -> Int64s:
         """Messages of each definition."""
-        key = (span.first, span.last)
-        if key not in self._counted:
-            totals = np.zeros(len(self.slots), np.int64)
-            _decode.count(self.sequence[span.first : span.last], totals)
-            self._counted[key] = totals
-        return self._counted[key]
+        return np.diff(self._first)
 
-    def locate(self, span: ByteSpan, slots: set[int]) -> tuple[Int64s, Int64s]:
-        """Byte and index, counted from the span's first, of each message that follows one of these definitions."""
-        wanted = np.zeros(max(1, len(self.slots)), np.bool_)
-        wanted[list(slots)] = True
-        sequence = self.sequence[span.first : span.last]
-        count = int(self.totals(span)[list(slots)].sum())
-        positions, indices = np.empty(count, np.int64), np.empty(count, np.int64)
-        run_index, run_position, _ = self.runs(span)
-        _decode.locate(sequence, self.length, run_index, run_position, span.position, wanted, positions, indices)
-        return positions, indices
+    def timed_beside(self, places: Int64s, boot: Boot, low: int, high: int) -> tuple[Int64s, Int64s]:
+        """Byte and clock [us] of the timed messages before and after bytes, shapes (n, 2); bytes -1 where none is.
+
+        What is timed outside `low` to `high` is passed over.
+        """
+        timed = {slot: self.placed(slot, boot) for slot in np.flatnonzero(self.time_width[: len(self.slots)]).tolist()}
+        while True:
+            # Rows with room for a clock, and the definitions of the messages there.
+            rows, which = np.tile(np.array((-1, 0)), (2, len(places), 1)), np.full((2, len(places)), -1)
+            for slot, there in timed.items():
+                behind = np.searchsorted(there, places)
+                for side, row in enumerate((behind - 1, behind)):
+                    inside = np.flatnonzero((row >= 0) & (row < len(there)))
+                    found, best = there[row[inside]].astype(np.int64), rows[side, inside, 0]
+                    nearer = (best < 0) | ((found < best) if side else (found > best))
+                    rows[side, inside[nearer], 0], which[side, inside[nearer]] = found[nearer], slot
+            damaged = set()
+            for slot in np.unique(which[which >= 0]).tolist():
+                clock = self._clock(slot, rows[which == slot, 0])
+                rows[which == slot, 1] = clock
+                if not ((clock >= low) & (clock <= high)).all():
+                    damaged.add(slot)
+            if not damaged:
+                return rows[0], rows[1]
+            for slot in damaged:
+                clock = self._clock(slot, timed[slot])
+                timed[slot] = timed[slot][(clock >= low) & (clock <= high)]
+
+    def _clock(self, slot: int, places: npt.NDArray[Any]) -> Int64s:
+        """Boot clock of messages of a definition, us; -1 where it cannot be."""
+        width, offset = int(self.time_width[slot]), int(self.time_offset[slot])
+        raw = self.data[places[:, None].astype(np.int64) + np.arange(offset, offset + width)]
+        counts = raw.view(f"<u{width}")[:, 0]
+        clock: Int64s = counts.astype(np.int64)
+        if width == 4:
+            return clock * 1000
+        clock[counts >= np.uint64(1 << 58)] = -1  # beyond ten thousand years the clock is not a clock
+        return clock
 
     def distinct_rows(self, name: str, columns: Mapping[str, type]) -> list[tuple[Any, ...]]:
-        """Return stored values of a few columns of UNIT, MULT, FMTU or DSF, each row behind its message index.
+        """Return stored values of a few columns of UNIT, MULT, FMTU or DSF, each row behind the byte where it is.
 
         Of rows that are the same in these columns only the first is given: logs repeat themselves. Nothing is given
         where a damaged FMT row makes the columns something else than int, float or bytes as asked.
         """
         rows: list[tuple[Any, ...]] = []
-        for number, (positions, indices) in self._housekeeping.items():
-            fields = {item.name: item for item in self.slots[number].fields}
-            if self.slots[number].name != name or not set(columns) <= set(fields) or not len(indices):
+        for number, slot in enumerate(self.slots):
+            fields = {item.name: item for item in slot.fields}
+            places = self.placed(number)
+            if slot.name != name or not set(columns) <= set(fields) or not len(places):
                 continue
             items = [fields[column] for column in columns]
             if any(
@@ -297,18 +321,10 @@ class Chain:
                 for i, kind in zip(items, columns.values(), strict=True)
             ):
                 continue
-            places = np.concatenate([np.arange(item.offset, item.offset + item.type.size) for item in items])
-            raw = self.data[positions[:, None] + places]
+            within = np.concatenate([np.arange(item.offset, item.offset + item.type.size) for item in items])
+            raw = self.data[places[:, None].astype(np.int64) + within]
             record = np.dtype([(item.name, item.type.dtype) for item in items])
             _, first = np.unique(raw.view(np.dtype((np.void, record.itemsize)))[:, 0], return_index=True)
             values = raw[first].view(record)[:, 0].tolist()
-            rows.extend((index, *value) for index, value in zip(indices[first].tolist(), values, strict=True))
+            rows.extend((place, *value) for place, value in zip(places[first].tolist(), values, strict=True))
         return sorted(rows, key=lambda row: row[0])
-
-    @cached_property
-    def _housekeeping(self) -> dict[int, tuple[Int64s, Int64s]]:
-        """Bytes and indices of the messages that the reader itself wants, by definition."""
-        wanted = [k for k, slot in enumerate(self.slots) if slot.name in ("UNIT", "MULT", "FMTU", "DSF")]
-        positions, indices = self.locate(self.whole, set(wanted))
-        which = self.sequence[indices]
-        return {number: (positions[which == number], indices[which == number]) for number in wanted}

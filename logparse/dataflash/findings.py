@@ -36,7 +36,7 @@ def scan_findings(chain: "Chain") -> Iterator[Finding]:
             )
     yield from _definitions(chain)
     yield from _dropped_by_autopilot(chain)
-    yield from several_boots(chain.spans)
+    yield from several_boots(chain.boots)
 
 
 def crowded_names(names: Collection[str]) -> Iterator[Finding]:
@@ -58,8 +58,7 @@ def _damage(chain: "Chain") -> Iterator[Finding]:
         yield behind_the_end(chain.data, start, "message", cut_short=chain.truncated_at >= start)
         starts, stops = starts[:-1], stops[:-1]
     if len(starts):
-        totals = chain.totals(chain.whole)
-        mean_length = float(totals @ chain.length[: len(totals)]) / len(chain.sequence)
+        mean_length = float(chain.totals @ chain.length[: len(chain.slots)]) / len(chain.positions)
         skipped = int((stops - starts).sum())
         lost = max(len(starts), round(skipped / mean_length))
         yield warning(
@@ -75,7 +74,7 @@ def _damage(chain: "Chain") -> Iterator[Finding]:
 
 
 def _definitions(chain: "Chain") -> Iterator[Finding]:
-    used = np.flatnonzero(chain.totals(chain.whole)).tolist()
+    used = np.flatnonzero(chain.totals).tolist()
     if names := listed(dict.fromkeys(chain.slots[k].name for k in used if k in chain.contradictory)):
         yield warning(
             "message-layout",
@@ -98,10 +97,10 @@ def _definitions(chain: "Chain") -> Iterator[Finding]:
 
 def _dropped_by_autopilot(chain: "Chain") -> Iterator[Finding]:
     # DSF.Dp counts from each boot on.
-    starts = [span.first for span in chain.spans.values()]
+    starts = [boot.start for boot in chain.boots]
     counts: dict[int, int] = {}
-    for index, count in chain.distinct_rows("DSF", {"Dp": int}):
-        boot = int(np.searchsorted(starts, index, "right"))
+    for place, count in chain.distinct_rows("DSF", {"Dp": int}):
+        boot = int(np.searchsorted(starts, place, "right"))
         counts[boot] = max(counts.get(boot, 0), count)
     if dropped := sum(counts.values()):
         yield warning(

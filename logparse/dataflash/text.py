@@ -18,7 +18,7 @@ from core.errors import LogError
 from core.findings import Finding, info, warning
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
-from logparse.dataflash.chain import ByteSpan, boot_spans
+from logparse.dataflash.chain import boots_of
 from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
 from logparse.source import Boot, MessageSource, listed, mended_times, several_boots
 from logparse.timebase import mend_times
@@ -180,27 +180,26 @@ class DataflashTextSource(MessageSource):
         _decode.follow_clock(self._clock, is_format[order], rows, state)
         n = int(state[_decode.BOOTS])
         # From row numbers to line numbers.
-        for k in (0, 1):
-            rows[1 : n + 1, k] = self._clock_lines[rows[1 : n + 1, k]]
-        self._spans = boot_spans(rows, state, self._size, self._size)
+        rows[1 : n + 1, 1] = self._clock_lines[rows[1 : n + 1, 1]]
+        self._boots = boots_of(rows, state, self._size)
 
     @property
     def boots(self) -> tuple[Boot, ...]:
         """Power-ups in the file."""
-        return tuple(self._spans)
+        return self._boots
 
     def counts(self, boot: Boot) -> dict[str, int]:
         """Rows of each message type in this boot."""
         counts: dict[str, int] = {}
         for group in self._groups:
-            rows = len(self._selected(group, self._spans[boot]))
+            rows = len(self._selected(group, boot))
             if rows:
                 counts[group.definition.name] = counts.get(group.definition.name, 0) + rows
         return counts
 
     @staticmethod
-    def _selected(group: _Group, span: ByteSpan) -> range:
-        a, b = np.searchsorted(group.numbers, (span.first, span.last))
+    def _selected(group: _Group, boot: Boot) -> range:
+        a, b = np.searchsorted(group.numbers, (boot.start, boot.stop))
         return range(int(a), int(b))
 
     def decode_many(
@@ -210,15 +209,14 @@ class DataflashTextSource(MessageSource):
         return {name: self._decode(name, boot) for name in names}
 
     def _decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        span = self._spans[boot]
-        groups = [g for g in self._groups if g.definition.name == name and len(self._selected(g, span))]
+        groups = [g for g in self._groups if g.definition.name == name and len(self._selected(g, boot))]
         if not groups:
             raise KeyError(name)
-        frames = [self._frame(group, self._selected(group, span), boot) for group in groups]
+        frames = [self._frame(group, self._selected(group, boot), boot) for group in groups]
         if len(frames) == 1:
             return frames[0]
         attrs = {key: value for frame in frames for key, value in frame.attrs.items()}
-        order = np.argsort(np.concatenate([group.numbers[self._selected(group, span)] for group in groups]))
+        order = np.argsort(np.concatenate([group.numbers[self._selected(group, boot)] for group in groups]))
         for frame in frames:
             frame.attrs = {}
         joined = pd.concat(frames).iloc[order]
@@ -253,8 +251,7 @@ class DataflashTextSource(MessageSource):
             if mended:
                 self._mended[group.definition.name] = mended
             return t
-        span = self._spans[boot]
-        a, b = np.searchsorted(self._clock_lines, (span.first, span.last))
+        a, b = np.searchsorted(self._clock_lines, (boot.start, boot.stop))
         lines, clock = self._clock_lines[a:b], self._clock[a:b] * 1e-6
         timed = (clock >= max(boot.t_start - 5.0, 0.0)) & (clock <= boot.t_end + 5.0)
         numbers = group.numbers[selected.start : selected.stop]
@@ -265,7 +262,7 @@ class DataflashTextSource(MessageSource):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What reading the lines and the decoding so far had to say."""
-        return (*self._line_findings(), *several_boots(self._spans), *mended_times(self._mended))
+        return (*self._line_findings(), *several_boots(self._boots), *mended_times(self._mended))
 
     def _line_findings(self) -> Iterator[Finding]:
         if misfits := {g.definition.name: g.misfits for g in self._groups if g.misfits}:

@@ -41,9 +41,8 @@ KERNELS: tuple[Callable[..., Any], ...] = (
     transfer_functions.recur_few,
     body_filters.whiten,
     filters.filtered,
-    dataflash.locate,
     timebase.is_orderly,
-    dataflash.count,
+    dataflash.index_messages,
 )
 
 
