@@ -1,4 +1,4 @@
-"""Transfer functions: derivatives against differences, responses against scipy, poles without a start."""
+"""Transfer functions: the gradient of the cost against differences, poles without a start."""
 
 from dataclasses import replace
 
@@ -8,13 +8,8 @@ from scipy.signal import lsim, max_len_seq
 
 from sysid import Experiment
 from sysid.transfer_functions.problem import Band, FitProblem, denominators, from_poles, resolvable_band
-from sysid.transfer_functions.response import INITIAL_SECONDS, discretise
-from sysid.transfer_functions.separable import (
-    descend,
-    nonlinear_system,
-    sensitivities,
-    solve,
-)
+from sysid.transfer_functions.response import INITIAL_SECONDS
+from sysid.transfer_functions.separable import descend, nonlinear_system, solve
 from sysid.transfer_functions.starts import refine, srivc
 from sysid.transfer_functions.transfer_function import TransferFunction, run_freely
 
@@ -58,52 +53,6 @@ def start_of(problem):
     return theta
 
 
-def response(problem, point, theta, delays):
-    """Return the model's output at other poles and delays, linear parameters as they are in `point`."""
-    moved = solve(problem, theta, delays)
-    scale = point.system.unit[list(problem.group)] / moved.system.unit[list(problem.group)]
-    orders = np.array(problem.orders)
-    powers = orders[list(problem.group)] - np.arange(problem.numerators)[:, None]
-    numerators = point.numerators * scale**powers
-    outputs = []
-    first = 1 + problem.integrators
-    for z, local in ((there.regressors, here.local) for there, here in zip(moved.parts, point.parts, strict=True)):
-        initial = local[first:].reshape(problem.lags, problem.groups)
-        lags = orders - problem.integrators
-        ratio = (point.system.unit / moved.system.unit) ** (lags - 1 - np.arange(problem.lags)[:, None])
-        whole = np.concatenate([local[:first], (initial * ratio).ravel(), numerators.ravel()])
-        outputs.append(z[:, :-1] @ whole)
-    return np.concatenate(outputs)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_sensitivities_equal_differences(name):
-    """The impulse that starts the initial responses, and the states, are in units of the poles' mean: undone here."""
-    problem = problem_of(CASES[name])
-    theta, delays = start_of(problem), problem.start_delays
-    point = solve(problem, theta)
-    jacobian = np.vstack(sensitivities(problem, point))
-    step = 1e-6
-    for i in range(problem.lags):
-        for g in range(problem.groups):
-            up, down = theta.copy(), theta.copy()
-            up[g, i] += step
-            down[g, i] -= step
-            if i >= problem.lag_orders[g]:
-                assert not jacobian[:, i * problem.groups + g].any()
-                continue
-            expected = (response(problem, point, up, delays) - response(problem, point, down, delays)) / (2.0 * step)
-            np.testing.assert_allclose(
-                jacobian[:, i * problem.groups + g], expected, atol=2e-5 * np.abs(expected).max(), err_msg=f"{i} {g}"
-            )
-    for lane in range(problem.delay_parameters):
-        moved = [delays + change * np.eye(2)[lane] for change in (step, -step)]
-        expected = response(problem, point, theta, moved[0]) - response(problem, point, theta, moved[1])
-        expected *= problem.dt / (2.0 * step)
-        column = jacobian[:, problem.lags * problem.groups + lane]
-        np.testing.assert_allclose(column, expected, atol=2e-5 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
     """Initial responses that are dear, so that their price weighs; the ridge too weak to matter."""
@@ -123,47 +72,6 @@ def test_the_gradient_is_that_of_the_cost_with_its_penalties(name):
             assert gradient[i * problem.groups + g] == pytest.approx(
                 expected, rel=1e-3, abs=1e-4 * np.abs(gradient).max()
             )
-
-
-POLES = np.array(
-    [
-        [np.log(0.5), np.log(0.3), np.log(2.0), np.log(0.7), np.log(0.05)],
-        [np.log(0.02), np.log(2.0), np.log(9.0), np.log(0.02), np.log(1.0)],
-    ]
-)
-
-
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
-@pytest.mark.parametrize("lanes", [2, 8])
-def test_states_equal_scipys_simulation(hold, lanes):
-    """Every power of s over A, for slow, fast and lightly damped poles, few and many channels."""
-    rng = np.random.default_rng(0)
-    dt, n = 0.1, POLES.shape[1]
-    group = [lane % 2 for lane in range(lanes)]
-    u = rng.standard_normal((600, lanes))
-    a, _ = denominators(POLES)
-    system = discretise(a, dt, hold)
-    states = system.forced(u, group)
-    t = np.arange(len(u)) * dt
-    for lane, g in enumerate(group):
-        den = np.concatenate([[1.0], a[g, ::-1]])
-        for power in range(n):
-            num = np.zeros(power + 1)
-            num[0] = system.unit[g] ** (n - power)
-            _, expected, _ = lsim((num, den), u[:, lane], t, interp=hold == "foh")
-            np.testing.assert_allclose(states[:, power, lane], expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_states_over_the_squared_denominator():
-    """The sensitivity states are 1/A applied twice in continuous time, not a filtered sample sequence."""
-    rng = np.random.default_rng(1)
-    a, _ = denominators(POLES[:1])
-    system = discretise(a, 0.1, "zoh")
-    u = rng.standard_normal((400, 1))
-    den = np.concatenate([[1.0], a[0, ::-1]])
-    _, expected, _ = lsim(([system.unit[0] ** 10], np.convolve(den, den)), u[:, 0], np.arange(400) * 0.1, interp=False)
-    squared = system.forced(u, [0], first=system.forced(u, [0]))
-    np.testing.assert_allclose(squared[:, 0, 0], expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_free_run_looks_at_nothing_after_the_first_seconds():
