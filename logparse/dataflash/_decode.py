@@ -54,7 +54,8 @@ FORMAT_POSITION = 13
 TIMED_IN_BOOT = 14
 BOOT_START = 15
 TRUNCATED = 16
-STATE_SIZE = 17
+LOG_BEGINS = 17
+STATE_SIZE = 18
 
 #: A clock may step back by this much, us, and still be the same boot (rows of slow tasks are written late).
 BACK_US = 5_000_000
@@ -248,6 +249,8 @@ def follow_chain(
                     state[FORMAT_INDEX] = count
                     state[FORMAT_POSITION] = np.int64(p)
                     quiet = False
+                if data[p + np.uint64(3)] == 128:
+                    state[LOG_BEGINS] = 1
             width = time_width[chosen]
             if width != 0:
                 t = _time_us(data, p, width, time_offset[chosen])
@@ -286,7 +289,10 @@ def follow_chain(
 
 @inner(nogil=True)
 def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int64s) -> None:
-    """Follow the boot clock; a lasting step back is a new boot, a lone odd time stamp is not."""
+    """Follow the boot clock; a lasting step back is a new boot, a lone odd time stamp is not.
+
+    Nor is a pause, but where a log begins anew with the FMT row of FMT.
+    """
     if state[HAVE_TIME] == 0:
         state[HAVE_TIME] = 1
         state[TIME] = t
@@ -294,6 +300,7 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
         state[TIMED_IN_BOOT] = 1
         state[PENDING] = 0
         state[FORMAT_INDEX] = -1
+        state[LOG_BEGINS] = 0
         return
     step = t - state[TIME]
     if -BACK_US <= step <= AHEAD_US:
@@ -302,6 +309,7 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
         state[TIMED_IN_BOOT] += 1
         state[PENDING] = 0
         state[FORMAT_INDEX] = -1
+        state[LOG_BEGINS] = 0
         return
     if state[PENDING] > 0 and -BACK_US <= t - state[PENDING_TIME] <= PAUSE_US:
         state[PENDING] += 1
@@ -320,7 +328,7 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
             state[PENDING_POSITION] = position
     if state[PENDING] < AGREEING:
         return
-    if state[PENDING_FIRST] < state[TIME] - BACK_US:
+    if state[PENDING_FIRST] < state[TIME] - BACK_US or state[LOG_BEGINS] != 0:
         if state[TIMED_IN_BOOT] >= AGREEING:
             k = state[BOOTS]
             boots[k, 2] = state[BOOT_START]
@@ -335,11 +343,14 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
     state[TIMED_IN_BOOT] += state[PENDING]
     state[PENDING] = 0
     state[FORMAT_INDEX] = -1
+    state[LOG_BEGINS] = 0
 
 
 @njit(cache=True, nogil=True)
-def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s, state: Int64s) -> None:
-    """Find the boots among rows of a text log: `times` in us (-1: none), whether a row is a FMT row.
+def follow_clock(
+    times: Int64s, is_format: npt.NDArray[np.bool_], begins: npt.NDArray[np.bool_], boots: Int64s, state: Int64s
+) -> None:  # fmt: skip
+    """Find the boots among rows of a text log: `times` in us (-1: none), whether a row is a FMT row, or that of FMT.
 
     `boots` and `state` are as in `follow_chain`, with row numbers for bytes.
     """
@@ -347,6 +358,8 @@ def follow_clock(times: Int64s, is_format: npt.NDArray[np.bool_], boots: Int64s,
         if is_format[index] and state[FORMAT_INDEX] < 0:
             state[FORMAT_INDEX] = index
             state[FORMAT_POSITION] = index
+        if begins[index]:
+            state[LOG_BEGINS] = 1
         if times[index] >= 0 and state[BOOTS] + 1 < boots.shape[0]:
             _advance_clock(times[index], np.int64(index), np.int64(index), boots, state)
 

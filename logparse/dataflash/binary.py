@@ -114,6 +114,13 @@ def _text_column(raw: npt.NDArray[np.bytes_], is_bytes: bool) -> Any:
     return pd.array(text, dtype="str")
 
 
+def _in_order(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return rows in the order in which they were written, each once."""
+    ordered = frame.sort_index(kind="stable")
+    compared = [name for name in ordered if not isinstance(ordered[name].dtype, pd.ArrowDtype)]
+    return ordered[~ordered[compared].reset_index().duplicated().to_numpy()]
+
+
 #: Times so far outside a boot, us, are not taken for neighbours.
 _OUTSIDE_US = 5_000_000
 
@@ -212,7 +219,7 @@ class DataflashSource(MessageSource):
             if not own:
                 raise KeyError(name)
             frames[name] = own[0][1] if len(own) == 1 else self._joined(name, boot, own)
-        return frames
+        return {name: _in_order(frame) for name, frame in frames.items()} if boot in chain.shuffled else frames
 
     def _gather(self, boot: Boot, layout: Layout, row: Int64s, last: Int64s) -> None:
         """Fill the columns of `layout`, whose tables have the messages from `row` to `last` of all positions."""

@@ -41,6 +41,8 @@ def boots_of(rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], size: in
 _CHUNK = 1 << 22
 #: Definitions that are told apart; ArduPilot has some 250, and only a made-up file has more than a few times that.
 _MOST_SLOTS = 4096
+#: Seconds that hold different rows where the blocks of one power-up meet in another order than they were written.
+_MEETING = 3
 #: Definitions of one id that are tried in turn: after a redefinition the one before may still be meant.
 _CANDIDATES = 4
 
@@ -108,6 +110,8 @@ class Chain:
         Headers met of each id that no FMT row explains.
     boots : tuple of Boot
         Power-ups in the file.
+    shuffled : set of Boot
+        Those whose blocks lie in the file in another order than they were written, or twice.
     contradictory : set of int
         Definitions whose length and format disagree.
     crowded : set of str
@@ -184,7 +188,31 @@ class Chain:
         _decode.index_messages(sequence[:messages], self.length, run_index, run_position, self._first, self.positions)
         self.truncated_at = int(state[_decode.TRUNCATED])
         self.unknown_ids = unknown
-        self.boots = boots_of(boots, state, len(self.data))
+        self.boots = self._put_together(boots_of(boots, state, len(self.data)))
+
+    def _put_together(self, boots: Sequence[Boot]) -> tuple[Boot, ...]:
+        """Join what misplaced blocks of one power-up seem to be: a clock that goes back without new FMT rows."""
+        self.shuffled: set[Boot] = set()
+        joined: list[Boot] = []
+        for boot in boots:
+            last = joined[-1] if joined else boot
+            if last is boot or self.data[boot.start + 2] == FMT_ID or not self._belong_together(last, boot):
+                joined.append(boot)
+            else:
+                joined[-1] = Boot(last.start, boot.stop, min(last.t_start, boot.t_start), max(last.t_end, boot.t_end))
+                self.shuffled = self.shuffled - {last} | {joined[-1]}
+        return tuple(joined)
+
+    def _belong_together(self, first: Boot, second: Boot) -> bool:
+        """Return whether two stretches tell no second in different rows, but for those in which blocks meet."""
+        if not first.t_start <= second.t_start <= first.t_end:
+            return False
+        slot = int(np.argmax(self.totals * (self.time_width[: len(self.slots)] > 0)))
+        places = self.placed(slot)
+        begin, middle, end = np.searchsorted(places, np.array((first.start, second.start, second.stop), places.dtype))
+        known, others = self._clock(slot, places[begin:middle]), self._clock(slot, places[middle:end])
+        differing = others[~np.isin(others, known)]
+        return len(np.intersect1d(differing // 1_000_000, known // 1_000_000)) <= _MEETING
 
     def _define(self, definition: Definition, position: int) -> None:
         """Account for the FMT row at a byte."""

@@ -36,6 +36,13 @@ def scan_findings(chain: "Chain") -> Iterator[Finding]:
             )
     yield from _definitions(chain)
     yield from _dropped_by_autopilot(chain)
+    if chain.shuffled:
+        yield warning(
+            "file-damaged",
+            "Blocks of the file stand in another order than they were written, or twice; rows were put in order of "
+            "time.",
+            COPY_AGAIN,
+        )
     yield from several_boots(chain.boots)
 
 

@@ -19,7 +19,7 @@ from core.findings import Finding, info, warning
 from logparse.containers import Buffer
 from logparse.dataflash import _decode
 from logparse.dataflash.chain import boots_of
-from logparse.dataflash.format import FMT, Definition, Field, UnitTable, boot_clock
+from logparse.dataflash.format import FMT, FMT_ID, Definition, Field, UnitTable, boot_clock
 from logparse.source import Boot, MessageSource, listed, mended_times, several_boots
 from logparse.timebase import mend_times
 
@@ -172,12 +172,16 @@ class DataflashTextSource(MessageSource):
     def _find_boots(self) -> None:
         numbers = np.concatenate([group.numbers for group in self._groups])
         times = np.concatenate([group.times() for group in self._groups])
-        is_format = np.concatenate([np.full(g.rows, g.definition.name == "FMT") for g in self._groups])
+        formats = [group.definition.name == FMT.name for group in self._groups]
+        is_format = np.repeat(formats, [group.rows for group in self._groups])
+        begins = is_format.copy()
+        defined = [group.cells[0] for group, is_one in zip(self._groups, formats, strict=True) if is_one]
+        begins[is_format] = np.concatenate([np.empty(0, "U3"), *defined]) == str(FMT_ID)
         order = np.argsort(numbers, kind="stable")
         self._clock_lines, self._clock = numbers[order], times[order]
         rows, state = np.zeros((_MOST_BOOTS, 4), np.int64), np.zeros(_decode.STATE_SIZE, np.int64)
         state[_decode.FORMAT_INDEX] = -1
-        _decode.follow_clock(self._clock, is_format[order], rows, state)
+        _decode.follow_clock(self._clock, is_format[order], begins[order], rows, state)
         n = int(state[_decode.BOOTS])
         # From row numbers to line numbers.
         rows[1 : n + 1, 1] = self._clock_lines[rows[1 : n + 1, 1]]

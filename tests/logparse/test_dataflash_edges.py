@@ -286,6 +286,44 @@ def test_several_boots_are_kept_apart() -> None:
     assert [finding.id for finding in source.findings] == ["several-in-file"]
 
 
+def test_a_log_behind_another_is_a_power_up_of_its_own_though_its_clock_is_later() -> None:
+    """Two downloads in one file; the FMT row of FMT, with which every log begins, tells it from a pause."""
+    pause = b"".join(stamped(1, 500_000_000 + 10_000 * k, b"\0") for k in range(50))
+    parts = [write_boot(20_000_000, 300) + pause, write_boot(900_000_000, 200)]
+    source = DataflashSource(b"".join(parts))
+    assert [(boot.start, boot.stop) for boot in source.boots] == [
+        (0, len(parts[0])),
+        (len(parts[0]), sum(map(len, parts))),
+    ]
+    assert [boot.t_start for boot in source.boots] == pytest.approx([20.0, 900.0])
+
+
+@pytest.mark.parametrize("misplaced", ["swapped", "twice"])
+def test_misplaced_blocks_of_one_power_up_are_put_in_order(misplaced: str) -> None:
+    """A card that mixes its blocks up; rows without a clock lie between those with one."""
+    whole = write_boot(20_000_000, 6000)
+    a, b = len(whole) // 3, 2 * len(whole) // 3
+    moved = whole[:a] + whole[b:-900] + whole[a:b] + whole[-900:] if misplaced == "swapped" else whole[:b] + whole[a:]
+    source = DataflashSource(moved)
+    (boot,) = source.boots
+    assert (boot.t_start, boot.t_end) == pytest.approx((20.0, 79.99))
+    t = source.decode("X", boot).index
+    # Of the rows where blocks meet halves are left.
+    assert len(t) >= 6000 - 4
+    assert t.is_monotonic_increasing
+    assert np.diff(t).max() < 0.05
+    assert [finding.id for finding in source.findings].count("file-damaged") >= 1
+
+
+def test_what_an_old_log_left_on_the_card_is_no_part_of_the_new_one() -> None:
+    """Its rows tell the same seconds in another way."""
+    old, new = (
+        b"".join(stamped(1, start + 10_000 * k, b"\0") for k in range(3000)) for start in (40_003_000, 20_000_000)
+    )
+    source = DataflashSource(FMT.pack() + fmt(1, 12, "X", "QB", "TimeUS,A") + new + old)
+    assert [boot.t_start for boot in source.boots] == pytest.approx([20.0, 40.003])
+
+
 def test_rows_slightly_back_long_pauses_and_odd_stamps_are_one_boot() -> None:
     """What 4.x logs do all the time (rows late by milliseconds), holes of 400 s, a flipped time stamp."""
     times = [1_000_000 + 10_000 * k for k in range(400)]
