@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.findings import Finding, Severity, info, warning
+from core.quantity import counted
 from logparse.source import COPY_AGAIN, behind_the_end, listed, several_boots
 
 if TYPE_CHECKING:
@@ -70,8 +71,8 @@ def _damage(chain: "Chain") -> Iterator[Finding]:
         lost = max(len(starts), round(skipped / mean_length))
         yield warning(
             "file-damaged",
-            f"{skipped} bytes in {len(starts)} places, the first at byte {int(starts[0])}, are not intact messages; "
-            f"about {lost} messages are lost.",
+            f"About {counted(lost, 'message')} lost: {skipped} bytes in {counted(len(starts), 'place')}, the first at "
+            f"byte {int(starts[0])}, are no intact messages.",
             COPY_AGAIN,
             bytes=skipped,
             places=len(starts),

@@ -185,6 +185,7 @@ def _analyze(
         rotation=_FOLLOWS,
         account=account,
         signals=signals,
+        findings=log.findings,
     )
     if announce is not None:
         announce(replace(begun, answer=compose_answer(begun)))

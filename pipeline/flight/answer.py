@@ -29,7 +29,7 @@ def compose_answer(result: FlightResult) -> Answer:
     if isinstance(account, Failure):
         lines = [AnswerLine(purpose="Happened", word="", tone=Tone.UNKNOWN, text=f"Not known: {account.reason}")]
     else:
-        lines = [happened(account), *state_lines(account)]
+        lines = [happened(account), *_damage(result), *state_lines(account)]
     return Answer(
         lines=(*lines, *_identified(result)),
         picture=picture,
@@ -50,6 +50,17 @@ def _identified(result: FlightResult) -> Iterator[AnswerLine]:
             yield line
 
 
+def _damages(result: FlightResult) -> Iterator[Finding]:
+    """Yield what is damaged in the file, by more than a few bytes of a radio link."""
+    yield from (finding for finding in result.findings if finding.id == "file-damaged" and finding.notable)
+
+
+def _damage(result: FlightResult) -> Iterator[AnswerLine]:
+    """Yield a line of a damaged file: numbers below it rest on what is left."""
+    if damaged := next(_damages(result), None):
+        yield AnswerLine(purpose="File", word="damaged", tone=Tone.CARE, text=brief(damaged.reason))
+
+
 def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
     account = result.account
@@ -57,6 +68,8 @@ def next_step(result: FlightResult) -> str:
         advice = next((finding.advice for finding in (*account.story, *account.notable) if finding.advice), "")
         if advice:
             return advice
+    if advice := next((finding.advice for finding in _damages(result) if finding.advice), ""):
+        return advice
     first = next(iter(result.advice), None)
     return "" if first is None else f"{first.do.rstrip('.')}."
 
@@ -381,7 +394,7 @@ _BRIEF = 12
 
 def brief(reason: str) -> str:
     """Return the first clause of a reason, cut to what a line has room for; in small letters, as it follows a word."""
-    first = re.sub(r"^(The|A|An|No|Only|It|There|Nothing|Too) ", lambda match: match[0].lower(), clause(reason))
+    first = re.sub(r"^(The|A|An|No|Only|It|There|Nothing|Too|About) ", lambda match: match[0].lower(), clause(reason))
     words = first.split()
     return first if len(words) <= _BRIEF else " ".join(words[:_BRIEF]) + " …"
 

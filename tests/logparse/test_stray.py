@@ -51,6 +51,16 @@ def test_a_damaged_value_is_taken_as_missing_and_counted(name):
     assert count == 1
 
 
+def test_what_is_beyond_anything_beside_is_damaged_whatever_the_rest_of_its_row_does():
+    """A latitude of 140 m while the course of a hovering craft turns (spark404 with flipped bits)."""
+    frame, _ = message("GPS")
+    frame.iloc[AT:, 3] += 2e-5
+    frame.iloc[AT, 0] += 1e-3
+    mended, count = without_stray("GPS", frame)
+    assert count == 1
+    assert np.flatnonzero(mended["Lat"].isna()).tolist() == [AT]
+
+
 def test_whole_numbers_and_single_precision_stay_what_they_are_elsewhere():
     clean, _ = message("IMU")
     frame = clean.astype(np.float32).assign(Health=np.uint8(1))

@@ -120,6 +120,21 @@ def test_what_happened_comes_first_then_the_state_then_what_is_identified(kinds)
     assert purposes(kinds["no flight"]) == ["Happened"]
 
 
+def test_a_damaged_file_is_named_before_its_numbers_and_copied_before_anything_is_set(flight):
+    copy = "Copy the log again."
+    damaged = Finding("file-damaged", Severity.WARNING, "About 40 messages lost: 1543 bytes are no messages.", copy)
+    advice = (Advice(id="rate", rank=30, do="Set LOG_BITMASK to 1", why="", gain=""),)
+    result = answered(flight, findings=(damaged,), advice=advice)
+    assert purposes(result)[:2] == ["Happened", "File"]
+    assert line_of(result, "File").said == "damaged about 40 messages lost"
+    assert result.answer.next == copy
+    assert answered(flight, LOST, findings=(damaged,)).answer.next == LOST.advice
+    harmless = dataclasses.replace(damaged, severity=Severity.INFO)
+    whole = answered(flight, findings=(harmless,), advice=advice)
+    assert "File" not in purposes(whole)
+    assert whole.answer.next == "Set LOG_BITMASK to 1."
+
+
 def test_a_motor_that_failed_is_told_with_its_crash_and_its_picture(kinds):
     result = kinds["lost motor"]
     line = line_of(result, "Happened")
