@@ -11,7 +11,9 @@ import math
 import struct
 import tempfile
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -92,29 +94,49 @@ def _text(path: Path) -> pd.DataFrame:
     opener = next((_OPENERS[ending] for ending in _OPENERS if name.endswith(ending)), None)
     if opener is None:
         with path.open("rb") as plain:
-            return _values(plain)
+            return _values(plain, path.name)
     with opener(path) as packed, tempfile.TemporaryFile() as plain:
         _, damage = unpack(packed, plain, path)
         if damage is not None:
             raise damage
         plain.seek(0)
-        return _values(plain)
+        return _values(plain, path.name)
 
 
-def _values(file: IO[bytes]) -> pd.DataFrame:
+def _values(file: IO[bytes], name: str) -> pd.DataFrame:
     """Read text by the separator that its first line has most of; beside another, decimals may have commas too."""
     head, _, rows = file.read(_SAMPLE).decode("utf-8", "replace").partition("\n")
-    file.seek(0)
     separator = max(",;\t", key=head.count) if any(mark in head for mark in ",;\t") else r"\s+"
     decimal = "," if separator != "," and "," in rows and "." not in rows else "."
+    _check_header(file, name)
+    file.seek(0)
     return pd.read_csv(file, sep=separator, decimal=decimal, encoding_errors="replace")
+
+
+def _check_header(file: IO[bytes], name: str) -> None:
+    """Refuse a text whose header names more columns than its rows have room for: short rows are filled up in memory."""
+    file.seek(0)
+    header, *_ = file.readline().replace(b"\r", b"\n").lstrip().splitlines() or [b""]
+    columns, ends, size = 1 + max(map(header.count, (b",", b";", b"\t"))), Counter[bytes](), file.seek(0, io.SEEK_END)
+    file.seek(0)
+    for piece in iter(partial(file.read, 1 << 20), b""):
+        ends.update({mark: piece.count(mark) for mark in (b"\n", b"\r")})
+    # Every number takes a mark at least: that which parts it from the next, or the end of its row.
+    if columns * max(ends.values()) > size:
+        raise TableError(
+            f"{name}: the header names {columns} columns, more than the rows have: is it of another table?"
+        )
 
 
 def _parquet(path: Path) -> pd.DataFrame:
     """Read a Parquet file, which may hold a billion equal numbers in a few bytes."""
     facts = parquet.read_metadata(path)
-    groups = [facts.row_group(k) for k in range(facts.num_row_groups)]
-    numbers = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    groups, numbers = [facts.row_group(k) for k in range(facts.num_row_groups)], facts.num_rows * facts.num_columns
+    # Lists alone have more numbers than rows. Damage at which PyArrow 26 ends the process where a column's facts are
+    # looked at, it raises where the column is read.
+    if any(facts.schema.column(k).max_repetition_level for k in range(facts.num_columns)):
+        parquet.ParquetFile(path).scan_contents()
+        numbers = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
     _check_size(path, max(sum(group.total_byte_size for group in groups), 8 * numbers))
     return pd.read_parquet(path)
 

@@ -1,5 +1,7 @@
 """Tables of other origin: what is right is read whatever its form, what is wrong is named with its column."""
 
+from contextlib import suppress
+
 import h5py
 import numpy as np
 import pandas as pd
@@ -211,6 +213,29 @@ def test_lists_that_would_fill_the_memory_are_refused(tmp_path, limit_unpacked):
     limit_unpacked(5_000_000)
     with pytest.raises(TableError, match="column p: lists of up to 1000 numbers in 1001 rows"):
         read_columns(path)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
+def test_a_header_of_another_table_does_not_fill_the_memory(tmp_path, end):
+    """A hundred thousand rows of one number below a header of five thousand columns made 4 GB of 11 MB."""
+    path = tmp_path / "table.csv"
+    path.write_text("," * 5000 + end + f"1{end}" * 20_000)
+    with pytest.raises(TableError, match="the header names 5001 columns"):
+        read_columns(path)
+    path.write_text(end.join([",".join("tabc"), *[",".join("1234")] * 3, ""]))
+    assert read_columns(path).shape == (3, 4)
+
+
+def test_a_parquet_file_whose_statistics_are_damaged_is_refused(tmp_path):
+    """PyArrow ends the process where the facts of a column are looked at that contradict the schema (26.0)."""
+    path = tmp_path / "table.parquet"
+    pd.DataFrame({"t": np.arange(20.0), "p": [[1.0, 2.0]] * 20}).to_parquet(path)
+    whole = path.read_bytes()
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    for at in range(footer, footer + 60):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        with suppress(TableError):
+            read_columns(path)
 
 
 def test_lists_in_cells_are_vectors(tmp_path):
