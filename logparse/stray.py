@@ -77,16 +77,18 @@ def _instances(numbers: npt.NDArray[np.generic]) -> Iterator[Rows]:
 
 def _strays(t: Array, columns: dict[str, npt.NDArray[np.generic]]) -> Iterator[tuple[int, str]]:
     """Yield row and name of each value that stands alone in time and in its row."""
+    with np.errstate(invalid="ignore"):  # damage may make a float that only warns of itself
+        numbers = {name: column.astype(np.float64) for name, column in columns.items()}
     candidates: dict[int, dict[str, float]] = {}
-    for name, column in columns.items():
-        for row, times in zip(*_alone_off(column.astype(np.float64)), strict=True):
+    for name, column in numbers.items():
+        for row, times in zip(*_alone_off(column), strict=True):
             candidates.setdefault(int(row), {})[name] = float(times)
     if not candidates:
         return
     together = _together(t)
     for row, off in candidates.items():
         for name, times in off.items():
-            others = (columns[other] for other in columns if other != name)
+            others = (column for other, column in numbers.items() if other != name)
             if together[row] and (
                 FAR < times < np.inf or not (len(off) > 1 or any(_moved(other, row) for other in others))
             ):
@@ -126,10 +128,10 @@ def _off_middle(values: Array) -> tuple[Array, Array]:
     return off, across
 
 
-def _moved(column: npt.NDArray[np.generic], row: int) -> bool:
+def _moved(column: Array, row: int) -> bool:
     """Return whether another column moves more than before it or after it, as by a blow."""
     first = max(row - BESIDE - 1, 0)
-    near, at = column[first : row + BESIDE + 2].astype(np.float64), row - first
+    near, at = column[first : row + BESIDE + 2], row - first
     for change in _off_middle(near):
         sides = change[1 : max(at - 1, 2)], change[at + 2 : -1]
         if change[at] > UNMOVED * min(float(side.max(initial=0.0)) for side in sides):

@@ -215,3 +215,12 @@ def test_whatever_the_times_they_come_back_within_the_boot(times: list[float]) -
 def test_two_rows_that_contradict_each_other_are_left() -> None:
     mended, count = mend_times(np.array([90.0, 10.0]), 0.0, 100.0)
     assert (mended.tolist(), count) == ([90.0, 10.0], 0)
+
+
+def test_a_damaged_number_that_signals_is_passed_without_a_warning():
+    """A flipped bit may make a float32 a signalling NaN, of whose conversion NumPy warns."""
+    values = np.zeros(N, np.float32)
+    values.view(np.uint32)[AT] = 0x7FA00000
+    kept, count = without_stray("ATT", pd.DataFrame({"Roll": values}, index=0.1 * np.arange(N)))
+    assert count == 0
+    assert np.isnan(kept["Roll"].iloc[AT])
