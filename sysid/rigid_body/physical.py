@@ -183,7 +183,7 @@ def physical_parameters(
         attempt(METHODS[4:], lambda: rigid_body, _of_rigid_body)
     _at_hover(numbers, records, rigid_body)
     air = shared_air(records)
-    disagree = _conclude(numbers, air)
+    disagree = _conclude(numbers, air, rigid_body)
     table = _table(numbers, air, mass, arm)
     return PhysicalParameters(table, thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,))
 
@@ -365,13 +365,23 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
     return thrust * part, float(np.sqrt(max(float(weights @ body.covariance @ weights), 0.0)))
 
 
-def _conclude(numbers: _Numbers, air: float) -> Finding | None:
-    """Put the headline of every parameter in; return the finding where methods disagree."""
+def _conclude(numbers: _Numbers, air: float, body: RigidBodyModel | None) -> Finding | None:
+    """Put the headline of every parameter in; return the finding where methods disagree.
+
+    At full command a rigid body has its say even where it is too unsure by itself: the others go by a curve that nobody
+    measured, and the headline would leap to it as soon as it were a little surer (from 11.2 to 8.2 m/s^2 in spark404
+    without four blocks of its file).
+    """
     stated: dict[str, list[Statement]] = {}
     for (parameter, method), number in numbers.items():
         if np.isfinite([number.value, number.sigma]).all() and number.sigma > 0.0:
             statement = Statement(method, number.value, number.sigma, number.curved * number.value)
             stated.setdefault(parameter, []).append(statement)
+    thrust = stated.get("thrust over mass", [])
+    if body is not None and thrust and not any(statement.method == "rigid body" for statement in thrust):
+        value, sigma = _thrust_at(body, 1.0)
+        if 0.0 < sigma < value:
+            thrust.append(Statement("rigid body", value, sigma))
     for parameter, statements in stated.items():
         best = consensus(statements)
         if best is None:
@@ -407,7 +417,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Consensus:
-    """The value that counts, its standard error, whose it is, and which methods disagree with it."""
+    """The value that counts, its standard error, whose it is (the surest method's), and which methods disagree."""
 
     value: float
     sigma: float
@@ -418,7 +428,10 @@ class Consensus:
 def consensus(statements: Sequence[Statement]) -> Consensus | None:
     """Choose the surest method that at least half of the others agree with; None without any.
 
-    Where methods disagree, the standard error covers them: half of what lies between the farthest.
+    A method that takes its curve from the parameters and one that finds its own know different things of it: where they
+    agree, their mean by their errors counts, and no hair's breadth between two errors decides. They share the flight,
+    so that the mean is no surer than the surest. Where methods disagree, the standard error covers them: half of what
+    lies between the farthest.
     """
     ranked = sorted(
         (statement for statement in statements if statement.method in TRUSTED), key=lambda statement: statement.sigma
@@ -428,10 +441,14 @@ def consensus(statements: Sequence[Statement]) -> Consensus | None:
     against = [[other for other in ranked if _apart(statement, other)] for statement in ranked]
     place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
     chosen, sigma = ranked[place], ranked[place].sigma
+    apart = (other for other in ranked if (other.curve > 0.0) != (chosen.curve > 0.0) and other not in against[place])
+    value, other = chosen.value, next(apart, None)
+    if other is not None:
+        value += (other.value - value) * sigma**2 / (sigma**2 + other.sigma**2)
     if any(against):
         values = [statement.value for statement in ranked]
         sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
-    return Consensus(chosen.value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
+    return Consensus(value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
 
 
 def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:
