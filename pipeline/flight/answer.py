@@ -65,8 +65,9 @@ def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
     account = result.account
     if not isinstance(account, Failure):
-        advice = next((finding.advice for finding in (*account.story, *account.notable) if finding.advice), "")
-        if advice:
+        told = {(finding.id, finding.t): place for place, finding in enumerate(account.story)}
+        causes_first = sorted(account.notable, key=lambda each: told.get((each.id, each.t), len(told)))
+        if advice := next((finding.advice for finding in causes_first if finding.advice), ""):
             return advice
     if advice := next((finding.advice for finding in _damages(result) if finding.advice), ""):
         return advice
@@ -124,7 +125,8 @@ _STEADY = 0.025
 
 def happened(account: Account) -> AnswerLine:
     """Answer with the story of the flight in a sentence."""
-    story, others = account.story, [finding for finding in account.notable if finding not in account.story]
+    story, told = account.story, {(finding.id, finding.t) for finding in account.story}
+    others = [finding for finding in account.notable if (finding.id, finding.t) not in told]
     tone = Tone.UNKNOWN if account.flight is None else Tone.GOOD
     if story:
         tone = _TONES[min((finding.severity for finding in story), key=list(_TONES)[::-1].index)]

@@ -160,7 +160,7 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, determined
     """Advise on flying."""
     lost = _lost(flights)
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
-    yield from _repeat(flights, lost)
+    yield from _repeat(flights, [flight for flight in lost if _under_the_sky(flight)])
     yield from _drag(measured, len(flights), determined)
     yield from _turns(measured, len(flights), determined)
     yield from _axes(len(flights), determined)
@@ -174,6 +174,12 @@ def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
     return [
         flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
     ]
+
+
+def _under_the_sky(flight: FlightEntry) -> bool:
+    """Return whether a fix could have been had: a receiver without one satellite is indoors, for a reason."""
+    gps = None if flight.coverage is None else flight.coverage.health.gps
+    return gps is None or gps.satellites_median != 0
 
 
 def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iterator[Advice]:

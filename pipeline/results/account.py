@@ -143,7 +143,8 @@ class Account:
     hover: HoverReading | None = None
     motors: MotorsReading | None = None
     happenings: tuple[Finding, ...] = ()  #: Each with its time; the gravest first, what is only to be known last.
-    story: tuple[Finding, ...] = ()  #: The gravest with what led to it and what followed, in the order of time.
+    #: The gravest with what led to it and what followed, in the order of time; what to do stands with the happenings.
+    story: tuple[Finding, ...] = ()
     headline: str = ""  #: The story in a sentence, or that nothing happened.
     unseen: tuple[str, ...] = ()  #: Which parts of the flight the log does not hold, a sentence each.
     unknown: tuple[str, ...] = ()  #: What the log does not tell, a clause each.

@@ -550,3 +550,12 @@ def test_a_barometer_that_stays_in_the_air_when_the_craft_is_back_is_wrong_and_n
     assert (found.height.source, found.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
     elsewhere = flown().gps.assign(lat=lambda rows: 0.8 + 1e-5 * (rows.index > 50.0))
     assert account(flown(gps=elsewhere, **changes)).height.source == "barometer"
+
+
+def test_each_advice_stands_once_at_the_gravest_that_it_is_for():
+    """A report gave it with the happening and with the story, and for two of a kind twice."""
+    blows = struck((30.0, 30.05, 60.0), (45.0, 45.05, 50.0))
+    told = account(flown(imu=blows))
+    advices = [finding.advice for finding in (*told.happenings, *told.story) if finding.advice]
+    assert advices
+    assert len(advices) == len(set(advices))

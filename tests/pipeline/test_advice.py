@@ -173,6 +173,14 @@ def test_flights_to_repeat_are_named():
     assert advice["repeat-with-movement"].flights == ("still",)
 
 
+def test_a_receiver_that_sees_no_satellite_is_not_sent_under_open_sky():
+    """gps_interference flew indoors, by motion capture."""
+    blind = {"satellites_least": 0, "satellites_median": 0, "fix_share": 0.0, "hdop": None}
+    unknown = {"position_sigma": {"median": 900.0, "max": 2000.0}}
+    assert for_craft([good("indoors", health=unknown | {"gps": blind}, known=False)]) == ()
+    assert for_craft([good("cloudy", health=unknown | {"gps": blind | {"satellites_median": 3}}, known=False)]) != ()
+
+
 def test_judging_flights_that_leave_the_range_are_advised_to_train():
     flights = [covering("a", ground_speed=np.full(900, 3.0)), covering("b", ground_speed=np.full(900, 12.5))]
     flights = [

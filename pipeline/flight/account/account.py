@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from core.findings import Finding
 from logparse import FlightLog, Tables
@@ -100,8 +101,8 @@ def account_of(readings: Readings) -> Account:
         gps=state.gps(readings),
         hover=state.hover(readings),
         motors=state.motors(readings),
-        happenings=ordered,
-        story=story,
+        happenings=tuple(_advised_once(ordered)),
+        story=tuple(replace(finding, advice="") for finding in story),
         headline=" ".join((sentence, *cuts)),
         unseen=cuts,
         unknown=unknown,
@@ -136,6 +137,14 @@ def _happenings(readings: Readings) -> list[Finding]:
         readings, until=min([stop, *(finding.t for finding in findings if finding.id in _UNTRIMMED and finding.t)])
     )
     return findings + list(sensor_happenings(readings)) + list(reported_happenings(readings))
+
+
+def _advised_once(happenings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield happenings with each advice at the gravest that it is for."""
+    given = {""}
+    for finding in happenings:
+        yield replace(finding, advice="") if finding.advice in given else finding
+        given.add(finding.advice)
 
 
 def _ended(happenings: Iterable[Finding], flight: Span) -> list[Finding]:
